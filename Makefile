@@ -1,0 +1,50 @@
+# Both `make reproduce-tables` and `make test` work from a bare clone: they build .venv first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+EXPERIMENTS := $(filter-out experiments/_%,$(wildcard experiments/*.yaml))
+
+# One BLAS thread per process: the batch over runs is what runs in parallel.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+
+.PHONY: install reproduce-tables reproduce-quick test lint types unit bench clean
+
+install: $(VENV)/.run
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $@ $(VENV)/.run
+
+reproduce-tables: $(VENV)/.run
+	@set -e; for config in $(EXPERIMENTS); do $(BIN)/trackbench run $$config; done
+
+reproduce-quick: $(VENV)/.run
+	@set -e; for config in $(EXPERIMENTS); do \
+	  $(BIN)/trackbench run $$config --quick --out build/quick/$$(basename $$config .yaml); done
+
+test: lint types unit
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.dev
+	$(BIN)/mypy
+
+unit: $(VENV)/.dev
+	$(BIN)/pytest
+
+bench: $(VENV)/.dev
+	$(BIN)/python benchmarks/particle_filter.py
+
+clean:
+	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,196 @@
+"""Distributions that know how to sample, their density and their first two moments.
+
+One statement of a model (``p(x_k | x_{k-1})`` as a distribution) serves the simulation, the particle
+filters, the proposals and the Kalman moments.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import lgamma
+from typing import Protocol
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.streams import Streams
+
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+class Distribution(Protocol):
+    """A density over vectors ``(n, *batch)``."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean (n, *batch)."""
+
+    @property
+    def cov(self) -> Array:
+        """Covariance (n, n) or (n, n, *batch)."""
+
+    @property
+    def loc(self) -> Array:
+        """The value without its noise (n, *batch); differs from the mean if the noise has one."""
+
+    @property
+    def mode(self) -> Array:
+        """Where the density is highest (n, *batch)."""
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """One draw per batch member, shape (n, *batch, *trailing)."""
+
+    def log_prob(self, x: Array) -> Array:
+        """Log-density at x (n, ...); shape of the broadcast batch."""
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """N(mean, cov): mean (n, *batch), cov (n, n) or (n, n, *batch)."""
+
+    mean: Array
+    cov: Array
+
+    @property
+    def loc(self) -> Array:
+        """The mean: Gaussian noise is zero-mean."""
+        return self.mean
+
+    @property
+    def mode(self) -> Array:
+        """The mean."""
+        return self.mean
+
+    @cached_property
+    def _root(self) -> Array:
+        return linalg.cholesky(self.cov)
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """``mean + L e`` with e standard normal."""
+        shape = self.mean.shape + trailing
+        noise = rng.standard_normal(shape)
+        root = self._root
+        if root.ndim > 2:
+            root = with_trailing(root, len(shape) - 1, leading=2)
+        return linalg.matvec(root, noise) + with_trailing(self.mean, len(shape) - 1)
+
+    def log_prob(self, x: Array) -> Array:
+        """Log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
+        return zero_mean_log_prob(x - self.mean, self.cov, self._root)
+
+
+def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
+    """Log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
+    L = linalg.cholesky(cov) if root is None else root
+    white = linalg.solve_lower(L, e)
+    log_scale = np.log(linalg.diagonal(L)).sum(axis=0) + 0.5 * len(e) * LOG_2PI
+    quadratic = np.square(white[0])
+    for row in white[1:]:
+        quadratic += np.square(row)
+    quadratic *= -0.5
+    quadratic -= log_scale
+    return np.asarray(quadratic)
+
+
+@dataclass(frozen=True)
+class Gamma:
+    """A scalar Gamma(shape, rate) variate as a vector (1, *batch): mean shape/rate."""
+
+    shape: float
+    rate: float
+
+    @property
+    def expectation(self) -> float:
+        """shape / rate."""
+        return self.shape / self.rate
+
+    @property
+    def variance(self) -> float:
+        """shape / rate^2."""
+        return self.shape / self.rate**2
+
+    @property
+    def peak(self) -> float:
+        """Where the density is highest: (shape - 1) / rate, or zero."""
+        return max(self.shape - 1.0, 0.0) / self.rate
+
+    def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
+        """Variates of the given size; an integer shape is a sum of exponentials, twice as fast."""
+        if self.shape <= 4 and self.shape == int(self.shape):
+            u = rng.random((int(self.shape), *size))
+            product = 1.0 - u[0]
+            for row in u[1:]:
+                product *= 1.0 - row
+            return np.asarray(np.log(product) / -self.rate)
+        return rng.standard_gamma(self.shape, size) / self.rate
+
+    def log_density(self, v: Array) -> Array:
+        """Log-density at v, -inf for v <= 0."""
+        log_norm = self.shape * np.log(self.rate) - lgamma(self.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = (self.shape - 1.0) * np.log(v) - self.rate * v + log_norm
+        return np.where(v > 0.0, inside, np.where(np.isnan(v), np.nan, -np.inf))
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """``loc + v`` with v a scalar Gamma variate: loc (1, *batch)."""
+
+    noise: Gamma
+    loc: Array
+
+    @property
+    def mean(self) -> Array:
+        """``loc`` plus the noise's mean."""
+        return self.loc + self.noise.expectation
+
+    @property
+    def mode(self) -> Array:
+        """``loc`` plus the noise's most probable value."""
+        return self.loc + self.noise.peak
+
+    @property
+    def cov(self) -> Array:
+        """The noise's variance (1, 1)."""
+        return np.array([[self.noise.variance]])
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """``loc`` plus a fresh variate per batch member."""
+        shape = self.loc.shape + trailing
+        return with_trailing(self.loc, len(shape) - 1) + self.noise.draw(rng, shape)
+
+    def log_prob(self, x: Array) -> Array:
+        """Log-density of the noise at ``x - loc``."""
+        return self.noise.log_density(x[0] - self.loc[0])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A known value (n, *batch): a distribution without spread."""
+
+    mean: Array
+
+    @property
+    def loc(self) -> Array:
+        """The value."""
+        return self.mean
+
+    @property
+    def mode(self) -> Array:
+        """The value."""
+        return self.mean
+
+    @property
+    def cov(self) -> Array:
+        """Zero (n, n)."""
+        n = self.mean.shape[0]
+        return np.zeros((n, n))
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """The value, repeated along the trailing axes."""
+        shape = self.mean.shape + trailing
+        return np.broadcast_to(with_trailing(self.mean, len(shape) - 1), shape).copy()
+
+    def log_prob(self, x: Array) -> Array:
+        """Zero at the value and -inf elsewhere."""
+        return np.where((x == self.mean).all(axis=0), 0.0, -np.inf)

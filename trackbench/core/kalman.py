@@ -1,0 +1,66 @@
+"""The Kalman filter's two equations, batched: predict, and update in Joseph's form.
+
+A measurement column that is NaN is a missing one: its run is predicted over, not updated.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+
+
+class Innovation(NamedTuple):
+    """Innovation ``nu`` (n_z, *batch) and its covariance ``S`` (n_z, n_z[, *batch])."""
+
+    nu: Array
+    S: Array
+
+    @property
+    def nis(self) -> Array:
+        """Normalised innovation squared, nu' S^-1 nu (*batch); expected n_z."""
+        return linalg.mahalanobis(self.nu, self.S)
+
+    @property
+    def log_likelihood(self) -> Array:
+        """log N(nu; 0, S) (*batch)."""
+        return zero_mean_log_prob(self.nu, self.S)
+
+
+def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
+    """``N(F m, F P F' + Q)``; ``mean`` replaces F m for a nonlinear motion.
+
+    F and Q are (n, n) or (n, n, *batch).
+    """
+    predicted = linalg.matvec(F, state.mean) if mean is None else mean
+    FPF = linalg.sandwich(F, state.cov)
+    return Gaussian(predicted, FPF + _matrix_like(Q, FPF))
+
+
+def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian, Innovation]:
+    """Condition on the innovation ``nu = z - h(m)`` (n_z, *batch) of ``z = H x + N(0, R)``.
+
+    ``K = P H' S^-1``; the covariance in Joseph's form ``(I - K H) P (I - K H)' + K R K'``, which
+    stays symmetric positive definite for any gain.
+    """
+    P = predicted.cov
+    HP = linalg.matmul(H, P)
+    S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
+    S = S + _matrix_like(R, S)
+    K = linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
+    innovation = Innovation(nu, S)
+    missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
+    if missing.any():
+        K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
+        nu = np.where(missing, 0.0, nu)
+    mean = predicted.mean + linalg.matvec(K, nu)
+    IKH = linalg.identity_minus(linalg.matmul(K, H))
+    cov = linalg.sandwich(IKH, P) + linalg.sandwich(K, _matrix_like(R, S))
+    return Gaussian(mean, cov), innovation
+
+
+def _matrix_like(A: Array, like: Array) -> Array:
+    """A constant matrix with as many batch axes as ``like``, so that the two add."""
+    return A.reshape(A.shape + (1,) * (like.ndim - A.ndim))

@@ -1,0 +1,88 @@
+"""Weighted particle clouds: log-weights, their normalisation, moments.
+
+A cloud is x (n, M, N) with log-weights (M, N): N particles in each of M runs.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Gaussian
+
+WeightReading = Literal["log", "naive", "floor"]
+
+_LOG_SMALLEST = float(np.log(5e-324))  # below it exp() is zero in float64
+_LOG_FLOOR = float(np.log(1e-99))
+_CLIP = -700.0  # exp() of less underflows, at six times the cost
+
+
+class Particles(NamedTuple):
+    """A cloud x (n, M, N) with normalised weights w (M, N)."""
+
+    x: Array
+    w: Array
+
+    @property
+    def mean(self) -> Array:
+        """Weighted mean (n, M)."""
+        return np.asarray((self.x * self.w).sum(axis=-1))
+
+    def moments(self) -> Gaussian:
+        """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
+        mean = self.mean
+        e = self.x - mean[..., None]
+        we = e * self.w
+        n = len(e)
+        cov = np.empty((n, n, *mean.shape[1:]))
+        for i in range(n):
+            for j in range(i + 1):
+                cov[i, j] = cov[j, i] = np.einsum("mn,mn->m", we[i], e[j])
+        return Gaussian(mean, cov)
+
+
+class Weights(NamedTuple):
+    """Normalised weights w (M, N) and which runs had none above zero, dead (M,)."""
+
+    w: Array
+    dead: Mask
+
+
+def uniform(runs: int, N: int) -> Array:
+    """Equal weights (M, N)."""
+    return np.full((runs, N), 1.0 / N)
+
+
+def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
+    """A log-likelihood as a program with another arithmetic would have seen it.
+
+    ``log``: as it is. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
+    the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
+    """
+    if reading == "naive":
+        return np.where(log_likelihood < _LOG_SMALLEST, -np.inf, log_likelihood)
+    if reading == "floor":
+        return np.logaddexp(log_likelihood, _LOG_FLOOR)
+    return log_likelihood
+
+
+def normalise(log_w: Array) -> Weights:
+    """Weights from log-weights (M, N), by max-subtraction.
+
+    A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
+    +inf among them becomes NaN as a whole: it has left the numbers, and its estimate must say so.
+    """
+    top = log_w.max(axis=-1, keepdims=True)
+    dead = np.isneginf(top[..., 0])
+    if dead.any():
+        top = np.where(dead[..., None], 0.0, top)
+    shifted = log_w - top
+    np.maximum(shifted, _CLIP, out=shifted)
+    w = np.exp(shifted, out=shifted)
+    w /= w.sum(axis=-1, keepdims=True)
+    return Weights(w, dead)
+
+
+def effective_sample_size(w: Array) -> Array:
+    """1 / sum w^2 (M,), between 1 and N."""
+    return np.asarray(1.0 / np.einsum("mn,mn->m", w, w))

@@ -1,0 +1,66 @@
+"""Random numbers: one stream per run for the data, one per block of runs for a filter's noise.
+
+The data of run m depend on ``(seed, m)`` only, so every filter, batch size and worker count sees the
+same truth and measurements. Filter noise depends on ``(seed, block)``: one SFC64 stream for the whole
+block, because a stream per run costs as much to create (10 us) as half a run of ten particles.
+"""
+
+from collections.abc import Callable, Sequence
+from math import prod
+from typing import TypeAlias
+
+import numpy as np
+from numpy.random import SFC64, Generator, SeedSequence
+
+from trackbench.core.arrays import Array
+
+_DATA, _FILTER = 0, 1
+_CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
+
+
+class RunStreams:
+    """M independent streams read side by side: ``size`` is ``(*draws, M)``, column m from run m.
+
+    Each run's stream is consumed in chunks of a fixed length per kind of variate, so column m does
+    not depend on which other runs stand beside it.
+    """
+
+    def __init__(self, seed: int, runs: Sequence[int]) -> None:
+        self._generators = [
+            Generator(SFC64(SeedSequence(seed, spawn_key=(_DATA, run)))) for run in runs
+        ]
+        self._waiting: dict[tuple[str, float], Array] = {}
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """N(0, 1) variates."""
+        return self._take(("normal", 0.0), lambda g: g.standard_normal(_CHUNK), size)
+
+    def random(self, size: tuple[int, ...]) -> Array:
+        """Uniform variates in [0, 1)."""
+        return self._take(("uniform", 0.0), lambda g: g.random(_CHUNK), size)
+
+    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
+        """Gamma(shape, rate 1) variates."""
+        return self._take(("gamma", shape), lambda g: g.standard_gamma(shape, _CHUNK), size)
+
+    def _take(
+        self, kind: tuple[str, float], draw: Callable[[Generator], Array], size: tuple[int, ...]
+    ) -> Array:
+        runs = len(self._generators)
+        if size[-1] != runs:
+            raise ValueError(f"the last axis of {size} must be the {runs} runs")
+        wanted = prod(size[:-1])
+        rows = self._waiting.get(kind, np.empty((0, runs)))
+        while len(rows) < wanted:
+            rows = np.concatenate([rows, np.stack([draw(g) for g in self._generators], axis=1)])
+        self._waiting[kind] = rows[wanted:]
+        return rows[:wanted].reshape(size)
+
+
+Streams: TypeAlias = Generator | RunStreams
+"""What a distribution samples from: a block's generator or the runs' own streams."""
+
+
+def block_stream(seed: int, block: int) -> Generator:
+    """The stream of a filter's noise in one block, the same for every filter of that width."""
+    return Generator(SFC64(SeedSequence(seed, spawn_key=(_FILTER, block))))

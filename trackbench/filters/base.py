@@ -1,0 +1,35 @@
+"""What a filter is: a frozen dataclass of parameters with three pure functions.
+
+Optional attributes of a filter class:
+
+``needs``        capabilities of the model it cannot do without, as ``motion.jacobian``
+``presets``      named sets of keys, chosen in a config by ``preset: NAME``
+``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
+``counts``       names of diagnostics that are summed over the steps instead
+"""
+
+from typing import Any, Protocol, TypeVar
+
+from numpy.random import Generator
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.models.base import Model
+
+State = TypeVar("State")
+
+
+class Filter(Protocol[State]):
+    """Init, step, estimate. All runs of a block at once; a switch is a mask over runs."""
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> State:
+        """The state before the first measurement; ``prior.mean`` is (n_x, M)."""
+
+    def step(self, model: Model, state: State, z: Array, k: int, rng: Generator) -> State:
+        """Predict to step k and update with z (n_z, M), NaN where missing. Pure: a new state."""
+
+    def estimate(self, state: State) -> Gaussian:
+        """Mean (n_x, M) and covariance (n_x, n_x, M)."""
+
+
+AnyFilter = Filter[Any]

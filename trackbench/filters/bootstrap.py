@@ -1,0 +1,154 @@
+"""Particle filters that propose from the transition: SIR, regularised, auxiliary."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Interval
+from numpy.random import Generator
+
+from trackbench.core import particles, resampling
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.particles import Particles, WeightReading, read_likelihood
+from trackbench.core.regularisation import Kernel, jitter
+from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.keys import NonNegative
+from trackbench.models.base import Model, log_likelihood
+from trackbench.registry import register
+
+
+class Cloud(NamedTuple):
+    """Particles to go on from, the estimate made of this step, and which runs had no weight."""
+
+    particles: Particles
+    estimate: Gaussian
+    dead: Mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ParticleFilter:
+    N: Annotated[int, Ge(2)] = 100
+    """number of particles"""
+    resampling: Scheme = "systematic"
+    """resampling scheme"""
+    weights: WeightReading = "log"
+    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
+        """N draws from the prior in each run."""
+        x = prior.sample(rng, self.N)
+        cloud = Particles(x, particles.uniform(x.shape[1], self.N))
+        return Cloud(cloud, cloud.moments(), np.zeros(x.shape[1], dtype=np.bool_))
+
+    def estimate(self, state: Cloud) -> Gaussian:
+        """Weighted mean and covariance."""
+        return state.estimate
+
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
+        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights."""
+        return {"dead_steps": state.dead.astype(float)}
+
+    def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
+        return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
+
+    def _resampled(self, cloud: Particles, rng: Generator) -> Particles:
+        index = ancestors(cloud.w, rng, self.resampling)
+        return Particles(select(cloud.x, index), particles.uniform(*cloud.w.shape))
+
+
+@register("filters", "pf")
+@dataclass(frozen=True, kw_only=True)
+class PF(_ParticleFilter):
+    """Bootstrap (SIR) particle filter: prior proposal, weights from the likelihood.
+
+    Gordon, Salmond & Smith 1993; hdepf paper, eqs. 6-8.
+    """
+
+    ess_threshold: Annotated[float, Interval(gt=0, le=1)] = 1.0
+    """resample a run when its effective sample size is below this share of N; 1 is every step"""
+    estimate_from: Literal["weighted", "resampled"] = "weighted"
+    """cloud the estimate is taken from: before resampling, or after it as in the public demo"""
+
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+        """Move, weight (eq. 7 with q the prior), resample."""
+        x = model.motion.transition(state.particles.x, k).sample(rng)
+        log_w = self._log_likelihood(model, z, x, k)
+        if self.ess_threshold < 1.0:
+            with np.errstate(divide="ignore"):
+                log_w = log_w + np.log(state.particles.w)
+        w, dead = particles.normalise(log_w)
+        weighted = Particles(x, w)
+        resampled = self._resample_if_needed(weighted, rng)
+        source = weighted if self.estimate_from == "weighted" else resampled
+        return Cloud(resampled, source.moments(), dead)
+
+    def _resample_if_needed(self, cloud: Particles, rng: Generator) -> Particles:
+        resampled = self._resampled(cloud, rng)
+        if self.ess_threshold == 1.0:
+            return resampled
+        rich = particles.effective_sample_size(cloud.w) >= self.ess_threshold * self.N
+        return Particles(
+            np.where(rich[:, None], cloud.x, resampled.x),
+            np.where(rich[:, None], cloud.w, resampled.w),
+        )
+
+
+@register("filters", "rpf")
+@dataclass(frozen=True, kw_only=True)
+class RPF(_ParticleFilter):
+    """Regularised particle filter: resamples from a kernel density of the posterior.
+
+    Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
+    """
+
+    kernel: Kernel = "epanechnikov"
+    """regularisation kernel"""
+    bandwidth_scale: NonNegative = 1.0
+    """factor on the optimal bandwidth; 0 is plain resampling"""
+
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+        """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
+        x = model.motion.transition(state.particles.x, k).sample(rng)
+        w, dead = particles.normalise(self._log_likelihood(model, z, x, k))
+        weighted = Particles(x, w)
+        moments = weighted.moments()
+        resampled = self._resampled(weighted, rng)
+        x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
+        return Cloud(Particles(x, resampled.w), moments, dead)
+
+
+@register("filters", "apf")
+@dataclass(frozen=True, kw_only=True)
+class APF(_ParticleFilter):
+    """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
+
+    Pitt & Shephard 1999.
+    """
+
+    first_stage: Literal["mean", "mode", "sample"] = "mean"
+    """point mu at which an ancestor's likelihood is judged: of its transition density"""
+
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+        """First-stage weights w p(z|mu), move the chosen, second-stage weights p(z|x) / p(z|mu)."""
+        cloud = state.particles
+        mu = self._characteristic(model, cloud.x, k, rng)
+        first = self._log_likelihood(model, z, mu, k)
+        with np.errstate(divide="ignore"):
+            chosen = particles.normalise(first + np.log(cloud.w))
+        index = resampling.ancestors(chosen.w, rng, self.resampling)
+        x = model.motion.transition(select(cloud.x, index), k).sample(rng)
+        with np.errstate(invalid="ignore"):
+            second = self._log_likelihood(model, z, x, k) - select(first, index)
+        # 0 / 0 under the `naive` reading: the particle explains nothing, its ancestor neither.
+        second = np.where(np.isnan(second) & np.isfinite(x[0]), -np.inf, second)
+        w, dead = particles.normalise(second)
+        moved = Particles(x, w)
+        return Cloud(moved, moved.moments(), dead)
+
+    def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
+        moved = model.motion.transition(x, k)
+        if self.first_stage == "sample":
+            return moved.sample(rng)
+        return moved.mean if self.first_stage == "mean" else moved.mode

@@ -1,0 +1,196 @@
+"""Particle filters that resample by differential evolution: PFDE and HDEPF.
+
+`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Interval
+from numpy.random import Generator
+
+from trackbench.core import particles
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.evolution import Evolution, Evolved, Fitness, Selection
+from trackbench.core.particles import Particles
+from trackbench.filters.proposal import MERWE_DEMO, Proposed, ProposedCloud, UnscentedProposal
+from trackbench.keys import Natural, Positive, Share
+from trackbench.models.base import Model
+from trackbench.registry import register
+
+
+class EvolvedCloud(NamedTuple):
+    """A proposed cloud after evolution, with what the evolution did to each run (M,)."""
+
+    cloud: ProposedCloud
+    acceptance: Array
+    spread_ratio: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Evolutionary(UnscentedProposal):
+    N: Annotated[int, Ge(4)] = 10
+    """number of particles; mutation needs four different ones"""
+    F: Annotated[float, Interval(gt=0, le=2)] = 0.9
+    """scaling factor of the mutation (eq. 10)"""
+    CR: Share = 0.6
+    """crossover probability (eq. 11)"""
+    G: Natural = 20
+    """generations per step"""
+    fitness: Fitness = "log"
+    """what selection compares: log-fitness, fitness normalised over the population, or raw"""
+    target: Literal["posterior", "ratio"] = "posterior"
+    """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
+    keep_best: Literal["slot", "none"] = "slot"
+    """return the best point each slot visited, or the last population"""
+    bounds: Literal["none", "cloud"] = "none"
+    """leave trials free, or clip them to the initial cloud's [x^L, x^U] of eq. 9"""
+    final_weights: Literal["fitness", "uniform", "importance"] = "fitness"
+    """weights of the evolved particles"""
+    estimate_from: Literal["after", "before"] = "after"
+    """estimate from the evolved cloud, or from the weighted one before the evolution"""
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:  # type: ignore[override]
+        """N draws from the prior."""
+        cloud = super().init(model, prior, rng)
+        runs = cloud.dead.shape
+        return EvolvedCloud(cloud, np.zeros(runs), np.ones(runs))
+
+    def step(
+        self, model: Model, state: EvolvedCloud, z: Array, k: int, rng: Generator
+    ) -> EvolvedCloud:
+        """Propose, weight (eq. 7), evolve in place of resampling, estimate."""
+        origin = state.cloud.particles.x
+        proposed = self._proposed(model, state.cloud, z, k, rng)
+
+        def log_ratio(x: Array) -> Array:
+            return self.log_target(model, origin, z, x, k) - proposed.log_q(x)
+
+        def log_posterior(x: Array) -> Array:
+            return self.log_target(model, origin, z, x, k)
+
+        initial = particles.normalise(log_ratio(proposed.x))
+        before = Particles(proposed.x, initial.w)
+        fitness = log_ratio if self.target == "ratio" else log_posterior
+        evolved = self._evolution.run(proposed.x, fitness, rng)
+        after = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        source = after if self.estimate_from == "after" else before
+        carried = Particles(evolved.x, particles.uniform(*initial.w.shape))
+        cloud = ProposedCloud(carried, proposed.P, source.moments(), initial.dead)
+        return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
+
+    def estimate(self, state: EvolvedCloud) -> Gaussian:  # type: ignore[override]
+        """Weighted mean and covariance."""
+        return state.cloud.estimate
+
+    def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:  # type: ignore[override]
+        """Acceptance rate, spread of the cloud after over before, steps without any weight."""
+        return {
+            "acceptance": state.acceptance,
+            "spread_ratio": state.spread_ratio,
+            **super().diagnostics(state.cloud),
+        }
+
+    def _proposed(
+        self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator
+    ) -> Proposed:
+        return self.propose(model, cloud, z, k, rng)
+
+    def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
+        if self.final_weights == "uniform":
+            w = particles.uniform(*evolved.log_fitness.shape)
+            return np.where(np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True), np.nan, w)
+        if self.final_weights == "importance":
+            return particles.normalise(log_ratio(evolved.x)).w
+        return particles.normalise(evolved.log_fitness).w
+
+    @property
+    def _evolution(self) -> Evolution:
+        raise NotImplementedError
+
+
+@register("filters", "pfde")
+@dataclass(frozen=True, kw_only=True)
+class PFDE(_Evolutionary):
+    """Particle filter with greedy differential evolution as its resampling (Li, Wang & Su 2011)."""
+
+    proposal: Literal["prior", "ukf"] = "prior"
+    """where particles are drawn from before the evolution"""
+
+    @property
+    def _evolution(self) -> Evolution:
+        return Evolution(
+            F=self.F,
+            CR=self.CR,
+            G=self.G,
+            select="greedy",
+            fitness=self.fitness,
+            keep_best=self.keep_best == "slot",
+            clip_to_cloud=self.bounds == "cloud",
+        )
+
+    def _proposed(
+        self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator
+    ) -> Proposed:
+        if self.proposal == "ukf":
+            return self.propose(model, cloud, z, k, rng)
+        moved = model.motion.transition(cloud.particles.x, k)
+        return Proposed(moved.sample(rng), cloud.P, moved.log_prob)
+
+
+@register("filters", "hdepf")
+@dataclass(frozen=True, kw_only=True)
+class HDEPF(_Evolutionary):
+    """Hybrid differential evolution particle filter: UKF proposal, Metropolis selection, cooling.
+
+    C. Zhang and L. Li, section III.B. `preset: literal` is the algorithm exactly as printed.
+    """
+
+    T0: Positive = 100.0
+    """initial temperature"""
+    rho: Annotated[float, Interval(gt=0, le=1)] = 0.9
+    """cooling factor per generation"""
+    select: Selection = "metropolis"
+    """selection step"""
+
+    presets: ClassVar[dict[str, dict[str, object]]] = {
+        "matched": {},
+        "merwe-demo": MERWE_DEMO,
+        "literal": {
+            "weights": "naive",
+            "fitness": "normalised",
+            "target": "ratio",
+            "keep_best": "none",
+            "bounds": "none",
+            "final_weights": "fitness",
+        },
+        "published-level": {
+            **MERWE_DEMO,
+            "weights": "floor",
+            "fitness": "normalised",
+            "bounds": "cloud",
+        },
+    }
+
+    @property
+    def _evolution(self) -> Evolution:
+        return Evolution(
+            F=self.F,
+            CR=self.CR,
+            G=self.G,
+            T0=self.T0,
+            rho=self.rho,
+            select=self.select,
+            fitness=self.fitness,
+            keep_best=self.keep_best == "slot",
+            clip_to_cloud=self.bounds == "cloud",
+        )
+
+
+def _spread(x: Array) -> Array:
+    """Root mean square distance from the centre (M,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.sqrt(x.var(axis=-1).sum(axis=0))

@@ -1,0 +1,202 @@
+"""Particle filters whose proposal is a Kalman filter per particle: EPF and UPF.
+
+De Freitas et al. 2000; van der Merwe et al. 2000, section 4. Weight: lik * prior / proposal
+(hdepf paper, eq. 7).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
+
+from trackbench.core import particles
+from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.particles import Particles, WeightReading, read_likelihood
+from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.core.unscented import Unscented
+from trackbench.keys import Finite, NonNegative, Positive, Share
+from trackbench.models.base import Model, log_likelihood
+from trackbench.models.gaussian import Assumed, extended_step, unscented_step
+from trackbench.registry import register
+
+TransitionReading = Literal["model", "increment"]
+
+
+class ProposedCloud(NamedTuple):
+    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs."""
+
+    particles: Particles
+    P: Array
+    estimate: Gaussian
+    dead: Mask
+
+
+class Proposed(NamedTuple):
+    """Draws x (n, M, N) from each particle's proposal N(mean, P), and their log-density."""
+
+    x: Array
+    P: Array
+    log_q: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, kw_only=True)
+class KalmanProposal:
+    """Keys and steps shared by every filter with a Kalman proposal per particle."""
+
+    N: Annotated[int, Ge(2)] = 100
+    """number of particles"""
+    resampling: Scheme = "systematic"
+    """resampling scheme"""
+    weights: WeightReading = "log"
+    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    Q: Positive | None = None
+    """process noise variance the proposal assumes; default: the model's"""
+    R: Positive | None = None
+    """measurement noise variance the proposal assumes; default: the model's"""
+    P0: NonNegative | None = None
+    """initial variance of each particle's Kalman filter; default: the prior's"""
+    noise_mean: bool = True
+    """whether the proposal's prediction adds the mean of the process noise"""
+    transition_density: TransitionReading = "model"
+    """noise in the weight's prior: x_k - f(x_{k-1}), or x_k - x_{k-1} as in the public demo"""
+    defensive: Share = 0.0
+    """share of draws taken from the transition instead, which bounds the weights"""
+
+    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
+        """N draws from the prior, each with its own covariance."""
+        x = prior.sample(rng, self.N)
+        n, runs, N = x.shape
+        cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
+        P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
+        cloud = Particles(x, particles.uniform(runs, N))
+        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_))
+
+    def estimate(self, state: ProposedCloud) -> Gaussian:
+        """Weighted mean and covariance."""
+        return state.estimate
+
+    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
+        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights."""
+        return {"dead_steps": state.dead.astype(float)}
+
+    def propose(
+        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
+    ) -> Proposed:
+        """One draw from each particle's Kalman posterior, or from the transition (defensive)."""
+        posterior = self._kalman(model, Gaussian(state.particles.x, state.P), z, k)
+        x = posterior.sample(rng)
+        if self.defensive == 0.0:
+            return Proposed(x, posterior.cov, posterior.log_prob)
+        moved = model.motion.transition(state.particles.x, k)
+        from_prior = rng.random(x.shape[1:]) < self.defensive
+        x = np.where(from_prior, moved.sample(rng), x)
+
+        def log_mixture(x: Array) -> Array:
+            kalman = np.log1p(-self.defensive) + posterior.log_prob(x)
+            return np.logaddexp(kalman, np.log(self.defensive) + moved.log_prob(x))
+
+        return Proposed(x, posterior.cov, log_mixture)
+
+    def log_target(self, model: Model, origin: Array, z: Array, x: Array, k: int) -> Array:
+        """log p(z_k | x) + log p(x | origin): the posterior of x_k given one past particle."""
+        lik = read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
+        moved = model.motion.transition(origin, k)
+        if self.transition_density == "model":
+            return lik + moved.log_prob(x)
+        # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
+        v = np.abs(x[0] - origin[0])
+        with np.errstate(divide="ignore"):
+            return lik + 2.0 * np.log(v) - 2.0 * (x[0] - origin[0])
+
+    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
+        raise NotImplementedError
+
+    @property
+    def _assumed(self) -> Assumed:
+        return Assumed(self.Q, self.R, self.noise_mean)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ProposalFilter(KalmanProposal):
+    estimate_from: Literal["weighted", "resampled"] = "weighted"
+    """cloud the estimate is taken from: before resampling, or after it as in the public demo"""
+
+    def step(
+        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
+    ) -> ProposedCloud:
+        """Propose, weight by lik * prior / proposal (eq. 7), resample."""
+        proposed = self.propose(model, state, z, k, rng)
+        target = self.log_target(model, state.particles.x, z, proposed.x, k)
+        w, dead = particles.normalise(target - proposed.log_q(proposed.x))
+        weighted = Particles(proposed.x, w)
+        index = ancestors(w, rng, self.resampling)
+        resampled = Particles(select(proposed.x, index), particles.uniform(*w.shape))
+        source = weighted if self.estimate_from == "weighted" else resampled
+        return ProposedCloud(resampled, select(proposed.P, index), source.moments(), dead)
+
+
+@register("filters", "epf")
+@dataclass(frozen=True, kw_only=True)
+class EPF(_ProposalFilter):
+    """Particle filter with an extended Kalman proposal per particle (de Freitas et al. 2000)."""
+
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
+    presets: ClassVar[dict[str, dict[str, object]]] = {
+        "matched": {},
+        "merwe-demo": {
+            "Q": 7.5,
+            "R": 0.1,
+            "P0": 0.75,
+            "noise_mean": False,
+            "weights": "floor",
+            "resampling": "residual",
+            "transition_density": "increment",
+            "estimate_from": "resampled",
+        },
+    }
+
+    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
+        return extended_step(model, state, z, k, self._assumed)[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnscentedProposal(KalmanProposal):
+    """A UKF per particle as the proposal."""
+
+    alpha: Positive = 1.0
+    """spread of the sigma points"""
+    beta: Finite = 0.0
+    """extra weight of the centre in the covariance"""
+    kappa: Finite = 2.0
+    """secondary scaling of the sigma points"""
+
+    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
+        unscented = Unscented(self.alpha, self.beta, self.kappa)
+        return unscented_step(model, state, z, k, self._assumed, unscented)[0]
+
+
+MERWE_DEMO: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}
+"""The UKF proposal of van der Merwe's public demo."""
+
+
+@register("filters", "upf")
+@dataclass(frozen=True, kw_only=True)
+class UPF(UnscentedProposal, _ProposalFilter):
+    """Unscented particle filter (van der Merwe et al. 2000)."""
+
+    presets: ClassVar[dict[str, dict[str, object]]] = {
+        "matched": {},
+        "merwe-demo": {
+            **MERWE_DEMO,
+            "weights": "floor",
+            "resampling": "residual",
+            "transition_density": "increment",
+            "estimate_from": "resampled",
+        },
+    }

@@ -1,0 +1,106 @@
+"""Baselines and the floor: no data, no model of motion, and the exact posterior."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
+
+from trackbench.core import grid, kalman
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.grid import PointMasses
+from trackbench.models.base import Model, log_likelihood
+from trackbench.registry import register
+
+
+@register("filters", "prior-mean")
+@dataclass(frozen=True, kw_only=True)
+class PriorMean:
+    """No data at all: the mean and covariance that the motion alone predicts (linear motion)."""
+
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
+        """The prior's moments."""
+        n, runs = prior.mean.shape
+        cov = np.broadcast_to(with_trailing(prior.cov, 1, leading=2), (n, n, runs))
+        return Gaussian(prior.mean, cov)
+
+    def step(self, model: Any, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
+        """Predict; the measurement is not looked at."""
+        moved = model.motion.transition(state.mean, k)
+        return kalman.predict(state, model.motion.jacobian(state.mean, k), moved.cov, moved.mean)
+
+    def estimate(self, state: Gaussian) -> Gaussian:
+        """The prediction."""
+        return state
+
+
+@register("filters", "inversion")
+@dataclass(frozen=True, kw_only=True)
+class Inversion:
+    """No memory: the state that the measurement alone implies, h^-1(z)."""
+
+    needs: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian")
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
+        """The prior's moments."""
+        n, runs = prior.mean.shape
+        return Gaussian(prior.mean, np.zeros((n, n, runs)) + with_trailing(prior.cov, 1, leading=2))
+
+    def step(self, model: Any, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
+        """h^-1(z), with variance R / h'^2."""
+        x = model.sensor.inverse(z, k)
+        R = model.sensor.measurement(x, k).cov
+        with np.errstate(divide="ignore"):
+            cov = with_trailing(R, 1, leading=2) / model.sensor.jacobian(x, k) ** 2
+        return Gaussian(x, cov)
+
+    def estimate(self, state: Gaussian) -> Gaussian:
+        """The inverted measurement."""
+        return state
+
+
+@register("filters", "grid")
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """Exact posterior of a scalar state by point masses (the hdepf paper's eqs. 3-5, integrated).
+
+    Gauss-Legendre nodes around each root of the measurement equation. No filter can beat its RMSE.
+    """
+
+    nodes: Annotated[int, Ge(4)] = 64
+    """nodes per root of the measurement equation"""
+    deviations: Annotated[float, Ge(4)] = 8.0
+    """how many standard deviations of the measurement noise the nodes span on either side"""
+    needs: ClassVar[tuple[str, ...]] = ("motion.support", "sensor.preimage")
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PointMasses:
+        """All mass on the known first state."""
+        if np.any(prior.cov):
+            raise ValueError("the grid filter starts from a known state")
+        return PointMasses(prior.mean, np.ones_like(prior.mean))
+
+    def step(self, model: Any, state: PointMasses, z: Array, k: int, rng: Generator) -> PointMasses:
+        """Lay nodes where z and the prediction allow mass, and condition on z."""
+        quadrature = grid.gauss_legendre(
+            model.sensor.preimage(z, self.deviations, k),
+            model.motion.support(state.x, k),
+            self.nodes,
+        )
+
+        def transition(x: Array, x_new: Array) -> Array:
+            return np.exp(model.motion.transition(x[None], k).log_prob(x_new[None]))
+
+        def likelihood(x_new: Array) -> Array:
+            # (J, M) nodes as (1, M, J): the sensor sees them as it sees particles.
+            log_lik = log_likelihood(model.sensor, z, x_new.T[None], k).T
+            return np.exp(log_lik - log_lik.max(axis=0))
+
+        return grid.condition(state, quadrature, transition, likelihood)
+
+    def estimate(self, state: PointMasses) -> Gaussian:
+        """Posterior mean and variance."""
+        return state.moments()

@@ -1,0 +1,15 @@
+"""Types for config keys: a dataclass field's type says what a YAML may put there."""
+
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Interval
+
+Count = Annotated[int, Ge(1)]
+Natural = Annotated[int, Ge(0)]
+Positive = Annotated[float, Gt(0), Interval(lt=float("inf"))]
+NonNegative = Annotated[float, Ge(0), Interval(lt=float("inf"))]
+Finite = Annotated[float, Interval(gt=float("-inf"), lt=float("inf"))]
+Share = Annotated[float, Interval(ge=0, le=1)]
+"""A number in [0, 1]."""
+OpenShare = Annotated[float, Interval(gt=0, lt=1)]
+"""A number in (0, 1)."""

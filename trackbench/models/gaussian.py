@@ -1,0 +1,99 @@
+"""One step of the extended and of the unscented Kalman filter on any model.
+
+The same steps serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core import kalman, linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian
+from trackbench.core.kalman import Innovation
+from trackbench.core.unscented import Unscented
+from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
+
+
+class Assumed(NamedTuple):
+    """The noise a Gaussian filter assumes: None takes the model's.
+
+    Q and R are variances on every component. ``noise_mean`` adds the mean of the process noise to
+    the prediction; without it a gamma-driven model is predicted 1.5 too low (a published reading).
+    """
+
+    Q: float | None = None
+    R: float | None = None
+    noise_mean: bool = True
+
+    def transition(self, model: Model, x: Array, k: int) -> Gaussian:
+        """Mean and covariance of x_k given x_{k-1} = x."""
+        exact = model.motion.transition(x, k)
+        mean = exact.mean if self.noise_mean else exact.loc
+        return Gaussian(mean, _either(self.Q, exact.cov))
+
+    def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
+        """Mean and covariance of z_k given x_k = x."""
+        exact = model.sensor.measurement(x, k)
+        return Gaussian(exact.mean, _either(self.R, exact.cov))
+
+
+def _either(variance: float | None, cov: Array) -> Array:
+    return cov if variance is None else variance * np.eye(cov.shape[0])
+
+
+def extended_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+) -> tuple[Gaussian, Innovation]:
+    """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
+    assert isinstance(model.motion, DifferentiableMotion)
+    assert isinstance(model.sensor, DifferentiableSensor)
+    moved = assumed.transition(model, state.mean, k)
+    F = model.motion.jacobian(state.mean, k)
+    predicted = kalman.predict(state, F, moved.cov, moved.mean)
+    seen = assumed.measurement(model, predicted.mean, k)
+    nu = model.sensor.innovation(with_trailing(z, seen.mean.ndim - 1), seen.mean)
+    return kalman.update(predicted, nu, model.sensor.jacobian(predicted.mean, k), seen.cov)
+
+
+def unscented_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, unscented: Unscented
+) -> tuple[Gaussian, Innovation]:
+    """Predict to k and update with z by one set of sigma points of the augmented state (x, v, n).
+
+    The points go through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
+    """
+    n_x, n_z, batch = state.mean.shape[0], z.shape[0], state.mean.shape[1:]
+    probe = assumed.transition(model, state.mean, k)
+    R = assumed.measurement(model, probe.mean, k).cov
+    augmented = _augmented(state, probe.cov, R)
+    sigma = unscented.points(augmented.mean, augmented.cov)
+    x, v, n = sigma.x[:n_x], sigma.x[n_x : 2 * n_x], sigma.x[2 * n_x :]
+    moved = assumed.transition(model, x, k).mean + v
+    z_pred = model.sensor.measurement(moved, k).mean
+    # Deviations from the centre point keep angles away from the cut while they are averaged.
+    centre = z_pred[:, :1]
+    seen = model.sensor.innovation(z_pred, centre) + n
+    z_mean = sigma.mean(seen)
+    predicted = sigma.moments(moved)
+    dz, dx = seen - z_mean[:, None], moved - predicted.mean[:, None]
+    S, C = sigma.cross(dz, dz), sigma.cross(dx, dz)
+    z = np.broadcast_to(with_trailing(z, len(batch)), (n_z, *batch))
+    nu = model.sensor.innovation(z, centre[:, 0] + z_mean)
+    K = linalg.matmul(C, linalg.inverse(S))
+    missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
+    K = np.where(missing, 0.0, K)
+    mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
+    return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)
+
+
+def _augmented(state: Gaussian, Q: Array, R: Array) -> Gaussian:
+    n_x, n_v, n_n = state.mean.shape[0], Q.shape[0], R.shape[0]
+    n, batch = n_x + n_v + n_n, state.mean.shape[1:]
+    mean = np.zeros((n, *batch))
+    cov = np.zeros((n, n, *batch))
+    mean[:n_x] = state.mean
+    cov[:n_x, :n_x] = with_trailing(state.cov, len(batch), leading=2)
+    cov[n_x : n_x + n_v, n_x : n_x + n_v] = with_trailing(Q, len(batch), leading=2)
+    cov[n_x + n_v :, n_x + n_v :] = with_trailing(R, len(batch), leading=2)
+    return Gaussian(mean, cov)

@@ -1,0 +1,53 @@
+"""Names for the things a config may ask for: filters, scenarios, tables and figures.
+
+A class registers itself with a decorator; its module is found by scanning the package, through an
+entry point of an installed package, or as a plugin file. A YAML never names an import path.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any, Literal, TypeVar
+
+Group = Literal["filters", "scenarios", "figures", "tables"]
+T = TypeVar("T", bound=type)
+
+_PACKAGES: dict[Group, str] = {
+    "filters": "trackbench.filters",
+    "scenarios": "trackbench.scenarios",
+    "figures": "trackbench.report.figures",
+    "tables": "trackbench.report.tables",
+}
+_kinds: dict[Group, dict[str, type]] = {group: {} for group in _PACKAGES}
+_scanned: set[Group] = set()
+
+
+def register(group: Group, kind: str) -> Callable[[T], T]:
+    """Class decorator: make the class available in a config as ``kind: <kind>``."""
+
+    def add(cls: T) -> T:
+        known = _kinds[group].get(kind)
+        if known is not None and known.__module__ != cls.__module__:
+            raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
+        cls.kind = kind
+        _kinds[group][kind] = cls
+        return cls
+
+    return add
+
+
+def kinds(group: Group) -> dict[str, type[Any]]:
+    """Every registered class of a group by its kind, sorted."""
+    if group not in _scanned:
+        _scanned.add(group)
+        _scan(_PACKAGES[group])
+        for entry in entry_points(group=f"trackbench.{group}"):
+            entry.load()
+    return dict(sorted(_kinds[group].items()))
+
+
+def _scan(package: str) -> None:
+    parent = importlib.import_module(package)
+    for module in pkgutil.iter_modules(parent.__path__):
+        importlib.import_module(f"{package}.{module.name}")

@@ -1,0 +1,60 @@
+"""What a scenario is: it simulates truth and measurements, and knows the model behind them."""
+
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.distributions import Distribution
+from trackbench.core.streams import Streams
+from trackbench.models.base import Model
+
+
+class Simulation(NamedTuple):
+    """M simulated runs.
+
+    ``truth`` (n_x, T + 1, M) starts with the prior's step; ``measurements`` (n_z, T, M) follow it, NaN
+    where there is none; ``prior`` is the distribution of the first state, given to every filter.
+    """
+
+    truth: Array
+    measurements: Array
+    prior: Distribution
+
+
+class Scenario(Protocol):
+    """A frozen dataclass whose fields are its YAML keys."""
+
+    @property
+    def model(self) -> Model:
+        """Motion and sensor of the truth, which filters assume unless told otherwise."""
+
+    @property
+    def steps(self) -> Index:
+        """Step numbers k (T + 1,), the prior's first."""
+
+    @property
+    def times(self) -> Array:
+        """Times of the steps (T + 1,), s."""
+
+    @property
+    def windows(self) -> Mapping[str, Mask]:
+        """Which steps (T + 1,) each named window of the error metrics covers; ``""`` is the whole."""
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Truth, measurements and prior of so many runs; ``rng`` has one stream per run."""
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Error vectors (d, *batch) by name of the quantity, from estimate and truth (n_x, *batch)."""
+
+
+def simulate_markov(
+    model: Model, start: Array, steps: Index, rng: Streams
+) -> tuple[Array, Array]:
+    """Truth (n_x, T + 1, M) and measurements (n_z, T, M) of the model itself, from ``start`` (n_x, M)."""
+    truth, seen = [start], []
+    for k in steps[1:]:
+        truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))
+        seen.append(model.sensor.measurement(truth[-1], int(k)).sample(rng))
+    return np.stack(truth, axis=1), np.stack(seen, axis=1)
