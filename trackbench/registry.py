@@ -30,7 +30,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
         known = _kinds[group].get(kind)
         if known is not None and known.__module__ != cls.__module__:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
-        cls.kind = kind
+        setattr(cls, "kind", kind)  # noqa: B010 (not declared by every class)
         _kinds[group][kind] = cls
         return cls
 

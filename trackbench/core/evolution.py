@@ -59,7 +59,9 @@ class Evolution:
             accepted += take.mean(axis=-1)
             temperature *= self.rho
         acceptance = accepted / max(self.G, 1)
-        return Evolved(best_x, best_fit, acceptance) if self.keep_best else Evolved(x, fit, acceptance)
+        return (
+            Evolved(best_x, best_fit, acceptance) if self.keep_best else Evolved(x, fit, acceptance)
+        )
 
     def _selected(self, old: Array, new: Array, temperature: float, rng: Streams) -> Mask:
         with np.errstate(invalid="ignore", over="ignore"):

@@ -22,6 +22,9 @@ State = TypeVar("State")
 class Filter(Protocol[State]):
     """Init, step, estimate. All runs of a block at once; a switch is a mask over runs."""
 
+    def __hash__(self) -> int:
+        """Equal filters compute equal estimates: keys that are lists are tuples."""
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> State:
         """The state before the first measurement; ``prior.mean`` is (n_x, M)."""
 

@@ -26,6 +26,9 @@ class Simulation(NamedTuple):
 class Scenario(Protocol):
     """A frozen dataclass whose fields are its YAML keys."""
 
+    def __hash__(self) -> int:
+        """Equal scenarios simulate equal data."""
+
     @property
     def model(self) -> Model:
         """Motion and sensor of the truth, which filters assume unless told otherwise."""
@@ -49,10 +52,8 @@ class Scenario(Protocol):
         """Error vectors (d, *batch) by name of the quantity, from estimate and truth (n_x, *batch)."""
 
 
-def simulate_markov(
-    model: Model, start: Array, steps: Index, rng: Streams
-) -> tuple[Array, Array]:
-    """Truth (n_x, T + 1, M) and measurements (n_z, T, M) of the model itself, from ``start`` (n_x, M)."""
+def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
+    """Truth (n_x, T + 1, M) and measurements (n_z, T, M) of the model itself from ``start``."""
     truth, seen = [start], []
     for k in steps[1:]:
         truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))

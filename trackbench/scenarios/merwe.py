@@ -41,6 +41,8 @@ class Merwe:
     """variance of the measurement noise"""
     x1: Finite = 1.0
     """the known first state"""
+    lost_beyond: Positive | None = 10.0
+    """error beyond which a run counts as lost: ten times the error without any data"""
     first: Literal[0, 1] = 1
     """step at which the state is known: 1 (its zero error counts) or 0 (it does not)"""
     switch: Natural = 30
@@ -49,7 +51,7 @@ class Merwe:
     """step in the sine: k of x_k (the public demo) or k - 1 (as printed)"""
 
     def __post_init__(self) -> None:
-        if self.T <= self.first:
+        if self.first >= self.T:
             raise ValueError(f"T = {self.T} leaves no step to measure after step {self.first}")
 
     @property
@@ -78,7 +80,10 @@ class Merwe:
         """All of 1..T, and both sides of the switch (Table 2 of the hdepf paper)."""
         k = self.steps
         scored = k >= 1
-        split = {f"k<={self.switch}": scored & (k <= self.switch), f"k>{self.switch}": k > self.switch}
+        split = {
+            f"k<={self.switch}": scored & (k <= self.switch),
+            f"k>{self.switch}": k > self.switch,
+        }
         return {"": scored} | {name: mask for name, mask in split.items() if mask.any()}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:

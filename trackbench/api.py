@@ -1,0 +1,103 @@
+"""What the command line does, for notebooks and scripts: one code path for both."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from trackbench.evaluation.metrics import LOST_BECAUSE
+from trackbench.experiment.config import Experiment, load
+from trackbench.experiment.engines import Engine, cpu_count, open_engine
+from trackbench.experiment.plan import cautions, check_memory, describe, make_plan
+from trackbench.experiment.runner import Outcome, execute
+from trackbench.experiment.store import write_results
+from trackbench.report.render import render
+from trackbench.report.results import Results
+from trackbench.report.table import Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run an experiment; nothing here changes a number in a CSV but runs and seed."""
+
+    set: Sequence[str] = ()
+    only: Sequence[str] = ()
+    runs: int | None = None
+    seed: int | None = None
+    out: Path | None = None
+    engine: Engine = "processes"
+    workers: int | None = None
+    save_tracks: bool = False
+    formats: Sequence[str] = ("png", "svg")
+    quiet: bool = False
+
+
+@dataclass
+class Report:
+    """Where the results are, the tables, and what went wrong."""
+
+    folder: Path
+    tables: dict[str, Table]
+    notes: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+    @property
+    def results(self) -> Results:
+        """The folder's files as data frames."""
+        return Results(self.folder)
+
+
+def prepare(config: Path, options: Options) -> Experiment:
+    """Read and validate a config with the options' overrides."""
+    return load(config, list(options.set), list(options.only), options.runs, options.seed)
+
+
+def run(config: Path | str, options: Options | None = None) -> Report:
+    """Run an experiment and write its results folder; raises UserError for bad input."""
+    options = options or Options()
+    experiment = prepare(Path(config), options)
+    plan = make_plan(experiment, options.save_tracks)
+    workers = min(options.workers or cpu_count(), len(plan.unique))
+    needed = check_memory(plan, workers)
+    _say(describe(experiment, plan, workers, needed), options)
+    for text in dict.fromkeys(c for point in experiment.points for c in cautions(point)):
+        _say(f"note: {text}", options)
+    with open_engine(options.engine, workers) as executor:
+        outcome = execute(plan, executor, workers, progress=not options.quiet)
+    folder = options.out or Path("results") / experiment.settings.name
+    write_results(folder, experiment, outcome, options.save_tracks)
+    tables = render(folder, experiment, options.formats)
+    return Report(folder, tables, _lost(outcome), _failed(outcome))
+
+
+def preview(config: Path | str, options: Options) -> str:
+    """What `run` would do, in one line."""
+    experiment = prepare(Path(config), options)
+    plan = make_plan(experiment, options.save_tracks)
+    workers = min(options.workers or cpu_count(), len(plan.unique))
+    return describe(experiment, plan, workers, check_memory(plan, workers))
+
+
+def _say(text: str, options: Options) -> None:
+    if not options.quiet:
+        print(text, file=sys.stderr)
+
+
+def _lost(outcome: Outcome) -> list[str]:
+    notes = []
+    for (_, label), result in outcome.results.items():
+        codes = result.per_run["lost"]
+        why = [
+            f"{int((codes == code).sum())} because {reason}"
+            for code, reason in LOST_BECAUSE.items()
+            if (codes == code).any()
+        ]
+        if why:
+            notes.append(
+                f"{label}: {int((codes > 0).sum())} of {len(codes)} runs lost, {', '.join(why)}"
+            )
+    return notes
+
+
+def _failed(outcome: Outcome) -> list[str]:
+    return [f"{label} failed: {why}" for (_, label), why in outcome.failures.items()]

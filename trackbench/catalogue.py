@@ -1,0 +1,67 @@
+"""What a config may name, for people: kinds, their parameters, defaults and sources."""
+
+import dataclasses
+import inspect
+from collections.abc import Sequence
+from typing import Any, cast
+
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.validate import adapter, help_texts, unknown
+from trackbench.registry import Group, kinds
+
+
+def listing(groups: Sequence[str]) -> str:
+    """Kinds of each group with the first line of their documentation."""
+    parts = []
+    for group in groups:
+        found = kinds(cast(Group, group))
+        width = max(map(len, found))
+        rows = [f"  {kind:<{width}}  {_paragraphs(cls)[0]}" for kind, cls in found.items()]
+        parts.append("\n".join([f"{group}:", *rows]))
+    return "\n\n".join(parts)
+
+
+def description(kind: str) -> str:
+    """A kind's documentation and its keys; raises UserError if there is none of that name."""
+    groups: tuple[Group, ...] = ("filters", "scenarios", "tables", "figures")
+    found = [(g, kinds(g)[kind]) for g in groups if kind in kinds(g)]
+    if not found:
+        known = [k for g in groups for k in kinds(g)]
+        raise UserError(
+            Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
+        )
+    return "\n\n".join(_described(kind, group, cls) for group, cls in found)
+
+
+def _described(kind: str, group: str, cls: type[Any]) -> str:
+    lines = [f"{kind} ({group[:-1]})", ""]
+    lines += [paragraph + "\n" for paragraph in _paragraphs(cls)]
+    schema = adapter(cls).json_schema()
+    texts = help_texts(cls)
+    rows = [_key_row(f, schema, texts.get(f.name, "")) for f in dataclasses.fields(cls)]
+    widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
+    lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
+    for name, keys in getattr(cls, "presets", {}).items():
+        given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
+        lines.append(f"\n  preset {name}: {given}")
+    explain = getattr(cls, "explain", None)
+    if explain is not None:
+        lines.append("\n" + explain())
+    return "\n".join(lines)
+
+
+def _key_row(
+    field: "dataclasses.Field[Any]", schema: dict[str, Any], text: str
+) -> tuple[str, str, str]:
+    described = schema["properties"][field.name]
+    if field.default is not dataclasses.MISSING:
+        default = "none" if field.default is None else str(field.default)
+    else:
+        default = "required" if field.default_factory is dataclasses.MISSING else "empty"
+    choices = described.get("enum")
+    return field.name, default, f"{text} ({' | '.join(map(str, choices))})" if choices else text
+
+
+def _paragraphs(cls: type[Any]) -> list[str]:
+    doc = inspect.getdoc(cls) or ""
+    return [" ".join(p.split()) for p in doc.split("\n\n")]

@@ -1,0 +1,173 @@
+"""One block of runs: simulate, filter, reduce to metrics.
+
+A block is always computed whole and then trimmed to the runs that are wanted, so run m comes out the
+same in a batch of 10 or of 10 000.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.streams import RunStreams, block_stream
+from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
+from trackbench.filters.base import AnyFilter
+from trackbench.scenarios.base import Scenario, Simulation
+
+
+@dataclass(frozen=True)
+class BlockTask:
+    """What to compute: runs ``index * width`` onwards, ``used`` of the block's ``width``."""
+
+    scenario: Scenario
+    filter: AnyFilter
+    seed: int
+    index: int
+    width: int
+    used: int
+    reference: AnyFilter | None = None
+    """filter whose estimates distances are measured to, if any"""
+    shown: int = 0
+    """keep whole tracks of runs below this number"""
+    keep_covariance: bool = False
+    """keep the covariances of the shown tracks too"""
+    keep_steps: tuple[str, ...] = ()
+    """series kept per run and step, for their medians"""
+
+    @property
+    def first_run(self) -> int:
+        """Number of the block's first run."""
+        return self.index * self.width
+
+
+class Tracks(NamedTuple):
+    """Whole tracks of r runs: truth and mean (n_x, T + 1, r), measurements (n_z, T, r)."""
+
+    truth: Array
+    measurements: Array
+    mean: Array
+    cov: Array | None
+
+
+Note: TypeAlias = Callable[[Any], dict[str, Array]]
+
+
+class BlockResult(NamedTuple):
+    """Metrics of the block's used runs; no particles, no tracks but the shown ones."""
+
+    per_run: dict[str, Array]
+    steps: dict[str, StepSums]
+    kept: dict[str, Array]
+    tracks: Tracks | None
+    cpu_s: float
+    width: int
+
+
+class Estimates(NamedTuple):
+    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
+
+    mean: Array
+    nees: Array
+    cov: Array | None
+    diagnostics: dict[str, Array]
+    cpu_s: float
+
+
+def run_block(task: BlockTask) -> BlockResult:
+    """Simulate the block's runs, filter them, and reduce the errors to metrics."""
+    data = simulate(task.scenario, task.seed, task.first_run, task.width)
+    shown = max(0, min(task.shown - task.first_run, task.used))
+    with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
+        result = estimate(task, data, shown if task.keep_covariance else 0)
+        exact = _reference_mean(task) if task.reference is not None else None
+        values = series(task.scenario, data.truth, result.mean, result.nees, exact)
+        values |= {name: rows[:, : task.used] for name, rows in result.diagnostics.items()}
+        values = {name: rows[:, : task.used] for name, rows in values.items()}
+        counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
+        per_run = per_run_metrics(task.scenario, values, counts)
+        steps = {name: step_sums(rows, per_run["lost"]) for name, rows in values.items()}
+    tracks = None
+    if shown:
+        seen = data.measurements[..., :shown]
+        tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], result.cov)
+    return BlockResult(
+        per_run=per_run,
+        steps=steps,
+        kept={name: values[name] for name in task.keep_steps if name in values},
+        tracks=tracks,
+        cpu_s=result.cpu_s,
+        width=task.width,
+    )
+
+
+@lru_cache(maxsize=2)
+def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
+    """The block's data; cached, because every filter of a block sees the same."""
+    rng = RunStreams(seed, range(first_run, first_run + width))
+    return scenario.simulate(rng, width)
+
+
+def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimates:
+    """Run the filter over the block's data; estimates of every step, the prior's included.
+
+    Only the filter is timed. Covariances are kept of the first runs only.
+    """
+    scenario, tracker = task.scenario, task.filter
+    model, rng = scenario.model, block_stream(task.seed, task.index)
+    note: Note = getattr(tracker, "diagnostics", lambda state: {})
+    mean, nees, cov, noted = [], [], [], []
+    clock = _Clock()
+    with clock:
+        state = tracker.init(model, data.prior, rng)
+        found = tracker.estimate(state)
+    for i, k in enumerate(scenario.steps):
+        if i > 0:
+            with clock:
+                state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
+                found = tracker.estimate(state)
+            noted.append(note(state))
+        mean.append(found.mean)
+        nees.append(linalg.mahalanobis(found.mean - data.truth[:, i], found.cov))
+        if covariances:
+            every = np.broadcast_to(
+                with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
+            )
+            cov.append(every[..., :covariances])
+    kept = np.stack(cov, axis=2) if cov else None
+    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, _stacked(noted), clock.cpu_s)
+
+
+class _Clock:
+    """Adds up the CPU time of the blocks it is entered for."""
+
+    cpu_s = 0.0
+
+    def __enter__(self) -> None:
+        self._started = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.cpu_s += time.process_time() - self._started
+
+
+def _stacked(noted: list[dict[str, Array]]) -> dict[str, Array]:
+    names = noted[0] if noted else {}
+    rows = {name: np.stack([note[name] for note in noted]) for name in names}
+    return {name: np.vstack([np.full_like(r[:1], np.nan), r]) for name, r in rows.items()}
+
+
+def _reference_mean(task: BlockTask) -> Array:
+    assert task.reference is not None
+    return _cached_reference(task.scenario, task.reference, task.seed, task.index, task.width)
+
+
+@lru_cache(maxsize=2)
+def _cached_reference(
+    scenario: Scenario, reference: AnyFilter, seed: int, index: int, width: int
+) -> Array:
+    task = BlockTask(scenario, reference, seed, index, width, used=width)
+    return estimate(task, simulate(scenario, seed, index * width, width)).mean

@@ -1,0 +1,100 @@
+"""From estimates and truth to series per step, and from series to numbers per run.
+
+A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
+names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalised error squared,
+``distance_<quantity>`` the squared distance to the reference filter's estimate.
+"""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.scenarios.base import Scenario
+
+FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
+LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
+
+
+class StepSums(NamedTuple):
+    """Per step (T + 1,): sum and sum of squares over the runs that are not lost, and their number."""
+
+    total: Array
+    squares: Array
+    number: Array
+
+    def plus(self, other: "StepSums") -> "StepSums":
+        """The sums over both sets of runs."""
+        return StepSums(*(a + b for a, b in zip(self, other, strict=True)))
+
+
+def joined(prefix: str, quantity: str) -> str:
+    """``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
+    return f"{prefix}_{quantity}" if quantity else prefix
+
+
+def series(
+    scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
+) -> dict[str, Array]:
+    """Every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M)."""
+    out: dict[str, Array] = {}
+    for quantity, error in scenario.errors(mean, truth).items():
+        out[joined("squared", quantity)] = np.square(error).sum(axis=0)
+        if len(error) == 1:
+            out[joined("error", quantity)] = error[0]
+    out["nees"] = nees
+    if exact is not None:
+        for quantity, error in scenario.errors(mean, exact).items():
+            out[joined("distance", quantity)] = np.square(error).sum(axis=0)
+    return out
+
+
+def per_run_metrics(
+    scenario: Scenario, values: dict[str, Array], counts: Collection[str]
+) -> dict[str, Array]:
+    """Numbers per run (M,): root mean squares over each window, means of the rest; NaN if lost.
+
+    ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``.
+    """
+    lost = lost_runs(scenario, values)
+    out: dict[str, Array] = {"lost": lost}
+    for window, mask in scenario.windows.items():
+        suffix = f"[{window}]" if window else ""
+        for name, rows in values.items():
+            head, _, quantity = name.partition("_")
+            if head == "squared":
+                out[joined("rmse", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
+            elif head == "distance":
+                out[joined("distance", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
+            elif name in counts:
+                out[name + suffix] = np.nansum(rows[mask], axis=0)
+            elif head != "error":
+                out[name + suffix] = _mean(rows[mask])
+    return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
+
+
+def lost_runs(scenario: Scenario, values: dict[str, Array]) -> Array:
+    """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
+    first = next(rows for name, rows in values.items() if name.startswith("squared"))
+    lost = np.where(np.isfinite(first).all(axis=0), FOUND, NOT_FINITE)
+    limit = getattr(scenario, "lost_beyond", None)
+    if limit is not None:
+        lost = np.where((lost == FOUND) & (first > limit**2).any(axis=0), TOO_FAR, lost)
+    return lost
+
+
+def step_sums(rows: Array, lost: Array) -> StepSums:
+    """Sums over the runs that are not lost and whose value exists."""
+    counted: Mask = (lost == FOUND) & ~np.isnan(rows)
+    kept = np.where(counted, rows, 0.0)
+    return StepSums(
+        kept.sum(axis=1), np.square(kept).sum(axis=1), counted.sum(axis=1).astype(float)
+    )
+
+
+def _mean(rows: Array) -> Array:
+    """Mean over steps of the values that exist; NaN where none does."""
+    there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
+    total = np.where(there, rows, 0.0).sum(axis=0)
+    return np.asarray(total / there.sum(axis=0))

@@ -1,0 +1,92 @@
+"""Putting a config together: parts from other files, and overrides by path."""
+
+from pathlib import Path
+from typing import Any
+
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.source import Keys, Source, dotted, read
+
+_PARTS = ("filters", "tables", "figures")
+
+
+def inline_parts(source: Source, folder: Path) -> list[Problem]:
+    """Replace every path, and every ``{use: path, ...}``, by the mapping in that file."""
+    places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
+    for group in _PARTS:
+        if isinstance(source.data.get(group), dict):
+            places += [(group, label) for label in source.data[group]]
+    problems: list[Problem] = []
+    for keys in places:
+        try:
+            _inline(source, keys, folder, depth=0)
+        except UserError as error:
+            problems += [p for p in error.problems if isinstance(p, Problem)]
+    return problems
+
+
+def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
+    """Set the value at ``keys``, making mappings on the way; positions become ``mark``."""
+    data = source.data
+    for depth, key in enumerate(keys[:-1]):
+        if isinstance(data, dict) and not isinstance(data.get(key), dict | list):
+            data[key] = {}
+            source.marks[keys[: depth + 1]] = mark
+        data = data[key]
+    data[keys[-1]] = value
+    source.marks[keys] = source.key_marks[keys] = mark
+
+
+def split_path(source: Source, path: str) -> Keys:
+    """A dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
+    keys: Keys = ()
+    data: Any = source.data
+    while path:
+        known = (
+            [k for k in data if path == k or path.startswith(f"{k}.")]
+            if isinstance(data, dict)
+            else []
+        )
+        key: str = max(known, key=len) if known else path.partition(".")[0]
+        path = path[len(key) + 1 :]
+        if isinstance(data, list):
+            index = int(key) if key.isdigit() and int(key) < len(data) else None
+            if index is None:
+                raise UserError(f"{dotted((*keys, key))}: no such item")
+            keys, data = (*keys, index), data[index]
+        else:
+            keys, data = (*keys, key), data.get(key) if isinstance(data, dict) else None
+    return keys
+
+
+def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
+    parent: Any = source.data
+    for key in keys[:-1]:
+        parent = parent[key]
+    data = parent[keys[-1]]
+    changes: dict[str, Any] = {}
+    name = data
+    if isinstance(data, dict):
+        if "use" not in data:
+            return
+        changes = {k: v for k, v in data.items() if k != "use"}
+        name = data["use"]
+    mark = source.mark((*keys, "use") if isinstance(data, dict) else keys)
+    if not isinstance(name, str):
+        raise UserError(Problem(mark, dotted(keys), "is neither a mapping nor a path"))
+    if depth > 10:
+        raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
+    path = folder / name
+    if not path.is_file():
+        raise UserError(Problem(mark, dotted(keys), f"there is no file {path}"))
+    part = read(path)
+    if not isinstance(part.data, dict):
+        raise UserError(Problem(part.mark(()), dotted(keys), "is not a mapping with a kind"))
+    own = {k: m for k, m in source.marks.items() if k[: len(keys)] == keys and len(k) > len(keys)}
+    own_keys = {k: m for k, m in source.key_marks.items() if k[: len(keys)] == keys}
+    source.graft(keys, part)
+    source.marks.update(own)
+    source.key_marks.update(own_keys)
+    parent[keys[-1]] = {**part.data, **changes}
+    if "use" in part.data:
+        parent[keys[-1]]["use"] = part.data["use"]
+        _inline(source, keys, path.parent, depth + 1)

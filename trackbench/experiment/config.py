@@ -1,0 +1,294 @@
+"""An experiment file: read, put together from its parts, overridden, validated.
+
+All mistakes are collected before anything runs. A grid (``grid: {scenario.R: [0.1, 1]}``) makes one
+point per combination; without one there is a single point.
+"""
+
+import itertools
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import StringConstraints
+
+from trackbench.experiment.compose import inline_parts, override, split_path
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.source import Keys, Source, dotted, read, scalar
+from trackbench.experiment.validate import at, build, unknown
+from trackbench.filters.base import AnyFilter
+from trackbench.keys import Count, Natural
+from trackbench.registry import Group, kinds
+from trackbench.scenarios.base import Scenario
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """The top level of an experiment file."""
+
+    name: Name
+    """name of the experiment, and of its folder under results/"""
+    title: str = ""
+    """one line for people"""
+    seed: Natural = 0
+    """seed of every random number"""
+    runs: Count = 100
+    """Monte Carlo runs"""
+    block: Count | None = None
+    """runs computed together; default: from each filter's N, about 32 000 particles at a time"""
+    scenario: dict[str, Any]
+    """what is simulated: kind and keys, a path, or {use: path, key: value}"""
+    filters: dict[Label, dict[str, Any]]
+    """filters by label, each like the scenario"""
+    reference: Label | None = None
+    """label of the filter whose estimates the others' distances are measured to"""
+    medians: list[str] = field(default_factory=list)
+    """series whose median per step is wanted, such as nees"""
+    grid: dict[str, list[Any]] = field(default_factory=dict)
+    """paths and the values they take: every combination is run"""
+    tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """tables to write, by name"""
+    figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """figures to draw, by name"""
+    plugins: list[str] = field(default_factory=list)
+    """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One combination of the grid's values, with its scenario and filters by label."""
+
+    values: dict[str, Any]
+    scenario: Scenario
+    filters: dict[str, AnyFilter]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A validated experiment; ``resolved`` is its config with every default filled in."""
+
+    settings: Settings
+    points: list[Point]
+    tables: dict[str, Any]
+    figures: dict[str, Any]
+    resolved: dict[str, Any]
+
+    @property
+    def shown_runs(self) -> int:
+        """How many runs' whole tracks the figures need."""
+        return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
+
+
+def load(
+    path: Path,
+    overrides: list[str] | None = None,
+    only: list[str] | None = None,
+    runs: int | None = None,
+    seed: int | None = None,
+) -> Experiment:
+    """Read and validate an experiment; raises UserError with every mistake found."""
+    source = read(path)
+    if not isinstance(source.data, dict):
+        raise UserError(
+            Problem(source.mark(()), "", "an experiment is a mapping of keys to values")
+        )
+    problems = inline_parts(source, path.parent)
+    if problems:
+        raise UserError(*sorted(problems))
+    for text in overrides or []:
+        keys, value, mark = _parse_override(source, text)
+        override(source, keys, value, mark)
+    for key, number in (("runs", runs), ("seed", seed)):
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
+    return _validated(source, only)
+
+
+def _validated(source: Source, only: list[str] | None) -> Experiment:
+    problems: list[Problem] = []
+    settings = build(Settings, source, (), problems)
+    if settings is None:
+        # Go on to the parts, so that one round of corrections is enough.
+        _sections(source, problems)
+        raise UserError(*sorted(set(problems)))
+    labels = _labels(source, settings, only, problems)
+    points = []
+    for values, marks in _grid(source, settings, problems):
+        for path, value in values.items():
+            override(source, split_path(source, path), value, marks[path])
+        points.append(_point(source, labels, values, problems))
+    tables = _parts("tables", source, problems)
+    figures = _parts("figures", source, problems)
+    _check_named_filters(source, settings, tables | figures, problems)
+    if problems:
+        raise UserError(*sorted(set(problems)))
+    found = [p for p in points if p is not None]
+    return Experiment(settings, found, tables, figures, _resolved(settings, found, tables, figures))
+
+
+def _point(
+    source: Source, labels: list[str], values: dict[str, Any], problems: list[Problem]
+) -> Point | None:
+    scenario = build_kind("scenarios", source, ("scenario",), problems)
+    filters = {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
+    if scenario is None:
+        return None
+    for label, tracker in filters.items():
+        if tracker is not None:
+            _check_fit(source, ("filters", label), tracker, scenario, problems)
+    return Point(dict(values), scenario, filters)
+
+
+def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]) -> Any:
+    """The registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    data = at(source, keys)
+    if not isinstance(data, dict) or "kind" not in data:
+        what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+        problems.append(Problem(source.mark(keys), dotted(keys), what))
+        return None
+    known = kinds(group)
+    kind = data["kind"]
+    if kind not in known:
+        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(known))}"
+        problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
+        return None
+    cls = known[kind]
+    part = Source(_with_preset(cls, source, keys, problems), {}, {})
+    for own, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
+        own.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
+    found: list[Problem] = []
+    built = build(cls, part, (), found)
+    problems += [
+        Problem(p.mark, ".".join(filter(None, [dotted(keys), p.path])), p.what) for p in found
+    ]
+    return built
+
+
+def _with_preset(
+    cls: type[Any], source: Source, keys: Keys, problems: list[Problem]
+) -> dict[str, Any]:
+    data = {k: v for k, v in at(source, keys).items() if k != "kind"}
+    name = data.get("preset")
+    presets = getattr(cls, "presets", {})
+    if name is None or not presets:
+        return data
+    del data["preset"]
+    if name not in presets:
+        what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
+        where = (*keys, "preset")
+        problems.append(Problem(source.mark(where), dotted(where), what))
+        return data
+    return {**presets[name], **data}
+
+
+def _check_fit(
+    source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
+) -> None:
+    """What the filter needs of the model, and what it says itself about this scenario."""
+    for need in getattr(tracker, "needs", ()):
+        part, _, name = need.partition(".")
+        if not hasattr(getattr(scenario.model, part), name):
+            what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
+            problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
+    conflicts = getattr(tracker, "conflicts", None)
+    for key, what in (conflicts(scenario) if conflicts else {}).items():
+        where = (*keys, *key.split(".")) if key else keys
+        problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def _labels(
+    source: Source, settings: Settings, only: list[str] | None, problems: list[Problem]
+) -> list[str]:
+    known = list(settings.filters)
+    if not known:
+        problems.append(Problem(source.mark(("filters",)), "filters", "name at least one filter"))
+    for label in only or []:
+        if label not in known:
+            problems.append(Problem(Mark(f"--only {label}"), "", unknown(label, known)))
+    if settings.reference is not None and settings.reference not in known:
+        what = f"{settings.reference!r} is not a filter here; {unknown(settings.reference, known)}"
+        problems.append(Problem(source.mark(("reference",)), "reference", what))
+    return [label for label in known if not only or label in only or label == settings.reference]
+
+
+def _grid(
+    source: Source, settings: Settings, problems: list[Problem]
+) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+    paths = list(settings.grid)
+    for path, values in settings.grid.items():
+        if not values:
+            where = ("grid", path)
+            problems.append(Problem(source.mark(where), dotted(where), "has no values"))
+        elif split_path(source, path)[0] not in ("scenario", "filters"):
+            where = ("grid", path)
+            what = "a grid varies scenario.KEY or filters.LABEL.KEY"
+            problems.append(Problem(source.key_mark(where), dotted(where), what))
+            return []
+    out = []
+    for numbers in itertools.product(*(range(len(settings.grid[p])) for p in paths)):
+        chosen = dict(zip(paths, numbers, strict=True))
+        taken = {p: settings.grid[p][i] for p, i in chosen.items()}
+        marks = {p: source.mark(("grid", p, i)) for p, i in chosen.items()}
+        out.append((taken, marks))
+    return out
+
+
+def _sections(source: Source, problems: list[Problem]) -> None:
+    if isinstance(source.data.get("scenario"), dict):
+        build_kind("scenarios", source, ("scenario",), problems)
+    for group in ("filters", "tables", "figures"):
+        if isinstance(source.data.get(group), dict):
+            for label in source.data[group]:
+                build_kind(group, source, (group, label), problems)
+
+
+def _parts(group: Group, source: Source, problems: list[Problem]) -> dict[str, Any]:
+    parts = source.data.get(group) or {}
+    return {name: build_kind(group, source, (group, name), problems) for name in parts}
+
+
+def _check_named_filters(
+    source: Source, settings: Settings, parts: dict[str, Any], problems: list[Problem]
+) -> None:
+    """Tables and figures may name filters only that the experiment has."""
+    for name, part in parts.items():
+        group = "tables" if name in settings.tables else "figures"
+        for i, label in enumerate(getattr(part, "filters", None) or ()):
+            if label not in settings.filters:
+                where = (group, name, "filters", i)
+                what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
+                problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def _parse_override(source: Source, text: str) -> tuple[Keys, Any, Mark]:
+    path, separator, value = text.partition("=")
+    mark = Mark(f"--set {text}")
+    if not separator or not path:
+        raise UserError(Problem(mark, "", "write PATH=VALUE"))
+    return split_path(source, path), scalar(value), mark
+
+
+def _resolved(
+    settings: Settings, points: list[Point], tables: dict[str, Any], figures: dict[str, Any]
+) -> dict[str, Any]:
+    """The config as plain data with every default; a grid keeps its list of values."""
+    first = points[0]
+    out = asdict(settings)
+    out["scenario"] = as_config(first.scenario)
+    out["filters"] = {label: as_config(f) for label, f in first.filters.items()}
+    out["tables"] = {name: as_config(t) for name, t in tables.items()}
+    out["figures"] = {name: as_config(f) for name, f in figures.items()}
+    return out
+
+
+def as_config(part: Any) -> dict[str, Any]:
+    """A registered dataclass as the mapping that makes it."""
+    return {"kind": part.kind, **_plain(asdict(part))}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,37 @@
+"""Mistakes in what the user typed: each one line with file and position, all of them at once."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True)
+class Mark:
+    """A place in a file; line and column count from 1, or are 0 for a command-line option."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One mistake: where, at which path in the config, and what."""
+
+    mark: Mark
+    path: str
+    what: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.mark}: {self.path}: {self.what}" if self.path else f"{self.mark}: {self.what}"
+        )
+
+
+class UserError(Exception):
+    """Bad input: printed as its lines, without a traceback, exit code 2."""
+
+    def __init__(self, *problems: Problem | str) -> None:
+        super().__init__("\n".join(str(p) for p in problems))
+        self.problems = problems

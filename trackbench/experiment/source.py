@@ -1,0 +1,160 @@
+"""YAML with positions: plain data, and where every key and value stands.
+
+Numbers follow YAML 1.2 (``1e-5`` is a number, ``no`` is a word). Duplicate keys, tags and unreasonable
+sizes are mistakes; nothing is ever constructed but the plain types.
+"""
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+from trackbench.experiment.problems import Mark, Problem, UserError
+
+Keys: TypeAlias = tuple[str | int, ...]
+"""Where a value stands: the keys and list indices that lead to it."""
+
+_LARGEST_FILE = 1_000_000  # bytes
+_MOST_NODES = 20_000  # after aliases are expanded
+_DEEPEST = 50
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_INT = re.compile(r"[-+]?[0-9]+")
+_SPECIAL = {
+    ".inf": float("inf"),
+    "+.inf": float("inf"),
+    "-.inf": float("-inf"),
+    ".nan": float("nan"),
+}
+_WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
+
+
+@dataclass
+class Source:
+    """Plain data with the position of every value and of every key."""
+
+    data: Any
+    marks: dict[Keys, Mark] = field(default_factory=dict)
+    key_marks: dict[Keys, Mark] = field(default_factory=dict)
+
+    def mark(self, keys: Keys) -> Mark:
+        """Where the value stands, or the nearest thing around it."""
+        while keys not in self.marks and keys:
+            keys = keys[:-1]
+        return self.marks.get(keys, Mark("config"))
+
+    def key_mark(self, keys: Keys) -> Mark:
+        """Where the key itself stands."""
+        return self.key_marks.get(keys) or self.mark(keys)
+
+    def graft(self, keys: Keys, other: "Source") -> None:
+        """Take over the positions of a part that came from another file."""
+        for mine, theirs in ((self.marks, other.marks), (self.key_marks, other.key_marks)):
+            mine.update({keys + at: mark for at, mark in theirs.items()})
+
+
+def dotted(keys: Keys) -> str:
+    """``filters.HDEPF.CR``."""
+    return ".".join(str(k) for k in keys)
+
+
+def read(path: Path, shown: str | None = None) -> Source:
+    """Parse a YAML file; ``shown`` is how messages name it."""
+    name = shown or str(path)
+    try:
+        size = path.stat().st_size
+        text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else ""
+    except UnicodeDecodeError:
+        raise UserError(Problem(Mark(name), "", "is not a text file in UTF-8")) from None
+    except OSError as error:
+        raise UserError(Problem(Mark(name), "", (error.strerror or str(error)).lower())) from None
+    if size > _LARGEST_FILE:
+        raise UserError(Problem(Mark(name), "", f"has {size} bytes; a config has under 1 MB"))
+    return parse(text, name)
+
+
+def parse(text: str, name: str) -> Source:
+    """Parse YAML text."""
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
+        raise UserError(Problem(mark, "", f"not valid YAML: {error.problem}")) from None
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise UserError(Problem(Mark(name, 1, 1), "", f"not valid YAML: {first}")) from None
+    except RecursionError:
+        raise UserError(Problem(Mark(name, 1, 1), "", "is nested too deeply")) from None
+    if node is None:
+        raise UserError(Problem(Mark(name, 1, 1), "", "is empty"))
+    builder = _Builder(name)
+    data = builder.build(node, ())
+    if builder.problems:
+        raise UserError(*builder.problems)
+    return Source(data, builder.marks, builder.key_marks)
+
+
+def scalar(text: str) -> Any:
+    """A plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
+    if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
+        return _WORDS[text.lower()]
+    if _INT.fullmatch(text):
+        return int(text) if len(text) < 400 else text
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    return _SPECIAL.get(text.lower(), text)
+
+
+class _Builder:
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.problems: list[Problem] = []
+        self.marks: dict[Keys, Mark] = {}
+        self.key_marks: dict[Keys, Mark] = {}
+        self.nodes = 0
+
+    def build(self, node: yaml.Node, keys: Keys) -> Any:
+        mark = self._mark(node)
+        self.marks[keys] = mark
+        self.nodes += 1
+        if self.nodes > _MOST_NODES:
+            raise UserError(Problem(mark, "", f"more than {_MOST_NODES} values after aliases"))
+        if len(keys) > _DEEPEST:
+            raise UserError(Problem(mark, "", f"nested more than {_DEEPEST} levels deep"))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, keys)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
+        return self._scalar(node, keys)
+
+    def _mapping(self, node: yaml.MappingNode, keys: Keys) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            mark = self._mark(key_node)
+            if not isinstance(key_node, yaml.ScalarNode):
+                self.problems.append(Problem(mark, dotted(keys), "a key must be a word"))
+                continue
+            key = str(key_node.value)
+            at = (*keys, key)
+            if key in out:
+                first = self.key_marks[at].line
+                what = f"duplicate key, first given on line {first}"
+                self.problems.append(Problem(mark, dotted(at), what))
+                continue
+            self.key_marks[at] = mark
+            out[key] = self.build(value_node, at)
+        return out
+
+    def _scalar(self, node: yaml.Node, keys: Keys) -> Any:
+        standard = "tag:yaml.org,2002:"
+        plain = getattr(node, "style", None) is None
+        if not node.tag.startswith(standard) or (not plain and node.tag != f"{standard}str"):
+            what = f"the tag {node.tag} is not allowed"
+            self.problems.append(Problem(self._mark(node), dotted(keys), what))
+            return None
+        return scalar(node.value) if plain else node.value
+
+    def _mark(self, node: yaml.Node) -> Mark:
+        return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)

@@ -1,0 +1,172 @@
+"""The files of a results folder, each written whole or not at all."""
+
+import csv
+import io
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+import trackbench
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.statistics import mean
+from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.experiment.config import Experiment
+from trackbench.experiment.runner import Outcome
+
+Row = Iterable[Any]
+
+
+def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> None:
+    """Everything that follows from the results alone; tables and figures come from these files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = list(experiment.settings.grid)
+    write_text(folder / "config.yaml", as_yaml(experiment.resolved))
+    frames = {
+        "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
+        "per_step.csv": (
+            ["filter", "step", "time", "metric", "value", "stderr", "runs"],
+            _per_step,
+        ),
+        "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
+        "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
+    }
+    for name, (header, rows) in frames.items():
+        write_csv(folder / name, paths + header, _by_filter(experiment, outcome, rows))
+    _write_tracks(folder / "shown.npz", experiment, outcome, only=experiment.shown_runs)
+    if tracks:
+        _write_tracks(folder / "tracks.npz", experiment, outcome, only=None)
+    write_text(
+        folder / "manifest.json", json.dumps(_manifest(experiment, outcome), indent=2) + "\n"
+    )
+
+
+def as_yaml(data: Any) -> str:
+    """Plain data as YAML in the order it is given."""
+    return yaml.safe_dump(
+        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
+    )
+
+
+def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
+    """A CSV with numbers in their shortest exact form."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    write_text(path, out.getvalue())
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Temporary file, fsync, rename: the old file stands until the new one is complete."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _by_filter(experiment: Experiment, outcome: Outcome, rows: Any) -> Iterator[Row]:
+    for (i, label), result in outcome.results.items():
+        point = experiment.points[i]
+        prefix = [*point.values.values(), label]
+        for row in rows(result, point.scenario):
+            yield [*prefix, *row]
+
+
+def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
+    for metric, values in result.per_run.items():
+        for run, value in enumerate(values.tolist()):
+            yield run, metric, value
+
+
+def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
+    steps, times = scenario.steps.tolist(), scenario.times.tolist()
+    for row in step_rows(result, len(scenario.model.motion.components)):
+        yield steps[row.position], times[row.position], *_plain(row[1:])
+
+
+def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
+    for row in summary_rows(result, len(scenario.model.motion.components)):
+        yield _plain(row)
+
+
+def _timing(result: FilterResult, scenario: Any) -> Iterator[Row]:
+    runs = sum(t.runs for t in result.timing)
+    cpu_s = sum(t.cpu_s for t in result.timing)
+    per_run = mean(np.array([t.cpu_s / t.runs for t in result.timing]))
+    yield _plain([runs, cpu_s, cpu_s / runs, per_run.stderr])
+
+
+def _plain(row: Row) -> list[Any]:
+    return [x.item() if isinstance(x, np.generic) else x for x in row]
+
+
+def _write_tracks(path: Path, experiment: Experiment, outcome: Outcome, only: int | None) -> None:
+    """``truth``, ``measurements``, ``mean/<filter>`` and, for all runs, ``cov/<filter>``."""
+    arrays: dict[str, Any] = {}
+    for (i, label), result in outcome.results.items():
+        if result.tracks is None:
+            continue
+        point = f"point{i}/" if len(experiment.points) > 1 else ""
+        truth, seen, mean_, cov = result.tracks
+        arrays[f"{point}steps"] = experiment.points[i].scenario.steps
+        arrays[f"{point}times"] = experiment.points[i].scenario.times
+        arrays[f"{point}truth"] = truth[..., :only]
+        arrays[f"{point}measurements"] = seen[..., :only]
+        arrays[f"{point}mean/{label}"] = mean_[..., :only]
+        if only is None and cov is not None:
+            arrays[f"{point}cov/{label}"] = cov
+    if arrays:
+        out = io.BytesIO()
+        np.savez_compressed(out, **arrays)
+        write_bytes(path, out.getvalue())
+
+
+def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
+    return {
+        "trackbench": trackbench.__version__,
+        "commit": _commit(),
+        "experiment": experiment.settings.name,
+        "seed": experiment.settings.seed,
+        "runs": experiment.settings.runs,
+        "python": sys.version.split()[0],
+        "platform": platform.platform(),
+        "packages": {name: version(name) for name in packages},
+        "failed": {label: why for (_, label), why in outcome.failures.items()},
+        "wall_s": round(outcome.wall_s, 3),
+        "cpu_s": round(sum(t.cpu_s for r in outcome.results.values() for t in r.timing), 3),
+    }
+
+
+def _commit() -> str | None:
+    """The git commit of the package's own source, if it is a checkout."""
+    here = Path(trackbench.__file__).parent
+    try:
+        found = subprocess.run(
+            ["git", "-C", str(here), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return found.stdout.strip()

@@ -1,0 +1,136 @@
+"""A mapping into a frozen dataclass, with every mistake said in words and with its position."""
+
+import json
+from dataclasses import is_dataclass
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, TypeVar, cast
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from trackbench.experiment.problems import Problem
+from trackbench.experiment.source import Keys, Source, dotted
+
+T = TypeVar("T")
+
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "string": "a word",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping",
+    "dataclass": "a mapping",
+    "finite_number": "a finite number",
+}
+
+
+def adapter(cls: type[T]) -> TypeAdapter[T]:
+    """Strict validator of a dataclass: unknown keys are mistakes, attribute docstrings are help."""
+    # Set here and not on every class, so that a filter stays a plain dataclass.
+    if "__pydantic_config__" not in cls.__dict__:
+        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+        setattr(cls, "__pydantic_config__", config)  # noqa: B010
+    return _adapter(cast(Any, cls))
+
+
+def help_texts(cls: type[Any]) -> dict[str, str]:
+    """What each key means: the docstring under the field, in the class or in a base of it."""
+    texts: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        if is_dataclass(base):
+            keys = adapter(base).json_schema().get("properties", {})
+            texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
+    return texts
+
+
+@cache
+def _adapter(cls: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(cls)
+
+
+def build(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
+    """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``."""
+    data = at(source, keys)
+    if not isinstance(data, dict):
+        problems.append(Problem(source.mark(keys), dotted(keys), f"{_show(data)} is not a mapping"))
+        return None
+    try:
+        # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
+        return adapter(cls).validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        seen = set()
+        for item in error.errors(include_url=False):
+            problem = _problem(item, source, keys, cls)
+            if problem not in seen:
+                problems.append(problem)
+            seen.add(problem)
+        return None
+
+
+def at(source: Source, keys: Keys) -> Any:
+    """The value at ``keys``."""
+    data = source.data
+    for key in keys:
+        data = data[key]
+    return data
+
+
+def unknown(word: str, known: list[str]) -> str:
+    """``did you mean ...?``, or all there is."""
+    near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
+def _problem(item: Any, source: Source, keys: Keys, cls: type[Any]) -> Problem:
+    where = _existing(source, keys, item["loc"])
+    kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        known = list(cls.__dataclass_fields__) if len(where) == len(keys) + 1 else []
+        what = f"unknown key; {unknown(str(where[-1]), known)}" if known else "unknown key"
+        return Problem(source.key_mark(where), dotted(where), what)
+    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        path = dotted((*keys, *item["loc"]))
+        return Problem(source.key_mark(where), path, "this key is required")
+    return Problem(source.mark(where), dotted(where), _words(kind, ctx, value, item["msg"]))
+
+
+def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
+    shown = _show(value)
+    if kind == "value_error":
+        return str(ctx["error"])
+    if kind == "greater_than_equal":
+        return f"{shown} is less than {_show(ctx['ge'])}"
+    if kind == "greater_than":
+        return f"{shown} is not greater than {_show(ctx['gt'])}"
+    if kind == "less_than_equal":
+        return f"{shown} is greater than {_show(ctx['le'])}"
+    if kind == "less_than":
+        return f"{shown} is not less than {_show(ctx['lt'])}"
+    if kind == "literal_error":
+        return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
+    if kind == "string_pattern_mismatch":
+        return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
+    name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
+    return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
+
+
+def _existing(source: Source, keys: Keys, loc: tuple[str | int, ...]) -> Keys:
+    """The part of a validator's location that exists in the config (unions add names of types)."""
+    found = keys
+    for step in loc:
+        if (*found, step) in source.marks:
+            found = (*found, step)
+    return found
+
+
+def _show(value: Any) -> str:
+    if isinstance(value, float) and value == int(value) if _finite(value) else False:
+        return f"{value:g}"
+    text = json.dumps(value) if not isinstance(value, str) else repr(value)
+    return text if len(text) < 60 else text[:57] + "..."
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, float) and abs(value) < float("inf")

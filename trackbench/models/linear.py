@@ -1,0 +1,44 @@
+"""Linear motion models of one or two axes: the matrices F and Q from their few parameters.
+
+A state of two axes is (px, vx, py, vy), m and m/s.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+
+
+@dataclass(frozen=True)
+class CWNA:
+    """Continuous white noise acceleration on two axes (banana paper, eqs. 4-6).
+
+    ``T`` sampling time, s; ``q`` power spectral density of the acceleration, m^2/s^3.
+    """
+
+    T: float
+    q: float
+    components: tuple[str, ...] = ("px", "vx", "py", "vy")
+
+    @cached_property
+    def F(self) -> Array:
+        """Transition matrix (4, 4), eq. 5."""
+        return np.kron(np.eye(2), np.array([[1.0, self.T], [0.0, 1.0]]))
+
+    @cached_property
+    def Q(self) -> Array:
+        """Process noise covariance (4, 4), eq. 6."""
+        T = self.T
+        return np.kron(np.eye(2), self.q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]]))
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """N(F x, Q)."""
+        return Gaussian(linalg.matvec(self.F, x), self.Q)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """F."""
+        return self.F

@@ -1,0 +1,81 @@
+"""One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
+
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe & Ito 2008, without its yellow, which disappears on paper.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
+WIDTH_IN = 7.0
+
+_RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "legend.fontsize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    "svg.hashsalt": "trackbench",
+    "svg.fonttype": "none",
+}
+
+
+def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.2, **kwargs: Any) -> Any:
+    """A figure and its axes in the house style; nothing is shown on a screen."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    with mpl.rc_context(_RC):
+        return plt.subplots(
+            rows, columns, figsize=(WIDTH_IN, height_in), layout="constrained", **kwargs
+        )
+
+
+def line(index: int) -> dict[str, Any]:
+    """Colour and dash of the filter that stands at ``index`` among the experiment's filters."""
+    colour = COLOURS[index % len(COLOURS)]
+    dash = DASHES[(index + index // len(COLOURS)) % len(DASHES)]
+    return {"color": colour, "linestyle": dash}
+
+
+def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
+    """One legend to the right of the axes, each label once."""
+    found: dict[str, Any] = {}
+    for ax in axes if isinstance(axes, Sequence) else [axes]:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(
+        found.values(), found.keys(), loc="outside right upper", fontsize=8, frameon=False
+    )
+
+
+def content(figure: "Figure", form: str) -> bytes:
+    """The figure as a file's content, without dates, so that equal figures are equal files."""
+    import matplotlib as mpl
+
+    out = io.BytesIO()
+    metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with mpl.rc_context(_RC):
+        figure.savefig(out, format=form, metadata=metadata[form])
+    return out.getvalue()
+
+
+def close(figure: "Figure") -> None:
+    """Free the figure's memory."""
+    from matplotlib import pyplot as plt
+
+    plt.close(figure)

@@ -1,0 +1,99 @@
+"""A table of numbers with standard errors, as CSV and as Markdown."""
+
+from dataclasses import dataclass, field
+from math import floor, isfinite, isinf, log10
+from typing import NamedTuple
+
+from trackbench.evaluation.statistics import Estimate
+
+
+class Cell(NamedTuple):
+    """An estimate over so many runs, with the number of runs that were lost beside them."""
+
+    estimate: Estimate
+    runs: int
+    lost: int
+
+    @classmethod
+    def missing(cls) -> "Cell":
+        """A cell without a number: the filter failed, was left out, or has no such metric."""
+        return cls(Estimate(float("nan"), float("nan")), 0, 0)
+
+
+@dataclass
+class Table:
+    """Rows of keys and cells."""
+
+    title: str
+    key_headers: list[str]
+    value_headers: list[str]
+    digits: int
+    keys: list[list[str]] = field(default_factory=list)
+    cells: list[list[Cell]] = field(default_factory=list)
+
+    def add(self, keys: list[str], cells: list[Cell]) -> None:
+        """Append a row."""
+        self.keys.append(keys)
+        self.cells.append(cells)
+
+    @property
+    def csv_header(self) -> list[str]:
+        """Keys, then value and standard error of each column, then the runs lost."""
+        pairs = [name for head in self.value_headers for name in (head, f"{head} stderr")]
+        return [*self.key_headers, *pairs, "lost"]
+
+    def csv_rows(self) -> list[list[object]]:
+        """One row per row, numbers in full."""
+        rows = []
+        for keys, cells in zip(self.keys, self.cells, strict=True):
+            values = [x for cell in cells for x in cell.estimate]
+            rows.append([*keys, *values, max(c.lost for c in cells)])
+        return rows
+
+    def markdown(self) -> str:
+        """A Markdown table, ``value ± stderr``; lost runs are named in the row's last column."""
+        lost = any(c.lost for cells in self.cells for c in cells)
+        heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
+        lines = [_line(heads), _line(["---"] * len(heads))]
+        for keys, cells in zip(self.keys, self.cells, strict=True):
+            row = [*map(_escaped, keys), *(self.text(c) for c in cells)]
+            if lost:
+                most = max(cells, key=lambda c: c.lost)
+                row.append(f"{most.lost} of {most.lost + most.runs}" if most.lost else "0")
+            lines.append(_line(row))
+        caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
+        return caption + "\n".join(lines) + "\n"
+
+    def text(self, cell: Cell) -> str:
+        """``0.3164 ± 0.0080``; in words where there is no number."""
+        value, stderr = cell.estimate
+        if isinf(value):
+            return "infinite"
+        if not isfinite(value):
+            return "all runs lost" if cell.lost and not cell.runs else "–"
+        return rounded(value, stderr, self.digits)
+
+
+def rounded(value: float, stderr: float, digits: int) -> str:
+    """Value and standard error to the same decimal place, the error with two digits."""
+    decimals = digits - 1 - _exponent(value)
+    if isfinite(stderr) and stderr > 0:
+        decimals = min(decimals, 1 - _exponent(stderr)) if value else 1 - _exponent(stderr)
+    decimals = max(decimals, 0)
+    if decimals > 7:
+        return f"{value:.2e} ± {stderr:.1e}" if isfinite(stderr) else f"{value:.2e}"
+    if not isfinite(stderr):
+        return f"{value:.{decimals}f}"
+    return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+
+
+def _exponent(x: float) -> int:
+    return floor(log10(abs(x))) if x else 0
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")

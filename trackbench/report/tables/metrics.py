@@ -1,0 +1,81 @@
+"""Table kind `metrics`: filters down, metrics across, each number with its standard error."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trackbench.evaluation.statistics import Estimate, relative_gain
+from trackbench.registry import register
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gain:
+    """A last row: by how much one filter's rms is below another's, on common runs."""
+
+    of: str
+    """label of the better filter"""
+    over: str
+    """label of the filter it is compared with"""
+
+
+@register("tables", "metrics")
+@dataclass(frozen=True, kw_only=True)
+class Metrics:
+    """A row per filter, a column per metric of summary.csv, such as `mean(rmse)`."""
+
+    title: str = ""
+    """caption"""
+    columns: dict[str, str]
+    """header: metric of summary.csv, or `cpu_s_per_run` of timing.csv"""
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all"""
+    digits: int = 4
+    """significant digits of the values"""
+    gain: Gain | None = None
+    """a last row with one filter's improvement over another's, in percent"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        table = Table(self.title, [*results.grid, "Filter"], list(self.columns), self.digits)
+        for point in results.points():
+            found = _index(results, point)
+            keys = [str(v) for v in point.values()]
+            for label in labels:
+                cells = [found.get((label, m), Cell.missing()) for m in self.columns.values()]
+                table.add([*keys, label], cells)
+            if self.gain is not None:
+                head = f"{self.gain.of} below {self.gain.over} (%)"
+                table.add([*keys, head], list(self._gains(results, point, self.gain)))
+        return table
+
+    def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:
+        frame = results.at(results.per_run, point)
+        for metric in self.columns.values():
+            name = metric.partition("(")[2].removesuffix(")")
+            rows = frame[frame["metric"] == name].pivot(
+                index="run", columns="filter", values="value"
+            )
+            if gain.of not in rows or gain.over not in rows:
+                yield Cell.missing()
+                continue
+            both = rows[[gain.of, gain.over]].to_numpy()
+            both = both[np.isfinite(both).all(axis=1)]
+            value, stderr = relative_gain(both[:, 0], both[:, 1])
+            yield Cell(Estimate(100 * value, 100 * stderr), runs=len(both), lost=0)
+
+
+def _index(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
+    """Cells by (filter, metric)."""
+    cells: dict[tuple[str, str], Cell] = {}
+    for row in results.at(results.summary, point).to_dict("records"):
+        cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
+        cells[row["filter"], row["metric"]] = cell
+    for row in results.at(results.timing, point).to_dict("records"):
+        cell = Cell(Estimate(row["cpu_s_per_run"], row["stderr"]), row["runs"], 0)
+        cells[row["filter"], "cpu_s_per_run"] = cell
+    return cells
