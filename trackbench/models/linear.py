@@ -27,13 +27,14 @@ class CWNA:
     @cached_property
     def F(self) -> Array:
         """Transition matrix (4, 4), eq. 5."""
-        return np.kron(np.eye(2), np.array([[1.0, self.T], [0.0, 1.0]]))
+        return np.asarray(np.kron(np.eye(2), np.array([[1.0, self.T], [0.0, 1.0]])), dtype=float)
 
     @cached_property
     def Q(self) -> Array:
         """Process noise covariance (4, 4), eq. 6."""
         T = self.T
-        return np.kron(np.eye(2), self.q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]]))
+        axis = self.q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
+        return np.asarray(np.kron(np.eye(2), axis), dtype=float)
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """N(F x, Q)."""
