@@ -34,11 +34,12 @@ def variance(x: Array) -> Estimate:
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
-    s2 = float(x.var(ddof=1))
+    s2 = x.var(ddof=1)  # a numpy scalar: its square overflows to infinity, not to an exception
     if M < 4:
-        return Estimate(s2, np.nan)
-    m4 = float(((x - x.mean()) ** 4).mean())
-    return Estimate(s2, float(np.sqrt(max(m4 - s2**2 * (M - 3) / (M - 1), 0.0) / M)))
+        return Estimate(float(s2), np.nan)
+    m4 = ((x - x.mean()) ** 4).mean()
+    spread = np.maximum(m4 - s2**2 * (M - 3) / (M - 1), 0.0)
+    return Estimate(float(s2), float(np.sqrt(spread / M)))
 
 
 @_quietly

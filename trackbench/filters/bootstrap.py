@@ -137,12 +137,11 @@ class APF(_ParticleFilter):
         first = self._log_likelihood(model, z, mu, k)
         with np.errstate(divide="ignore"):
             chosen = particles.normalise(first + np.log(cloud.w))
+        # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
+        first = np.where(chosen.dead[:, None], 0.0, first)
         index = resampling.ancestors(chosen.w, rng, self.resampling)
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
-        with np.errstate(invalid="ignore"):
-            second = self._log_likelihood(model, z, x, k) - select(first, index)
-        # 0 / 0 under the `naive` reading: the particle explains nothing, its ancestor neither.
-        second = np.where(np.isnan(second) & np.isfinite(x[0]), -np.inf, second)
+        second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, dead = particles.normalise(second)
         moved = Particles(x, w)
         return Cloud(moved, moved.moments(), dead)

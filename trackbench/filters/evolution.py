@@ -171,6 +171,8 @@ class HDEPF(_Evolutionary):
             **MERWE_DEMO,
             "weights": "floor",
             "fitness": "normalised",
+            "target": "ratio",
+            "keep_best": "none",
             "bounds": "cloud",
         },
     }

@@ -30,6 +30,7 @@ class Table:
     digits: int
     keys: list[list[str]] = field(default_factory=list)
     cells: list[list[Cell]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def add(self, keys: list[str], cells: list[Cell]) -> None:
         """Append a row."""
@@ -62,7 +63,8 @@ class Table:
                 row.append(f"{most.lost} of {most.lost + most.runs}" if most.lost else "0")
             lines.append(_line(row))
         caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
-        return caption + "\n".join(lines) + "\n"
+        notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
+        return caption + "\n".join(lines) + "\n" + notes
 
     def text(self, cell: Cell) -> str:
         """``0.3164 ± 0.0080``; in words where there is no number."""
@@ -80,7 +82,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
     if isfinite(stderr) and stderr > 0:
         decimals = min(decimals, 1 - _exponent(stderr)) if value else 1 - _exponent(stderr)
     decimals = max(decimals, 0)
-    if decimals > 7:
+    if decimals > 7 or abs(value) >= 1e6:
         return f"{value:.2e} ± {stderr:.1e}" if isfinite(stderr) else f"{value:.2e}"
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"

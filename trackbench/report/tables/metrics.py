@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.evaluation.statistics import Estimate, relative_gain
 from trackbench.registry import register
 from trackbench.report.results import Results
@@ -51,6 +52,7 @@ class Metrics:
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
                 table.add([*keys, head], list(self._gains(results, point, self.gain)))
+            table.notes += _lost_notes(results, point, labels)
         return table
 
     def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:
@@ -67,6 +69,19 @@ class Metrics:
             both = both[np.isfinite(both).all(axis=1)]
             value, stderr = relative_gain(both[:, 0], both[:, 1])
             yield Cell(Estimate(100 * value, 100 * stderr), runs=len(both), lost=0)
+
+
+def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:
+    """Why runs were lost, in words."""
+    frame = results.at(results.per_run, point)
+    lost = frame[(frame["metric"] == "lost") & (frame["value"] > 0)]
+    for label in labels:
+        codes = lost.loc[lost["filter"] == label, "value"]
+        for code, reason in LOST_BECAUSE.items():
+            number = int((codes == code).sum())
+            if number:
+                where = ", ".join(f"{k} = {v}" for k, v in point.items())
+                yield f"{label}{f' at {where}' if where else ''}: {number} runs lost because {reason}."
 
 
 def _index(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
