@@ -6,7 +6,7 @@ filters, the proposals and the Kalman moments.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import lgamma
+from math import gamma, lgamma
 from typing import Protocol
 
 import numpy as np
@@ -124,6 +124,18 @@ class Gamma:
             return np.asarray(np.log(product) / -self.rate)
         return rng.standard_gamma(self.shape, size) / self.rate
 
+    def density(self, v: Array) -> Array:
+        """Density at v: zero for v <= 0, or its formula continued there if ``smooth``."""
+        base = v if self.smooth else np.maximum(v, 0.0)
+        norm = self.rate**self.shape / gamma(self.shape)
+        power = int(self.shape) - 1 if self.smooth else self.shape - 1.0
+        return np.asarray(norm * base**power * np.exp(-self.rate * base))
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the density's formula goes on smoothly below zero: an integer shape."""
+        return self.shape == int(self.shape)
+
     def log_density(self, v: Array) -> Array:
         """Log-density at v, -inf for v <= 0."""
         log_norm = self.shape * np.log(self.rate) - lgamma(self.shape)
@@ -158,6 +170,10 @@ class Shifted:
         """``loc`` plus a fresh variate per batch member."""
         shape = self.loc.shape + trailing
         return with_trailing(self.loc, len(shape) - 1) + self.noise.draw(rng, shape)
+
+    def prob(self, x: Array) -> Array:
+        """Density of the noise's formula at ``x - loc``, continued below zero where it is smooth."""
+        return self.noise.density(x[0] - self.loc[0])
 
     def log_prob(self, x: Array) -> Array:
         """Log-density of the noise at ``x - loc``."""

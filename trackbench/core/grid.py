@@ -1,66 +1,154 @@
-"""The exact posterior of a scalar state by point masses: the floor no filter can beat.
+"""The exact posterior of a scalar state by quadrature: the floor no filter can beat.
 
-Gauss-Legendre nodes are laid anew at every step over the only intervals where the posterior can
-have mass: those that the measurement allows, cut to the support of the prediction. The Chapman-
-Kolmogorov integral (hdepf paper, eq. 3) then is a sum over the previous nodes.
+The posterior density is kept at Gauss-Legendre nodes of a few panels, laid anew at every step over
+the only intervals where it can have mass: those the measurement allows, cut to the support of the
+prediction. A noise that cannot be negative makes the integrand of the Chapman-Kolmogorov equation
+(hdepf paper, eq. 3) stop at an edge inside a panel; it is integrated up to that edge by the
+interpolating polynomial, so that the rule converges as fast as for a smooth integrand.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import legendre
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 
 Interval = tuple[Array, Array]
-"""Lower and upper ends (M,); empty where the lower is not below the upper."""
+"""Lower and upper ends; empty where the lower is not below the upper."""
 
 
-class PointMasses(NamedTuple):
-    """Nodes x (K, M) with probabilities p (K, M) that sum to one over K."""
+class Panel(NamedTuple):
+    """A density (n, M) at n Gauss-Legendre nodes x (n, M) between low and high (M,)."""
 
+    low: Array
+    high: Array
     x: Array
-    p: Array
+    density: Array
 
-    def moments(self) -> Gaussian:
-        """Mean (1, M) and variance (1, 1, M)."""
-        mean = (self.p * self.x).sum(axis=0)
-        variance = (self.p * (self.x - mean) ** 2).sum(axis=0)
-        return Gaussian(mean[None], variance[None, None])
+    @property
+    def half(self) -> Array:
+        """Half the panel's width (M,)."""
+        return 0.5 * (self.high - self.low)
+
+    @property
+    def is_point(self) -> bool:
+        """Whether this is all mass at one known value."""
+        return len(self.x) == 1
+
+    @property
+    def mass(self) -> Array:
+        """Probability at each node (n, M)."""
+        if self.is_point:
+            return self.density
+        return np.asarray(self.half * _rule(len(self.x)).weights[:, None] * self.density)
 
 
-def gauss_legendre(intervals: list[Interval], support: Interval, nodes: int) -> PointMasses:
-    """Nodes and quadrature weights (as p) over each interval cut to the support.
+Posterior = tuple[Panel, ...]
+Transition = Callable[[Array, Array], Array]
 
-    An interval that is empty for every run is left out; one empty for some runs has weight zero there.
+
+def known(x: Array) -> Posterior:
+    """All mass at x (1, M): a panel of one node and no width."""
+    return (Panel(x[0], x[0], x, np.ones_like(x)),)
+
+
+def moments(posterior: Posterior) -> Gaussian:
+    """Mean (1, M) and variance (1, 1, M)."""
+    x = np.concatenate([panel.x for panel in posterior])
+    p = np.concatenate([panel.mass for panel in posterior])
+    mean = (p * x).sum(axis=0)
+    return Gaussian(mean[None], (p * (x - mean) ** 2).sum(axis=0)[None, None])
+
+
+def hull(posterior: Posterior) -> Interval:
+    """The smallest interval (M,), (M,) that holds every panel that is not empty."""
+    there = [(panel.half > 0.0) | panel.is_point for panel in posterior]
+    low = [np.where(m, p.low, np.inf) for m, p in zip(there, posterior, strict=True)]
+    high = [np.where(m, p.high, -np.inf) for m, p in zip(there, posterior, strict=True)]
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
+    """Panels of n nodes over each interval cut to the support, with density one.
+
+    A panel that is empty for some runs has no width there; one empty for all is left out.
     """
-    unit, weight = np.polynomial.legendre.leggauss(nodes)
-    xs, ws = [], []
+    panels = []
     for low, high in intervals:
-        a, b = np.maximum(low, support[0]), np.minimum(high, support[1])
-        half = np.where(b > a, 0.5 * (b - a), 0.0)
-        if half.any():
-            xs.append(0.5 * (a + b) + half * unit[:, None])
-            ws.append(half * weight[:, None])
-    if not xs:  # no run can explain its measurement: every weight is zero
-        low, high = support
-        return PointMasses(np.stack([low, high]), np.zeros((2, *low.shape)))
-    return PointMasses(np.concatenate(xs), np.concatenate(ws))
+        a = np.maximum(low, support[0])
+        b = np.maximum(np.minimum(high, support[1]), a)
+        if (b > a).any():
+            x = 0.5 * (a + b) + 0.5 * (b - a) * _rule(n).nodes[:, None]
+            panels.append(Panel(a, b, x, np.ones_like(x)))
+    if panels:
+        return tuple(panels)
+    low, high = support  # no run can explain its measurement: nothing will have mass
+    return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)
 
 
 def condition(
-    prior: PointMasses,
-    quadrature: PointMasses,
-    transition: Callable[[Array, Array], Array],
+    prior: Posterior,
+    panels: Posterior,
+    transition: Transition,
+    origins: Callable[[Array], Interval],
     likelihood: Callable[[Array], Array],
-) -> PointMasses:
-    """Posterior on the quadrature's nodes: likelihood times the prior pushed through the transition.
+) -> Posterior:
+    """Posterior on new panels: likelihood times the prior pushed through the transition.
 
-    ``transition(x, x_new)`` is the density p(x_new | x) for x (K, 1, M) and x_new (1, J, M);
-    ``likelihood(x_new)`` is p(z | x_new) up to a factor for x_new (J, M). A run without mass is NaN.
+    ``transition(x, x_new)`` is p(x_new | x) for x (M, n) and x_new (J, M, 1), as a formula that goes
+    on smoothly beyond ``origins(x_new)``, the interval of x from which x_new can be reached;
+    ``likelihood(x_new)`` is p(z | x_new) for x_new (J, M). A run without mass becomes NaN.
     """
-    density = np.einsum("km,kjm->jm", prior.p, transition(prior.x[:, None], quadrature.x[None]))
-    mass = likelihood(quadrature.x) * density * quadrature.p
+    joint = []
+    for panel in panels:
+        reach = origins(panel.x)
+        density = sum(_pushed(old, panel.x, transition, reach) for old in prior)
+        joint.append(panel._replace(density=likelihood(panel.x) * density * panel.density))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return PointMasses(quadrature.x, mass / mass.sum(axis=0))
+        total = sum(panel.mass.sum(axis=0) for panel in joint)
+        return tuple(panel._replace(density=panel.density / total) for panel in joint)
+
+
+def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
+    """Integral of the transition density over one panel of the prior, at x_new (J, M)."""
+    n = len(panel.x)
+    kernel = transition(panel.x.T, x_new[..., None]) * panel.density.T
+    if panel.is_point:
+        return np.asarray(kernel[..., 0])
+    with np.errstate(invalid="ignore", divide="ignore"):  # a panel without width has no mass
+        middle = 0.5 * (panel.low + panel.high)
+        start, end = (np.clip((edge - middle) / panel.half, -1.0, 1.0) for edge in origins)
+    weights = weights_up_to(end, n)
+    if (start > -1.0).any():
+        weights = weights - weights_up_to(start, n)
+    integral = panel.half * np.einsum("jmn,jmn->jm", weights, kernel)
+    return np.where(panel.half > 0.0, integral, 0.0)
+
+
+def weights_up_to(t: Array, n: int) -> Array:
+    """Weights (*t.shape, n) of the n-point rule for the integral from -1 to t.
+
+    The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
+    and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.
+    """
+    if (t == 1.0).all():
+        return np.broadcast_to(_rule(n).weights, (*t.shape, n))
+    P = legendre.legvander(t, n)
+    integrals = np.concatenate([t[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
+    return integrals @ _rule(n).basis
+
+
+class _Rule(NamedTuple):
+    nodes: Array
+    weights: Array
+    basis: Array  # w_i P_m(x_i) / 2, shape (m, i)
+
+
+@lru_cache
+def _rule(n: int) -> _Rule:
+    nodes, weights = legendre.leggauss(n)
+    return _Rule(nodes, weights, 0.5 * weights * legendre.legvander(nodes, n - 1).T)

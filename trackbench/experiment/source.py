@@ -27,6 +27,10 @@ _SPECIAL = {
     "-.inf": float("-inf"),
     ".nan": float("nan"),
 }
+_PLAIN_TAGS = [
+    f"tag:yaml.org,2002:{name}"
+    for name in ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
+]
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
@@ -148,9 +152,8 @@ class _Builder:
         return out
 
     def _scalar(self, node: yaml.Node, keys: Keys) -> Any:
-        standard = "tag:yaml.org,2002:"
         plain = getattr(node, "style", None) is None
-        if not node.tag.startswith(standard) or (not plain and node.tag != f"{standard}str"):
+        if node.tag not in (_PLAIN_TAGS if plain else _PLAIN_TAGS[:1]):
             what = f"the tag {node.tag} is not allowed"
             self.problems.append(Problem(self._mark(node), dotted(keys), what))
             return None

@@ -4,6 +4,7 @@ import json
 from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
+from math import isnan
 from typing import Any, TypeVar, cast
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -100,6 +101,8 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
     shown = _show(value)
     if kind == "value_error":
         return str(ctx["error"])
+    if isinstance(value, float) and isnan(value):
+        return "NaN is not a finite number"
     if kind == "greater_than_equal":
         return f"{shown} is less than {_show(ctx['ge'])}"
     if kind == "greater_than":

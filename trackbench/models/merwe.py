@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gamma, Gaussian, Shifted
 from trackbench.core.grid import Interval
 
-_TAIL = 1e-15  # probability of gamma noise beyond the support handed to the point-mass filter
+_TAIL = 1e-12  # probability of gamma noise beyond the support handed to the point-mass filter
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,21 @@ class MerweMotion:
         """phi1 (1, 1)."""
         return np.array([[self.phi1]])
 
-    def support(self, x: Array, k: int) -> Interval:
-        """Where x_k can be, given nodes x (K, M) of x_{k-1}: ends (M,)."""
+    def support(self, low: Array, high: Array, k: int) -> Interval:
+        """Where x_k can be if x_{k-1} lies between low and high (M,): ends (M,)."""
         from scipy.special import gammainccinv
 
         longest = float(gammainccinv(self.noise.shape, _TAIL)) / self.noise.rate
-        start = self.transition(x, k).loc
-        return start.min(axis=0), start.max(axis=0) + longest
+        ends = self.transition(low, k).loc, self.transition(high, k).loc
+        return np.minimum(*ends), np.maximum(*ends) + longest
+
+    def origins(self, x: Array, k: int) -> Interval:
+        """The interval of x_{k-1} from which x_k = x can be reached: the noise is positive."""
+        everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
+        if self.phi1 == 0.0 or not self.noise.smooth:
+            return everywhere
+        edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
+        return (everywhere[0], edge) if self.phi1 > 0.0 else (edge, everywhere[1])
 
 
 @dataclass(frozen=True)

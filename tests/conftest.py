@@ -1,0 +1,54 @@
+"""Shared by every test: one way to run a filter on a scenario, and where the shipped files are."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+import pytest
+
+from trackbench.evaluation.block import BlockTask, Estimates, estimate, run_block, simulate
+from trackbench.filters.base import AnyFilter
+from trackbench.registry import kinds
+from trackbench.scenarios.base import Scenario
+
+ROOT = Path(__file__).parent.parent
+EXPERIMENTS = ROOT / "experiments"
+
+Track = Callable[..., Estimates]
+
+
+def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
+    """A filter by its kind, as a config would make it."""
+    cls = kinds("filters")[kind]
+    return cls(**({**cls.presets[preset], **keys} if preset else keys))
+
+
+def track(scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1) -> Estimates:
+    """Estimates of every step of so many runs."""
+    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
+    with np.errstate(all="ignore"):
+        return estimate(task, simulate(scenario, seed, 0, runs))
+
+
+def per_run(
+    scenario: Scenario, tracker: AnyFilter, runs: int, metric: str = "rmse", seed: int = 1
+) -> np.ndarray:
+    """A metric per run (M,)."""
+    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
+    return run_block(task).per_run[metric]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.Generator(np.random.SFC64(20260101))
+
+
+def random_covariance(rng: np.random.Generator, n: int, *batch: int) -> np.ndarray:
+    """Random symmetric positive definite matrices (n, n, *batch)."""
+    A = rng.standard_normal((n, n + 2, *batch))
+    return np.einsum("ik...,jk...->ij...", A, A)

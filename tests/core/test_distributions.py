@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from tests.conftest import random_covariance
+from trackbench.core.distributions import Gamma, Gaussian, Point, Shifted
+
+
+def test_gaussian_density_and_draws(rng: np.random.Generator) -> None:
+    P, m = random_covariance(rng, 3), rng.standard_normal(3)
+    x = rng.standard_normal((3, 40))
+    g = Gaussian(m[:, None] + np.zeros((3, 40)), P)
+    np.testing.assert_allclose(
+        g.log_prob(x), stats.multivariate_normal(m, P).logpdf(x.T), rtol=1e-10
+    )
+    draws = Gaussian(m[:, None], P).sample(rng, 100_000)[:, 0]
+    standard_error = np.sqrt(np.diag(P) / draws.shape[1])
+    assert (np.abs(draws.mean(axis=1) - m) < 4 * standard_error).all()
+    # Var of a sample covariance entry: (P_ii P_jj + P_ij^2) / n
+    spread = np.sqrt((np.outer(np.diag(P), np.diag(P)) + P**2) / draws.shape[1])
+    assert (np.abs(np.cov(draws) - P) < 4 * spread).all()
+
+
+@pytest.mark.parametrize("shape", [3.0, 2.5, 1.0, 7.0])
+def test_gamma_density_and_draws(shape: float, rng: np.random.Generator) -> None:
+    gamma, exact = Gamma(shape, 2.0), stats.gamma(shape, scale=0.5)
+    v = np.linspace(0.01, 6, 50)
+    np.testing.assert_allclose(gamma.log_density(v), exact.logpdf(v), rtol=1e-12)
+    assert (gamma.log_density(np.array([0.0, -1.0])) == -np.inf).all()
+    assert stats.kstest(gamma.draw(rng, (20_000,)), exact.cdf).pvalue > 1e-3
+    assert (gamma.expectation, gamma.variance) == pytest.approx((exact.mean(), exact.var()))
+    peak = v[np.argmax(exact.pdf(v))]
+    assert abs(gamma.peak - peak) <= v[1] - v[0]
+
+
+def test_shifted_is_the_noise_around_its_location() -> None:
+    loc = np.array([[1.0, 2.0]])
+    shifted = Shifted(Gamma(3.0, 2.0), loc)
+    np.testing.assert_allclose(shifted.mean, loc + 1.5)
+    np.testing.assert_allclose(shifted.cov, [[0.75]])
+    x = np.array([[2.5, 1.5]])
+    expected = [stats.gamma(3, scale=0.5).logpdf(1.5), -np.inf]
+    np.testing.assert_allclose(shifted.log_prob(x), expected)
+
+
+def test_point_draws_itself(rng: np.random.Generator) -> None:
+    np.testing.assert_array_equal(Point(np.array([[1.0, 2.0]])).sample(rng, 3)[0, 1], [2.0] * 3)

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from trackbench.core.evolution import Evolution, crossover, distinct_pairs, metropolis
+
+
+@pytest.mark.parametrize("N", [4, 5, 10])
+def test_pairs_are_distinct_and_uniform(N: int, rng: np.random.Generator) -> None:
+    runs = 6000
+    r1, r2 = distinct_pairs(runs, N, rng)
+    own = np.arange(runs * N).reshape(runs, N)
+    assert ((r1 // N) == np.arange(runs)[:, None]).all()
+    assert ((r2 // N) == np.arange(runs)[:, None]).all()
+    assert (r1 != own).all()
+    assert (r2 != own).all()
+    assert (r1 != r2).all()
+    # For individual 0 each of the (N - 1)(N - 2) ordered pairs has the same chance.
+    pairs = (r1[:, 0] % N) * N + r2[:, 0] % N
+    counts = np.bincount(pairs, minlength=N * N)
+    counts = counts[counts > 0]
+    cells = (N - 1) * (N - 2)
+    assert len(counts) == cells
+    chi2 = ((counts - runs / cells) ** 2 / (runs / cells)).sum()
+    assert abs(chi2 - (cells - 1)) < 5 * np.sqrt(2 * (cells - 1))
+
+
+def test_crossover_takes_the_share_it_is_told(rng: np.random.Generator) -> None:
+    x, mutant = np.zeros((2, 100, 100)), np.ones((2, 100, 100))
+    share = crossover(x, mutant, 0.6, rng).mean()
+    assert abs(share - 0.6) < 4 * np.sqrt(0.24 / x.size)
+    assert not crossover(x, mutant, 0.0, rng).any()
+    assert crossover(x, mutant, 1.0, rng).all()
+
+
+def test_metropolis_accepts_losses_with_their_probability(rng: np.random.Generator) -> None:
+    loss = np.full((200, 200), -1.0)
+    share = metropolis(loss, 2.0, rng).mean()
+    p = np.exp(-0.5)
+    assert abs(share - p) < 4 * np.sqrt(p * (1 - p) / loss.size)
+    assert metropolis(-loss, 2.0, rng).all()
+    nowhere = np.full((3, 3), np.nan)  # from zero fitness to zero fitness
+    assert not metropolis(nowhere, 2.0, rng).any()
+
+
+def test_greedy_needs_a_strict_gain(rng: np.random.Generator) -> None:
+    """Zero fitness against zero fitness must not walk."""
+    x = rng.standard_normal((1, 20, 10))
+    evolved = Evolution(F=0.9, CR=1.0, G=5).run(x, lambda x: np.full(x.shape[1:], -np.inf), rng)
+    np.testing.assert_array_equal(evolved.x, x)
+    assert not evolved.acceptance.any()
+
+
+def test_greedy_finds_a_maximum(rng: np.random.Generator) -> None:
+    """The best of each population does; a straggler can be left behind when the others agree."""
+    x = rng.uniform(-5, 5, (2, 30, 20))
+    target = np.array([1.0, -2.0])[:, None, None]
+    de = Evolution(F=0.7, CR=0.9, G=120)
+    evolved = de.run(x, lambda x: -np.square(x - target).sum(axis=0), rng)
+    assert evolved.log_fitness.max(axis=1).min() > -1e-5
+    start = -np.square(x - target).sum(axis=0)
+    assert (evolved.log_fitness >= start).all()
+
+
+def test_hot_metropolis_samples_and_best_slot_remembers(rng: np.random.Generator) -> None:
+    """At T = 1 on log-fitness the population keeps the target's spread; `keep_best` climbs."""
+    x = rng.standard_normal((1, 400, 10))
+
+    def log_normal(x: np.ndarray) -> np.ndarray:
+        return -0.5 * np.square(x[0])
+
+    free = Evolution(F=0.9, CR=0.6, G=40, T0=1.0, rho=1.0, select="metropolis")
+    spread = free.run(x, log_normal, rng).x.std()
+    assert 0.7 < spread < 1.3
+    kept = Evolution(F=0.9, CR=0.6, G=40, select="metropolis", keep_best=True)
+    best = kept.run(x, log_normal, rng)
+    assert (best.log_fitness >= log_normal(x) - 1e-12).all()
+
+
+def test_cloud_bounds_hold(rng: np.random.Generator) -> None:
+    x = rng.standard_normal((1, 50, 10))
+    wild = Evolution(F=2.0, CR=1.0, G=10, T0=1e9, select="metropolis", clip_to_cloud=True)
+    evolved = wild.run(x, lambda x: np.zeros(x.shape[1:]), rng).x
+    assert (evolved >= x.min(axis=2, keepdims=True)).all()
+    assert (evolved <= x.max(axis=2, keepdims=True)).all()

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.conftest import random_covariance
+from trackbench.core import linalg
+
+
+def _stacked(A: np.ndarray) -> np.ndarray:
+    """Batch axis first, as numpy.linalg wants it."""
+    return np.moveaxis(A, -1, 0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 6), st.integers(1, 6), st.integers(1, 6), st.integers(0, 2**32))
+def test_products_agree_with_numpy(n: int, m: int, p: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((n, m, 5)), rng.standard_normal((m, p, 5))
+    x = rng.standard_normal((m, 5))
+    np.testing.assert_allclose(
+        _stacked(linalg.matmul(A, B)), _stacked(A) @ _stacked(B), rtol=1e-12, atol=1e-12
+    )
+    for constant in (A[..., 0], np.round(A[..., 0])):  # rounding makes zeros and ones
+        np.testing.assert_allclose(
+            _stacked(linalg.matmul(constant, B)), constant @ _stacked(B), rtol=1e-12, atol=1e-12
+        )
+        np.testing.assert_allclose(linalg.matvec(constant, x), constant @ x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        linalg.matvec(A, x), np.einsum("ijb,jb->ib", A, x), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        linalg.matmul(A, B[..., 0]), np.einsum("ijb,jk->ikb", A, B[..., 0]), rtol=1e-12, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 6])
+def test_factorisations_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
+    P, e = random_covariance(rng, n, 50), rng.standard_normal((n, 50))
+    np.testing.assert_allclose(_stacked(linalg.cholesky(P)), np.linalg.cholesky(_stacked(P)))
+    np.testing.assert_allclose(_stacked(linalg.inverse(P)), np.linalg.inv(_stacked(P)), rtol=1e-8)
+    solved = np.linalg.solve(_stacked(P), e.T[..., None])[..., 0].T
+    np.testing.assert_allclose(linalg.mahalanobis(e, P), (e * solved).sum(axis=0), rtol=1e-8)
+    np.testing.assert_allclose(
+        linalg.log_determinant(P), np.linalg.slogdet(_stacked(P))[1], rtol=1e-10, atol=1e-12
+    )
+    np.testing.assert_allclose(linalg.inverse(P[..., 0]), np.linalg.inv(P[..., 0]), rtol=1e-8)
+
+
+def test_cholesky_marks_what_is_not_positive_definite_and_keeps_what_is_known() -> None:
+    P = np.stack([np.eye(2), -np.eye(2), np.diag([0.0, 4.0])], axis=-1)
+    L = linalg.cholesky(P)
+    np.testing.assert_array_equal(L[..., 0], np.eye(2))
+    assert np.isnan(L[..., 1]).any()
+    np.testing.assert_array_equal(L[..., 2], np.diag([0.0, 2.0]))
+
+
+def test_cholesky_keeps_its_digits_at_condition_1e10(rng: np.random.Generator) -> None:
+    scale = np.array([1e5, 1.0, 1e5, 1.0])
+    C = random_covariance(rng, 4, 20)
+    P = scale[:, None, None] * C * scale[None, :, None]
+    L = linalg.cholesky(P)
+    np.testing.assert_allclose(linalg.matmul(L, linalg.transpose(L)), P, rtol=1e-11)

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trackbench.core.resampling import SCHEMES, Scheme, ancestors, select
+
+ALL: list[Scheme] = ["systematic", "stratified", "residual", "multinomial"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(ALL),
+    st.integers(1, 6),
+    st.integers(1, 40),
+    st.integers(0, 2**32),
+    st.floats(0.1, 300.0),
+)
+def test_counts_are_exact(scheme: Scheme, runs: int, N: int, seed: int, spread: float) -> None:
+    """Rows sum to N, no weight below zero offspring, none for a particle without weight."""
+    rng = np.random.Generator(np.random.SFC64(seed))
+    w = np.exp(-spread * rng.random((runs, N)))
+    w[rng.random((runs, N)) < 0.3] = 0.0
+    w[:, rng.integers(N)] += 1e-3
+    w /= w.sum(axis=1, keepdims=True)
+    counts = SCHEMES[scheme](w, rng)
+    assert (counts.sum(axis=1) == N).all()
+    assert (counts >= 0).all()
+    assert (counts[w == 0.0] == 0).all()
+    if scheme == "systematic":
+        assert (np.abs(counts - N * w) < 1 + 1e-9).all()
+    if scheme == "residual":
+        assert (counts >= np.floor(N * w - 1e-9)).all()
+
+
+@pytest.mark.parametrize("scheme", ALL)
+def test_unbiased(scheme: Scheme, rng: np.random.Generator) -> None:
+    w = np.array([0.05, 0.4, 0.0, 0.25, 0.3])
+    runs, N = 40_000, len(w)
+    counts = SCHEMES[scheme](np.tile(w, (runs, 1)), rng)
+    standard_error = counts.std(axis=0) / np.sqrt(runs) + 1e-12
+    assert (np.abs(counts.mean(axis=0) - N * w) < 4 * standard_error).all()
+    if scheme == "multinomial":
+        # Var = N w (1 - w); the standard error of a variance is about sqrt(2 / runs) of it.
+        expected = N * w * (1 - w)
+        assert np.allclose(counts.var(axis=0), expected, rtol=5 * np.sqrt(2 / runs), atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ALL)
+def test_a_run_that_left_the_numbers_disturbs_nobody(scheme: Scheme) -> None:
+    def draw(w: np.ndarray) -> np.ndarray:
+        return ancestors(w, np.random.Generator(np.random.SFC64(3)), scheme)
+
+    w = np.full((3, 4), 0.25)
+    broken = w.copy()
+    broken[1] = np.nan
+    np.testing.assert_array_equal(draw(w)[[0, 2]], draw(broken)[[0, 2]])
+    assert set(draw(broken)[1]) <= set(range(4, 8))
+
+
+def test_select_takes_from_its_own_run(rng: np.random.Generator) -> None:
+    x = np.arange(24.0).reshape(2, 3, 4)
+    index = ancestors(np.tile([0.0, 1.0, 0.0, 0.0], (3, 1)), rng)
+    np.testing.assert_array_equal(select(x, index), np.repeat(x[..., 1:2], 4, axis=2))

@@ -1,0 +1,175 @@
+"""Every mistake is one line with file, line and column; all of them at once; nothing is written."""
+
+from pathlib import Path
+
+import pytest
+
+from trackbench.experiment.config import load
+from trackbench.experiment.problems import UserError
+
+GOOD = """name: x
+runs: 10
+scenario: {kind: merwe}
+filters:
+  PF:
+    kind: pf
+    N: 10
+"""
+
+
+def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError) as caught:
+        load(path, **options)
+    return [line.replace(f"{path}:", "") for line in str(caught.value).splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("N: 10", "N: 0", "7:8: filters.PF.N: 0 is less than 2"),
+        ("N: 10", 'N: "10"', "7:8: filters.PF.N: '10' is not a whole number"),
+        ("N: 10", "N: 10.5", "7:8: filters.PF.N: 10.5 is not a whole number"),
+        ("N: 10", "NN: 10", "7:5: filters.PF.NN: unknown key; did you mean N?"),
+        ("N: 10", "n: 10", "7:5: filters.PF.n: unknown key; did you mean N?"),
+        ("N: 10", "N: true", "7:8: filters.PF.N: true is not a whole number"),
+        ("N: 10", "N: [1]", "7:8: filters.PF.N: [1] is not a whole number"),
+        (
+            "N: 10",
+            "weights: exp",
+            "7:14: filters.PF.weights: 'exp' is not one of log, naive or floor",
+        ),
+        (
+            "N: 10",
+            "ess_threshold: .nan",
+            "7:20: filters.PF.ess_threshold: NaN is not a finite number",
+        ),
+        (
+            "N: 10",
+            "N: 10\n    N: 20",
+            "8:5: filters.PF.N: duplicate key, first given on line 7",
+        ),
+        (
+            "kind: pf",
+            "kind: fp",
+            "6:11: filters.PF.kind: 'fp' is not a kind of filter; did you mean pf?",
+        ),
+        ("kind: merwe", "kind: merwe, R: -1", "3:28: scenario.R: -1 is not greater than 0"),
+        (
+            "kind: merwe",
+            "kind: merwe, T: 1",
+            "3:11: scenario: T = 1 leaves no step to measure after step 1",
+        ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: hdepf\n    CR: 1.4",
+            "7:9: filters.PF.CR: 1.4 is greater than 1",
+        ),
+        ("kind: pf\n    N: 10", "kind: hdepf\n    N: 3", "7:8: filters.PF.N: 3 is less than 4"),
+        (
+            "kind: pf\n    N: 10",
+            "kind: hdepf\n    T0: 0",
+            "7:9: filters.PF.T0: 0 is not greater than 0",
+        ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: hdepf\n    preset: litteral",
+            "7:13: filters.PF.preset: 'litteral' is not a preset of hdepf; did you mean literal?",
+        ),
+        ("name: x", "name: ../x", "1:7: name: '../x' must start with a letter or digit"),
+        ("name: x", "name: /etc/x", "1:7: name: '/etc/x' must start with a letter or digit"),
+        ("runs: 10", "runs: 0", "2:7: runs: 0 is less than 1"),
+        ("runs: 10", "rnus: 10", "2:1: rnus: unknown key; did you mean runs?"),
+        ("name: x\n", "", "1:1: name: this key is required"),
+        ("scenario: {kind: merwe}", "scenario: nowhere.yaml", "3:11: scenario: there is no file"),
+        ("scenario: {kind: merwe}", "scenario: {T: 3}", "3:11: scenario: needs a kind"),
+        (
+            "scenario: {kind: merwe}",
+            "scenario: 3",
+            "3:11: scenario: is neither a mapping nor a path",
+        ),
+        ("scenario: {kind: merwe}", "scenario: !!python/name:os.system", "3:11: scenario: the tag"),
+        ("runs: 10", "runs: {{", "not valid YAML"),
+        ("runs: 10", "reference: Exact", "2:12: reference: 'Exact' is not a filter here"),
+        ("runs: 10", "grid: {runs: [1, 2]}", "2:8: grid.runs: a grid varies scenario.KEY"),
+        ("runs: 10", "grid: {scenario.R: [1, -1]}", "2:24: scenario.R: -1 is not greater than 0"),
+        (
+            "runs: 10",
+            "tables: {t: {kind: metrics, columns: {a: mean(rmse)}, filters: [QF]}}",
+            "2:65: tables.t.filters.0: 'QF' is not a filter here",
+        ),
+    ],
+)
+def test_one_mistake(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    assert old in GOOD
+    found = mistakes(tmp_path, GOOD.replace(old, new))
+    assert any(expected in line for line in found), found
+    assert len(found) == 1
+
+
+def test_all_mistakes_at_once(tmp_path: Path) -> None:
+    text = GOOD.replace("N: 10", "N: 0\n    bogus: 1").replace("runs: 10", "runs: x")
+    found = mistakes(tmp_path, text.replace("kind: merwe", "kind: merwe, phi2: -1"))
+    assert len(found) == 4
+    assert [line.split(":")[0] for line in found] == ["2", "3", "7", "8"]
+
+
+def test_a_mistake_in_a_used_file_names_that_file(tmp_path: Path) -> None:
+    part = tmp_path / "part.yaml"
+    part.write_text("kind: pf\nN: -3\n")
+    found = mistakes(tmp_path, GOOD.replace("    kind: pf\n    N: 10", "    use: part.yaml"))
+    assert found == [f"{part}:2:4: filters.PF.N: -3 is less than 2"]
+
+
+def test_a_mistake_in_an_override_names_the_option(tmp_path: Path) -> None:
+    assert mistakes(tmp_path, GOOD, overrides=["filters.PF.N=-1"]) == [
+        "--set filters.PF.N=-1: filters.PF.N: -1 is less than 2"
+    ]
+    assert mistakes(tmp_path, GOOD, overrides=["filters.PF.N"]) == [
+        "--set filters.PF.N: write PATH=VALUE"
+    ]
+    assert "did you mean PF" in mistakes(tmp_path, GOOD, only=["pf"])[0]
+
+
+def test_a_filter_that_cannot_run_on_the_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from trackbench.models.merwe import MerweSensor
+
+    monkeypatch.delattr(MerweSensor, "jacobian")
+    found = mistakes(tmp_path, GOOD.replace("kind: pf\n    N: 10", "kind: ekf"))
+    assert found == [
+        "6:11: filters.PF: ekf needs sensor.jacobian, which scenario merwe does not have"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "is empty"),
+        (b"\x80\x81", "not a text file"),
+        (b"- 1\n- 2\n", "an experiment is a mapping"),
+        (b"a: \t1\n\tb: 2\n", "not valid YAML"),
+        (
+            b"a: &a [x,x,x,x,x,x,x,x,x]\n"
+            + b"".join(
+                f"{c}: &{c} [{','.join([f'*{p}'] * 9)}]\n".encode()
+                for p, c in zip("abcdefgh", "bcdefghi", strict=True)
+            ),
+            "more than 20000 values",
+        ),
+        (b"a: " + b"[" * 300 + b"]" * 300, "nested"),
+        (b"\x00\x01", "not valid YAML"),
+    ],
+)
+def test_files_that_are_no_config(tmp_path: Path, content: bytes, expected: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=expected):
+        load(path)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"none\.yaml: no such file"):
+        load(tmp_path / "none.yaml")

@@ -1,0 +1,37 @@
+"""Table 1 of van der Merwe et al. 2000, with the readings of the authors' public demo."""
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter, per_run
+from trackbench.evaluation.statistics import mean, variance
+from trackbench.scenarios.merwe import Merwe
+
+PUBLISHED = {  # RMSE mean and variance over 100 runs
+    "EKF": (0.374, 0.015),
+    "UKF": (0.280, 0.012),
+    "PF": (0.424, 0.053),
+    "EKPF": (0.310, 0.016),
+    "UPF": (0.070, 0.006),
+}
+FILTERS = {
+    "EKF": ("ekf", {"preset": "merwe-demo"}),
+    "UKF": ("ukf", {"preset": "merwe-demo"}),
+    "PF": ("pf", {"weights": "floor", "resampling": "residual", "estimate_from": "resampled"}),
+    "EKPF": ("epf", {"preset": "merwe-demo"}),
+    "UPF": ("upf", {"preset": "merwe-demo"}),
+}
+
+
+@pytest.mark.parametrize("label", PUBLISHED)
+def test_table_1_reproduces(label: str) -> None:
+    """Mean and variance within three standard errors, ours (400 runs) and theirs (100) combined."""
+    kind, keys = FILTERS[label]
+    if kind in ("pf", "epf", "upf"):
+        keys = {**keys, "N": 200}
+    rmse = per_run(Merwe(T=60, lost_beyond=None), make_filter(kind, **keys), runs=400)
+    for statistic, published in zip((mean, variance), PUBLISHED[label], strict=True):
+        ours = statistic(rmse)
+        # Their standard error from our spread, over a quarter of our runs.
+        combined = ours.stderr * np.sqrt(1 + 400 / 100)
+        assert abs(ours.value - published) < 3 * combined + 0.0005

@@ -1,0 +1,129 @@
+"""The built command line, end to end, as a user would."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from tests.conftest import EXPERIMENTS, ROOT
+
+
+def trackbench(*words: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "trackbench", *words],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
+    )
+
+
+@pytest.fixture(scope="module")
+def hdepf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run") / "hdepf"
+    done = trackbench(
+        "run", str(EXPERIMENTS / "hdepf.yaml"), "--quick", "--out", str(out), "--save-tracks"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    assert "Table 1" in done.stdout
+    return out
+
+
+def test_run_writes_what_the_contract_names(hdepf: Path) -> None:
+    for name in (
+        "config.yaml",
+        "manifest.json",
+        "per_run.csv",
+        "per_step.csv",
+        "summary.csv",
+        "timing.csv",
+        "tracks.npz",
+        "tables/table1.csv",
+        "tables/table1.md",
+        "figures/figure1.png",
+        "figures/figure1.svg",
+    ):
+        assert (hdepf / name).stat().st_size > 0, name
+    assert not list(hdepf.glob("**/.*"))
+
+
+def test_the_files_agree_with_each_other(hdepf: Path) -> None:
+    """RMSE from the tracks, the per-run values, the summary and the table are the same number."""
+    tracks = np.load(hdepf / "tracks.npz")
+    error = tracks["mean/PF"] - tracks["truth"]
+    rmse = np.sqrt(np.square(error[0]).mean(axis=0))
+    per_run = pd.read_csv(hdepf / "per_run.csv")
+    mine = per_run[(per_run["filter"] == "PF") & (per_run["metric"] == "rmse")]["value"]
+    np.testing.assert_allclose(mine, rmse)
+    summary = pd.read_csv(hdepf / "summary.csv").set_index(["filter", "metric"])
+    row = summary.loc[("PF", "mean(rmse)")]
+    assert row["value"] == pytest.approx(rmse.mean())
+    assert row["stderr"] == pytest.approx(rmse.std(ddof=1) / np.sqrt(20))
+    table = pd.read_csv(hdepf / "tables" / "table1.csv").set_index("Filter")
+    assert table.loc["PF", "Mean (RMSE)"] == pytest.approx(rmse.mean())
+    per_step = pd.read_csv(hdepf / "per_step.csv")
+    late = per_step.query("filter == 'PF' and metric == 'rmse' and step == 50")
+    assert late["value"].item() == pytest.approx(np.sqrt(np.square(error[0, -1]).mean()))
+    assert tracks["cov/PF"].shape == (1, 1, 50, 20)
+
+
+def test_resolved_config_has_every_key(hdepf: Path) -> None:
+    config = yaml.safe_load((hdepf / "config.yaml").read_text())
+    assert config["runs"] == 20
+    assert config["filters"]["HDEPF"]["fitness"] == "log"
+    assert config["scenario"]["gamma_rate"] == 2.0
+
+
+def test_overrides_and_only(tmp_path: Path) -> None:
+    done = trackbench(
+        *("run", str(EXPERIMENTS / "hdepf.yaml"), "--runs", "5", "--out", str(tmp_path / "o")),
+        *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.R=0.1"),
+    )
+    assert done.returncode == 0, done.stderr
+    config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())
+    assert config["filters"]["PF"]["N"] == 33
+    assert config["scenario"]["R"] == 0.1
+    assert list(config["filters"]) == ["PF", "Exact"]  # the reference stays
+
+
+def test_dry_run_writes_nothing(tmp_path: Path) -> None:
+    done = trackbench(
+        "run", str(EXPERIMENTS / "hdepf.yaml"), "--dry-run", "--out", str(tmp_path / "o")
+    )
+    assert done.returncode == 0
+    assert "13 filters x 200 runs x 49 steps" in done.stdout
+    assert not (tmp_path / "o").exists()
+
+
+def test_list_and_describe() -> None:
+    listed = trackbench("list").stdout
+    for kind in ("hdepf", "merwe", "metrics", "rmse-vs-time"):
+        assert kind in listed
+    described = trackbench("describe", "hdepf").stdout
+    for word in ("number of particles", "0.9", "preset literal", "crossover probability"):
+        assert word in described
+    wrong = trackbench("describe", "hdpf")
+    assert wrong.returncode == 2
+    assert "did you mean hdepf" in wrong.stderr
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_shipped_experiment_is_valid(path: Path) -> None:
+    done = trackbench("check", str(path))
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_failing_filter_does_not_stop_the_others(tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    config.write_text(
+        "name: c\nruns: 4\nscenario: {kind: merwe, T: 5, R: 1e-300}\n"
+        "filters: {A: {kind: pf, N: 10}, B: {kind: prior-mean}}\n"
+    )
+    done = trackbench("run", str(config), "--out", str(tmp_path / "o"))
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "o" / "summary.csv").exists()

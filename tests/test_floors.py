@@ -1,0 +1,69 @@
+"""The house: imports go down only, and nothing heavy is imported before it is needed."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import trackbench
+
+PACKAGE = Path(trackbench.__file__).parent
+FLOORS = {
+    "core": 0,
+    "keys": 0,
+    "registry": 0,
+    "models": 1,
+    "scenarios": 2,
+    "filters": 2,
+    "evaluation": 3,
+    "experiment": 4,
+    "report": 5,
+    "api": 6,
+    "catalogue": 6,
+    "cli": 6,
+    "__main__": 6,
+}
+
+
+def _imports(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("trackbench."):
+            found.add(str(node.module).split(".")[1])
+        if isinstance(node, ast.Import):
+            found |= {a.name.split(".")[1] for a in node.names if a.name.startswith("trackbench.")}
+    return found
+
+
+def _modules() -> list[Path]:
+    return [p for p in PACKAGE.rglob("*.py") if p.name != "__init__.py" or p.parent != PACKAGE]
+
+
+@pytest.mark.parametrize("path", _modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_down_only(path: Path) -> None:
+    room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    for other in _imports(path):
+        assert FLOORS[other] <= FLOORS[room], f"{path} on floor {room} imports {other} above it"
+        assert {room, other} != {"scenarios", "filters"}, f"{path}: filters and scenarios are apart"
+
+
+@pytest.mark.parametrize(
+    ("command", "unwanted"),
+    [
+        (["--help"], {"numpy", "scipy", "pandas", "matplotlib", "pydantic", "yaml"}),
+        (["list"], {"scipy", "pandas", "matplotlib.pyplot", "tqdm"}),
+        (["check", "experiments/hdepf.yaml"], {"scipy", "pandas", "matplotlib.pyplot"}),
+    ],
+)
+def test_nothing_heavy_is_imported_early(command: list[str], unwanted: set[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "trackbench", *command],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=PACKAGE.parent,
+    )
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert not imported & unwanted
