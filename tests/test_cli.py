@@ -117,13 +117,3 @@ def test_every_shipped_experiment_is_valid(path: Path) -> None:
     done = trackbench("check", str(path))
     assert done.returncode == 0, done.stderr
 
-
-def test_a_failing_filter_does_not_stop_the_others(tmp_path: Path) -> None:
-    config = tmp_path / "c.yaml"
-    config.write_text(
-        "name: c\nruns: 4\nscenario: {kind: merwe, T: 5, R: 1e-300}\n"
-        "filters: {A: {kind: pf, N: 10}, B: {kind: prior-mean}}\n"
-    )
-    done = trackbench("run", str(config), "--out", str(tmp_path / "o"))
-    assert "Traceback" not in done.stderr
-    assert (tmp_path / "o" / "summary.csv").exists()
