@@ -116,4 +116,3 @@ def test_list_and_describe() -> None:
 def test_every_shipped_experiment_is_valid(path: Path) -> None:
     done = trackbench("check", str(path))
     assert done.returncode == 0, done.stderr
-

@@ -39,10 +39,9 @@ def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.2, **kwargs: 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    with mpl.rc_context(_RC):
-        return plt.subplots(
-            rows, columns, figsize=(WIDTH_IN, height_in), layout="constrained", **kwargs
-        )
+    mpl.rcParams.update(_RC)
+    size = (WIDTH_IN, height_in)
+    return plt.subplots(rows, columns, figsize=size, layout="constrained", **kwargs)
 
 
 def line(index: int) -> dict[str, Any]:
@@ -65,12 +64,9 @@ def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
 
 def content(figure: "Figure", form: str) -> bytes:
     """The figure as a file's content, without dates, so that equal figures are equal files."""
-    import matplotlib as mpl
-
     out = io.BytesIO()
     metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    with mpl.rc_context(_RC):
-        figure.savefig(out, format=form, metadata=metadata[form])
+    figure.savefig(out, format=form, metadata=metadata[form])
     return out.getvalue()
 
 
