@@ -84,12 +84,13 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     L = linalg.cholesky(cov) if root is None else root
     white = linalg.solve_lower(L, e)
     log_scale = np.log(linalg.diagonal(L)).sum(axis=0) + 0.5 * len(e) * LOG_2PI
-    quadratic = np.square(white[0])
+    np.square(white, out=white)
+    log_density = white[0]
     for row in white[1:]:
-        quadratic += np.square(row)
-    quadratic *= -0.5
-    quadratic -= log_scale
-    return np.asarray(quadratic)
+        log_density += row
+    log_density *= -0.5
+    log_density -= log_scale
+    return log_density
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,13 @@ class Gamma:
         """Variates of the given size; an integer shape is a sum of exponentials, twice as fast."""
         if self.shape <= 4 and self.shape == int(self.shape):
             u = rng.random((int(self.shape), *size))
-            product = 1.0 - u[0]
+            np.subtract(1.0, u, out=u)  # in (0, 1]: its logarithm is finite
+            product = u[0]
             for row in u[1:]:
-                product *= 1.0 - row
-            return np.asarray(np.log(product) / -self.rate)
+                product *= row
+            np.log(product, out=product)
+            product *= -1.0 / self.rate
+            return product
         return rng.standard_gamma(self.shape, size) / self.rate
 
     def density(self, v: Array) -> Array:
@@ -169,7 +173,9 @@ class Shifted:
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """``loc`` plus a fresh variate per batch member."""
         shape = self.loc.shape + trailing
-        return with_trailing(self.loc, len(shape) - 1) + self.noise.draw(rng, shape)
+        x = self.noise.draw(rng, shape)
+        x += with_trailing(self.loc, len(shape) - 1)
+        return x
 
     def prob(self, x: Array) -> Array:
         """Density of the noise's formula at ``x - loc``, continued below zero where it is smooth."""

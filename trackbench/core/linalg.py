@@ -82,6 +82,8 @@ def cholesky(P: Array) -> Array:
 
 def solve_lower(L: Array, b: Array) -> Array:
     """``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
+    if len(L) == 1:
+        return b * (1.0 / L[0])
     rows: list[Array] = []
     for i in range(L.shape[0]):
         rest = b[i] - sum(L[i, j] * rows[j] for j in range(i)) if i else b[i]

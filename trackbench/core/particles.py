@@ -26,18 +26,18 @@ class Particles(NamedTuple):
     @property
     def mean(self) -> Array:
         """Weighted mean (n, M)."""
-        return np.asarray((self.x * self.w).sum(axis=-1))
+        return np.einsum("imn,mn->im", self.x, self.w)
 
     def moments(self) -> Gaussian:
         """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
         mean = self.mean
         e = self.x - mean[..., None]
-        we = e * self.w
         n = len(e)
         cov = np.empty((n, n, *mean.shape[1:]))
         for i in range(n):
+            weighted = e[i] * self.w
             for j in range(i + 1):
-                cov[i, j] = cov[j, i] = np.einsum("mn,mn->m", we[i], e[j])
+                cov[i, j] = cov[j, i] = np.einsum("mn,mn->m", weighted, e[j])
         return Gaussian(mean, cov)
 
 
@@ -79,7 +79,7 @@ def normalise(log_w: Array) -> Weights:
     shifted = log_w - top
     np.maximum(shifted, _CLIP, out=shifted)
     w = np.exp(shifted, out=shifted)
-    w /= w.sum(axis=-1, keepdims=True)
+    w *= 1.0 / np.einsum("mn->m", w)[:, None]
     return Weights(w, dead)
 
 
