@@ -13,6 +13,7 @@ from pydantic import StringConstraints
 
 from trackbench.experiment.compose import inline_parts, override, split_path
 from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Keys, Source, dotted, read, scalar
 from trackbench.experiment.validate import at, build, unknown
 from trackbench.filters.base import AnyFilter
@@ -52,6 +53,8 @@ class Settings:
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """figures to draw, by name"""
+    published: list[str] = field(default_factory=list)
+    """CSV files of published numbers and claims that the results are held against"""
     plugins: list[str] = field(default_factory=list)
     """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
 
@@ -74,6 +77,7 @@ class Experiment:
     tables: dict[str, Any]
     figures: dict[str, Any]
     resolved: dict[str, Any]
+    published: Published
 
     @property
     def shown_runs(self) -> int:
@@ -103,10 +107,10 @@ def load(
     for key, number in (("runs", runs), ("seed", seed)):
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
-    return _validated(source, only)
+    return _validated(source, only, path.parent)
 
 
-def _validated(source: Source, only: list[str] | None) -> Experiment:
+def _validated(source: Source, only: list[str] | None, folder: Path) -> Experiment:
     problems: list[Problem] = []
     settings = build(Settings, source, (), problems)
     if settings is None:
@@ -122,10 +126,14 @@ def _validated(source: Source, only: list[str] | None) -> Experiment:
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
     _check_named_filters(source, settings, tables | figures, problems)
+    published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
     found = [p for p in points if p is not None]
-    return Experiment(settings, found, tables, figures, _resolved(settings, found, tables, figures))
+    resolved = _resolved(settings, found, tables, figures)
+    # A results folder holds copies of the files under these names, so that it stands alone.
+    resolved["published"] = [f"published/{name}" for name in published.files]
+    return Experiment(settings, found, tables, figures, resolved, published)
 
 
 def _point(
@@ -260,6 +268,19 @@ def _check_named_filters(
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def _published(
+    source: Source, settings: Settings, folder: Path, problems: list[Problem]
+) -> Published:
+    mark = source.mark(("published",))
+    try:
+        return read_published(
+            folder, settings.published, settings.name, list(settings.filters), mark
+        )
+    except UserError as error:
+        problems += [p for p in error.problems if isinstance(p, Problem)]
+        return Published()
 
 
 def _parse_override(source: Source, text: str) -> tuple[Keys, Any, Mark]:
