@@ -1,6 +1,7 @@
 """The files of a results folder, each written whole or not at all."""
 
 import csv
+import hashlib
 import io
 import json
 import os
@@ -24,12 +25,19 @@ from trackbench.experiment.runner import Outcome
 
 Row = Iterable[Any]
 
+FORMAT = 1
+"""Counts up when a results folder changes so that older code would misread it."""
+RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
+"""Files that only a run writes; the manifest has their digests."""
+
 
 def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> None:
     """Everything that follows from the results alone; tables and figures come from these files."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
     paths = list(experiment.settings.grid)
     write_text(folder / "config.yaml", as_yaml(experiment.resolved))
+    _write_published(folder / "published", experiment.published.files)
     frames = {
         "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
         "per_step.csv": (
@@ -44,9 +52,14 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     _write_tracks(folder / "shown.npz", experiment, outcome, only=experiment.shown_runs)
     if tracks:
         _write_tracks(folder / "tracks.npz", experiment, outcome, only=None)
-    write_text(
-        folder / "manifest.json", json.dumps(_manifest(experiment, outcome), indent=2) + "\n"
-    )
+    manifest = _manifest(experiment, outcome) | {"files": digests(folder)}
+    write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file that only a run writes."""
+    there = [folder / name for name in RAW if (folder / name).is_file()]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in there}
 
 
 def as_yaml(data: Any) -> str:
@@ -81,6 +94,13 @@ def write_bytes(path: Path, content: bytes) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _write_published(folder: Path, files: dict[str, str]) -> None:
+    if files:
+        folder.mkdir(exist_ok=True)
+    for name, text in files.items():
+        write_text(folder / name, text)
 
 
 def _by_filter(experiment: Experiment, outcome: Outcome, rows: Any) -> Iterator[Row]:
@@ -143,6 +163,7 @@ def _write_tracks(path: Path, experiment: Experiment, outcome: Outcome, only: in
 def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
     return {
+        "format": FORMAT,
         "trackbench": trackbench.__version__,
         "commit": _commit(),
         "experiment": experiment.settings.name,
