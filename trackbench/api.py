@@ -11,9 +11,12 @@ from trackbench.experiment.engines import Engine, cpu_count, open_engine
 from trackbench.experiment.plan import cautions, check_memory, describe, make_plan
 from trackbench.experiment.runner import Outcome, execute
 from trackbench.experiment.store import write_results
-from trackbench.report.render import render
-from trackbench.report.results import Results
+from trackbench.report.comparison import summary_lines, write_comparison, write_paired
+from trackbench.report.render import render, write_figures
+from trackbench.report.results import Results, open_results
 from trackbench.report.table import Table
+from trackbench.report.verdicts import Comparison
+from trackbench.report.verdicts import compare as hold_against_published
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +41,7 @@ class Report:
 
     folder: Path
     tables: dict[str, Table]
+    comparison: Comparison
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
@@ -66,8 +70,25 @@ def run(config: Path | str, options: Options | None = None) -> Report:
         outcome = execute(plan, executor, workers, progress=not options.quiet)
     folder = options.out or Path("results") / experiment.settings.name
     write_results(folder, experiment, outcome, options.save_tracks)
-    tables = render(folder, experiment, options.formats)
-    return Report(folder, tables, _lost(outcome), _failed(outcome))
+    tables, comparison = render(Results(folder), options.formats)
+    notes = _lost(outcome) + summary_lines(comparison)
+    return Report(folder, tables, comparison, notes, _failed(outcome))
+
+
+def compare(folder: Path | str) -> Comparison:
+    """Hold a results folder against what is published again; writes comparison and paired.csv."""
+    results = open_results(Path(folder))
+    comparison = hold_against_published(results)
+    write_comparison(results, comparison)
+    write_paired(results)
+    return comparison
+
+
+def plot(
+    folder: Path | str, formats: Sequence[str] = ("png", "svg"), only: Sequence[str] = ()
+) -> list[Path]:
+    """Draw the figures of a results folder again; returns the files written."""
+    return write_figures(open_results(Path(folder)), formats, only)
 
 
 def preview(config: Path | str, options: Options) -> str:

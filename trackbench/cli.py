@@ -45,7 +45,7 @@ def run(
         bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
     ] = False,
     format_: Annotated[
-        str, typer.Option("--format", help="of figures: png, svg, pdf, separated by commas")
+        str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
     ] = "png,svg",
 ) -> None:
     """Run an experiment and write tables, figures and CSV files."""
@@ -60,12 +60,46 @@ def run(
         engine=_one_of("--engine", engine, ("serial", "processes")),  # type: ignore[arg-type]
         workers=workers,
         save_tracks=save_tracks,
-        formats=[_one_of("--format", f, ("png", "svg", "pdf")) for f in format_.split(",")],
+        formats=_formats(format_),
     )
     if dry_run:
         typer.echo(api.preview(config, options))
         return
     _run(config, options)
+
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
+
+
+@app.command()
+def compare(folder: Folder) -> None:
+    """Hold stored results against the published numbers and claims; computes no run."""
+    from trackbench import api
+    from trackbench.report.comparison import markdown
+    from trackbench.report.results import Results
+
+    found = api.compare(folder)
+    if not found.numbers and not found.claims:
+        typer.echo(f"{folder}: nothing is published about this experiment", err=True)
+        return
+    typer.echo(markdown(Results(folder), found))
+
+
+@app.command()
+def plot(
+    folder: Folder,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
+    ] = None,
+    format_: Annotated[
+        str, typer.Option("--format", help="png, svg, pdf, separated by commas")
+    ] = "png,svg",
+) -> None:
+    """Draw the figures of stored results again; computes no run."""
+    from trackbench import api
+
+    for path in api.plot(folder, _formats(format_), tuple(only or ())):
+        typer.echo(path)
 
 
 @app.command()
@@ -129,6 +163,10 @@ def _run(config: Path, options: "Options") -> None:
     typer.echo(f"results in {report.folder}/", err=True)
     if report.failed:
         raise typer.Exit(1)
+
+
+def _formats(text: str) -> list[str]:
+    return [_one_of("--format", f, ("png", "svg", "pdf", "tex")) for f in text.split(",")]
 
 
 def _one_of(option: str, value: str, known: tuple[str, ...]) -> str:
