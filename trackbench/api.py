@@ -12,6 +12,8 @@ from trackbench.experiment.plan import cautions, check_memory, describe, make_pl
 from trackbench.experiment.runner import Outcome, execute
 from trackbench.experiment.store import write_results
 from trackbench.report.comparison import summary_lines, write_comparison, write_paired
+from trackbench.report.ledger import write_overview
+from trackbench.report.page import write_report
 from trackbench.report.render import render, write_figures
 from trackbench.report.results import Results, open_results
 from trackbench.report.table import Table
@@ -70,7 +72,9 @@ def run(config: Path | str, options: Options | None = None) -> Report:
         outcome = execute(plan, executor, workers, progress=not options.quiet)
     folder = options.out or Path("results") / experiment.settings.name
     write_results(folder, experiment, outcome, options.save_tracks)
-    tables, comparison = render(Results(folder), options.formats)
+    results = Results(folder)
+    tables, comparison = render(results, options.formats)
+    write_report(results, comparison)
     notes = _lost(outcome) + summary_lines(comparison)
     return Report(folder, tables, comparison, notes, _failed(outcome))
 
@@ -89,6 +93,14 @@ def plot(
 ) -> list[Path]:
     """Draw the figures of a results folder again; returns the files written."""
     return write_figures(open_results(Path(folder)), formats, only)
+
+
+def report(folder: Path | str) -> list[Path]:
+    """Write report.html of a results folder, or index.html and the ledger over a folder of them."""
+    folder = Path(folder)
+    if (folder / "config.yaml").is_file():
+        return [write_report(open_results(folder))]
+    return write_overview(folder)
 
 
 def preview(config: Path | str, options: Options) -> str:

@@ -103,6 +103,15 @@ def plot(
 
 
 @app.command()
+def report(folder: Folder) -> None:
+    """Write report.html of stored results; over a folder of several, index.html and a ledger."""
+    from trackbench import api
+
+    for path in api.report(folder):
+        typer.echo(path)
+
+
+@app.command()
 def check(config: Config, set_: Set = None, only: Only = None) -> None:
     """Validate a config and run nothing."""
     from trackbench.experiment.config import load
