@@ -268,6 +268,12 @@ def _check_named_filters(
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
+        for key in ("floor", "baseline"):
+            label = getattr(part, key, None)
+            if label is not None and label not in settings.filters:
+                place = (group, name, key)
+                what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
+                problems.append(Problem(source.mark(place), dotted(place), what))
 
 
 def _published(

@@ -78,7 +78,7 @@ LEGEND = (
 
 def number_tables(comparison: Comparison) -> list[TextTable]:
     """A table of verdicts per published table."""
-    heads = ["Filter", "Metric", "Published", "Measured", "z", "Verdict", "Note"]
+    heads = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "Note"]
     tables: dict[tuple[str, str], TextTable] = {}
     for row in comparison.numbers:
         p = row.published
@@ -90,10 +90,10 @@ def number_tables(comparison: Comparison) -> list[TextTable]:
             [
                 Text(name),
                 Text(metric),
+                Text(row.verdict),
                 Text(printed(p), None if isinstance(p.value, str) else p.value),
                 Text(_measured(row), row.measured.value),
                 Text(_z(row.z), row.z),
-                Text(row.verdict),
                 Text(row.note),
             ]
         )
@@ -143,7 +143,7 @@ def _measured(row: Compared) -> str:
 def _z(z: float) -> str:
     if isnan(z):
         return "–"
-    return f"{z:+.1f}" if abs(z) < 1000 else f"{z:+.0e}"
+    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
 
 
 def _number_row(row: Compared) -> list[object]:

@@ -78,7 +78,8 @@ class Expressions:
         return _term(value, influences)
 
     @cached_property
-    def _runs(self) -> dict[tuple[str, str], Array]:
+    def runs(self) -> dict[tuple[str, str], Array]:
+        """Values per run by (filter, metric)."""
         return self.results.runs(self.point)
 
     @cached_property
@@ -102,14 +103,14 @@ class Expressions:
             composed = _COMPOSED.fullmatch(expression)
             statistic = _STATISTIC.fullmatch(composed.group(2) if composed else expression)
             for name in (label, composed.group(3)) if composed else (label,):
-                values = self._runs.get((name, statistic.group(2))) if statistic else None
+                values = self.runs.get((name, statistic.group(2))) if statistic else None
                 if values is not None:
                     there = ~np.isnan(values)
                     common = there if common is None else common & there
         return common
 
     def _over_runs(self, label: str, name: str, metric: str, common: Mask | None) -> Term:
-        values = self._runs.get((label, metric))
+        values = self.runs.get((label, metric))
         if values is None:
             return _MISSING
         there = ~np.isnan(values)
@@ -141,6 +142,15 @@ class Expressions:
         if isinstance(given, int | float) and not isinstance(given, bool):
             return Term(float(given), 0.0, None, 1)
         return _MISSING
+
+
+def over_runs(expressions: Expressions, label: str, expression: str) -> tuple[str, Array] | None:
+    """Name of the statistic and its values per run, lost runs left out; None for anything else."""
+    statistic = _STATISTIC.fullmatch(expression)
+    values = expressions.runs.get((label, statistic.group(2))) if statistic else None
+    if statistic is None or values is None:
+        return None
+    return statistic.group(1), values[~np.isnan(values)]
 
 
 @_quietly
