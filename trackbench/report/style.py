@@ -1,6 +1,7 @@
 """One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
 
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -59,9 +60,13 @@ def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
     for ax in axes if isinstance(axes, Sequence) else [axes]:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    figure.legend(
-        found.values(), found.keys(), loc="outside right upper", fontsize=8, frameon=False
-    )
+    labels = [words(label) for label in found]
+    figure.legend(found.values(), labels, loc="outside right upper", fontsize=8, frameon=False)
+
+
+def words(label: str, width: int = 24) -> str:
+    """A label as it is written, in lines of so many characters; a dollar starts no formula."""
+    return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
 
 
 def content(figure: "Figure", form: str) -> bytes:

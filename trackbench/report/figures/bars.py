@@ -64,7 +64,7 @@ class Bars:
             if self.log:
                 ax.set_xscale("log")
             ax.grid(visible=False, axis="y")
-        axes[0][0].set_yticks(range(len(labels)), labels)
+        axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
         if self.title:
             figure.suptitle(self.title, fontsize=9)

@@ -47,7 +47,9 @@ class HeatMap:
         columns = list(dict.fromkeys(point[x] for point in points))
         if self.y is None:
             rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
-            return self._panels(x, columns, "", labels, {"": np.array(rows)})
+            return self._panels(
+                x, columns, "", [style.words(b) for b in labels], {"": np.array(rows)}
+            )
         levels = list(dict.fromkeys(point[self.y] for point in points))
         panels = {
             b: np.array(
@@ -79,7 +81,7 @@ class HeatMap:
         for ax, (name, values) in zip(axes[0], panels.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
             _ticks(ax, [_short(c) for c in columns], [_short(v) for v in levels])
-            ax.set_title(name, fontsize=9)
+            ax.set_title(style.words(name), fontsize=9)
             ax.set_xlabel(x.split(".")[-1])
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
         axes[0][0].set_ylabel(y.split(".")[-1])
@@ -98,7 +100,8 @@ class HeatMap:
                     z[i, j], z[j, i] = pair.z, -pair.z
         figure, ax = style.subplots(height_in=1.4 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
-        _ticks(ax, labels, labels)
+        names = [style.words(b) for b in labels]
+        _ticks(ax, names, names)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
