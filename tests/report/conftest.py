@@ -84,3 +84,9 @@ def made(tmp_path_factory):
 def folder(made, tmp_path):
     """A copy of it that a test may change."""
     return shutil.copytree(made, tmp_path / "small")
+
+
+@pytest.fixture
+def hostile():
+    """A filter's label that would inject markup if it could."""
+    return HOSTILE

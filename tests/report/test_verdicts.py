@@ -133,9 +133,26 @@ def test_comparison_files_have_the_promised_columns(made):
     def header(name):
         return (made / name).read_text().splitlines()[0].split(",")
 
-    promised = "table,filter,metric,published,measured,stderr,z,verdict,note".split(",")
+    promised = [
+        "table",
+        "filter",
+        "metric",
+        "published",
+        "measured",
+        "stderr",
+        "z",
+        "verdict",
+        "note",
+    ]
     assert header("comparison.csv")[:9] == promised
-    assert header("paired.csv")[:6] == "filter_a,filter_b,metric,difference,stderr,z".split(",")
+    assert header("paired.csv")[:6] == [
+        "filter_a",
+        "filter_b",
+        "metric",
+        "difference",
+        "stderr",
+        "z",
+    ]
     assert header("claims.csv")[:3] == ["claim", "verdict", "z"]
     assert "plainly wrong" in (made / "comparison.md").read_text()
 
