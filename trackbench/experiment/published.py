@@ -18,7 +18,7 @@ from trackbench.keys import Count, Finite, Natural, NonNegative
 
 _NAME = r"[A-Za-z_][\w.-]*(?:\[[^\]]*\])?"
 _PLAIN = rf"(?:{_NAME}\({_NAME}\)|{_NAME}@(?:\d+|last)|{_NAME})"
-_COMPOSED = rf"(?:gain|ratio)\({_PLAIN}, .+\)"
+_COMPOSED = rf"(?:gain|ratio|minus)\({_PLAIN}, .+\)"
 EXPRESSION = re.compile(rf"{_PLAIN}|{_COMPOSED}")
 
 
@@ -47,7 +47,7 @@ class PublishedNumber:
     label: str = ""
     """labels of the filter there, separated by semicolons"""
     expression: str = ""
-    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(rms(rmse), PF)`"""
+    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`"""
     point: str = ""
     """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
     source: str = ""
@@ -79,7 +79,7 @@ class Claim:
     left: str = ""
     """label of the filter that is spoken of"""
     expression: str = ""
-    """what is compared: as for a published number, without `gain` and `ratio`"""
+    """what is compared: as for a published number"""
     relation: Literal["<", ">", "~"] = "<"
     """smaller, larger, or equal within the tolerance"""
     factor: Finite = 1.0
