@@ -22,6 +22,7 @@ FLOORS = {
     "report": 5,
     "api": 6,
     "catalogue": 6,
+    "verification": 6,
     "cli": 6,
     "__main__": 6,
 }

@@ -178,12 +178,11 @@ def test_from_the_folder_alone_in_under_five_seconds(folder, command):
 def test_a_bad_published_file_is_said_with_its_line(folder):
     path = folder / "published" / "numbers.csv"
     text = path.read_text().replace("9.9,1,400", "nine,1,-4").replace("rmse@5", "rmse at 5")
-    path.write_text(text.replace("PF (N=50),mean", "PF50,mean"))
+    path.write_text(text)
     done = cli("compare", folder)
     assert done.returncode == 2
     assert f"{path}:5:22: value: 'nine' is not" in done.stderr
     assert f"{path}:5:29: runs: -4 is less than 1" in done.stderr
-    assert f"{path}:3:40: label: 'PF50' is not a filter here" in done.stderr
     assert f"{path}:8:40: expression: 'rmse at 5' is no expression" in done.stderr
     assert "Traceback" not in done.stderr
 
@@ -201,3 +200,20 @@ def cli(*arguments):
         capture_output=True,
         text=True,
     )
+
+
+def test_a_label_that_the_experiment_does_not_have_is_said(folder):
+    path = folder / "published" / "numbers.csv"
+    path.write_text(path.read_text().replace("PF (N=50),mean", "PF50,mean"))
+    done = cli("check", folder / "config.yaml")
+    assert done.returncode == 2
+    assert f"{path}:3:40: label: 'PF50' is not a filter here" in done.stderr
+
+
+def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", only=["PF"], formats=())
+    found = api.run(folder / "config.yaml", options).comparison
+    verdicts = {row.label: row.verdict for row in found.numbers}
+    assert verdicts["PF (N=50)"] == verdicts["No data"] == "not measured"
+    assert verdicts["PF"] != "not measured"
+    assert found.claims[0].verdict == "not measured"

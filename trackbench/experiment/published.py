@@ -124,9 +124,16 @@ class Published:
 
 
 def read_published(
-    folder: Path, paths: list[str], experiment: str, labels: list[str], mark: Mark | None = None
+    folder: Path,
+    paths: list[str],
+    experiment: str,
+    labels: list[str] | None = None,
+    mark: Mark | None = None,
 ) -> Published:
-    """The rows for one experiment; raises UserError with every mistake in the files."""
+    """The rows for one experiment; raises UserError with every mistake in the files.
+
+    Rows may name ``labels`` only, if they are given: a run with ``--only`` leaves labels out.
+    """
     found, problems = Published(), []
     for path in paths:
         try:
@@ -154,7 +161,7 @@ def _read(
     name: str,
     text: str,
     experiment: str,
-    labels: list[str],
+    labels: list[str] | None,
     found: Published,
     problems: list[Problem],
 ) -> None:
@@ -216,11 +223,14 @@ def _as_written(cell: str) -> str:
 
 
 def _check(
-    row: PublishedNumber | Claim, source: Source, labels: list[str], problems: list[Problem]
+    row: PublishedNumber | Claim,
+    source: Source,
+    labels: list[str] | None,
+    problems: list[Problem],
 ) -> None:
     """The row's labels exist in the experiment, its expressions can be read."""
     for label in row.labels:
-        if label not in labels:
+        if labels is not None and label not in labels:
             key = "left" if label == getattr(row, "left", None) else "right"
             key = key if isinstance(row, Claim) else "label"
             what = f"{label!r} is not a filter here; {unknown(label, labels)}"

@@ -1,6 +1,7 @@
 """The files of a results folder, each written whole or not at all."""
 
 import csv
+import gzip
 import hashlib
 import io
 import json
@@ -57,9 +58,15 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file that only a run writes."""
-    there = [folder / name for name in RAW if (folder / name).is_file()]
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in there}
+    """SHA-256 of each file that only a run writes; of the content of one that was gzipped since."""
+    found = {}
+    for name in RAW:
+        path, packed = folder / name, folder / f"{name}.gz"
+        if path.is_file():
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        elif packed.is_file():
+            found[name] = hashlib.sha256(gzip.decompress(packed.read_bytes())).hexdigest()
+    return found
 
 
 def as_yaml(data: Any) -> str:

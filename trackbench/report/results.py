@@ -1,10 +1,11 @@
 """A results folder, read back."""
 
+import gzip
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
 
@@ -59,9 +60,7 @@ class Results:
     def published(self) -> Published:
         """Published numbers and claims that this experiment is held against."""
         config = self.config
-        return read_published(
-            self.folder, config.get("published", []), config["name"], list(config["filters"])
-        )
+        return read_published(self.folder, config.get("published", []), config["name"])
 
     @property
     def labels(self) -> list[str]:
@@ -107,6 +106,12 @@ class Results:
         groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
         return {key: rows["value"].to_numpy(dtype=float) for key, rows in groups}
 
+    def open(self, name: str) -> TextIO:
+        """One of the CSV files as text."""
+        path = self._path(name)
+        opener = gzip.open if path.suffix == ".gz" else open
+        return cast(TextIO, opener(path, "rt", encoding="utf-8", newline=""))
+
     def points(self) -> list[dict[str, Any]]:
         """The grid's points in order; one empty point without a grid."""
         if not self.grid:
@@ -124,8 +129,13 @@ class Results:
         import pandas as pd
 
         return pd.read_csv(
-            self.folder / name, dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
+            self._path(name), dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
         )
+
+    def _path(self, name: str) -> Path:
+        """The file, or what gzip made of it to keep large results in git."""
+        path = self.folder / name
+        return path if path.is_file() else path.with_name(f"{name}.gz")
 
 
 def open_results(folder: Path) -> Results:
