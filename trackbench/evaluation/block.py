@@ -86,10 +86,12 @@ def run_block(task: BlockTask) -> BlockResult:
         result = estimate(task, data, shown if task.keep_covariance else 0)
         exact = _reference_mean(task) if task.reference is not None else None
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
-        values |= {name: rows[:, : task.used] for name, rows in result.diagnostics.items()}
-        values = {name: rows[:, : task.used] for name, rows in values.items()}
+        values |= result.diagnostics
         counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
-        per_run = per_run_metrics(task.scenario, values, counts)
+        # Over the whole block, then trimmed: numpy adds up a single column in another order.
+        whole = per_run_metrics(task.scenario, values, counts)
+        per_run = {name: numbers[: task.used] for name, numbers in whole.items()}
+        values = {name: rows[:, : task.used] for name, rows in values.items()}
         steps = {name: step_sums(rows, per_run["lost"]) for name, rows in values.items()}
     tracks = None
     if shown:
