@@ -112,7 +112,8 @@ def number_tables(comparison: Comparison) -> list[TextTable]:
         p = row.published
         title = f"{p.paper}, {p.table}: published and measured"
         table = tables.setdefault((p.paper, p.table), TextTable(title, heads))
-        name = p.filter if row.label in ("", p.filter) else f"{p.filter}: {row.label}"
+        name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
+        name = name if row.label else p.filter
         metric = f"{p.metric}, {p.row}" if p.row else p.metric
         table.rows.append(
             [
