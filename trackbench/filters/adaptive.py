@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.fading import tail
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.filters.axes import (
     SEPARABLE,
@@ -24,7 +25,14 @@ from trackbench.filters.axes import (
     site,
 )
 from trackbench.filters.refiltering import History, history, refiltered
-from trackbench.filters.switching import Detector, Exit, SecondDecision
+from trackbench.filters.switching import (
+    BELIEVE,
+    PAPER_EXIT,
+    Detector,
+    Exit,
+    SecondDecision,
+    exit_cautions,
+)
 from trackbench.models.base import Model
 from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
@@ -85,6 +93,28 @@ class AdaptiveKF:
             "exit": {"p": 2, "Ta": 9.49, "hold_s": 30.0},
         },
     }
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Windows that do not fit the scenario's runs."""
+        times = scenario.times
+        return self.detector.conflicts(scenario.model.motion.T, float(times[-1]))
+
+    def cautions(self, scenario: Any) -> list[str]:
+        """What the exit test will do on the scenario's smallest turn."""
+        here = site(scenario.model)
+        turns = [np.hypot(leg.ax, leg.ay) for leg in getattr(scenario, "turns", ())]
+        return exit_cautions(self.exit, self.mf, here.T, here.R, min(turns, default=None))
+
+    @classmethod
+    def explain(cls) -> str:
+        """What the paper's thresholds mean as false-alarm probabilities."""
+        rows = [
+            f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
+            f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"
+            for eta in (20.0, 35.0)
+        ]
+        head = "Without a maneuver (two axes, consistent filter, long run):"
+        return "\n".join([head, *rows])
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Switched:
         """Every run quiet, at the prior."""

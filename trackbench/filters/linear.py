@@ -90,13 +90,22 @@ class KF:
         return {"nis": state.nis}
 
 
+class Smoothed(NamedTuple):
+    """N(mean, cov), the last NIS (M,), and the number n of measurements so far."""
+
+    posterior: Gaussian
+    nis: Array
+    n: int
+
+
 @register("filters", "alpha-beta")
 @dataclass(frozen=True, kw_only=True)
 class AlphaBeta:
-    """Alpha-beta filter: fixed gains, a constant-velocity Kalman filter in its steady state.
+    """Alpha-beta filter: fixed gains, those of a constant-velocity Kalman filter in its steady state.
 
-    Kalata 1984: gains from the tracking index. The reported covariance is the steady-state one of
-    these gains for a random acceleration of variance q.
+    Kalata 1984: gains from the tracking index. While the least-squares gains of the first n
+    measurements are larger they are used instead, so that the start is forgotten. The reported
+    covariance is the one these gains give under a random acceleration of variance q.
     """
 
     q: Positive
@@ -105,6 +114,8 @@ class AlphaBeta:
     """gain of the position; default: from q"""
     beta: Positive | None = None
     """gain of the velocity times T; default: from q"""
+    growing: bool = True
+    """whether the start uses least-squares gains"""
     needs: ClassVar[tuple[str, ...]] = (*LINEAR, "sensor.sigma")
 
     def __post_init__(self) -> None:
@@ -122,45 +133,37 @@ class AlphaBeta:
         alpha = 1.0 - r**2
         return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
 
-    def gain(self, T: float, sigma: float) -> Array:
-        """K (4, 2)."""
+    def gain(self, n: int, T: float, sigma: float) -> Array:
+        """K (4, 2) at the n-th measurement."""
         alpha, beta = self.gains(T, sigma)
+        if self.growing:
+            alpha = max(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
+            beta = max(beta, 6.0 / (n * (n + 1)))
         return np.asarray(np.kron(np.eye(2), np.array([[alpha], [beta / T]])), dtype=float)
 
-    def steady(self, T: float, sensor: PositionSensor) -> Array:
-        """P (4, 4) of ``P = (I - K H)(F P F' + Q)(I - K H)' + K R K'``."""
-        from scipy.linalg import solve_discrete_lyapunov
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
+        """The prior, which stands for two measurements."""
+        return Smoothed(Gaussian(prior.mean, prior.cov), np.full(prior.mean.shape[1], np.nan), n=2)
 
-        motion = ConstantVelocity(q=self.q).sampled(T)
-        K = self.gain(T, sensor.sigma)
-        IKH = np.eye(4) - K @ sensor.H()
-        noise = IKH @ motion.Q @ IKH.T + K @ sensor.R @ K.T
-        return np.asarray(solve_discrete_lyapunov(IKH @ motion.F, noise), dtype=float)
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """The prior's mean with the steady-state covariance."""
-        motion: Any = model.motion
-        sensor: Any = model.sensor
-        runs = prior.mean.shape[1]
-        posterior = Gaussian(prior.mean, self.steady(motion.T, sensor))
-        return Tracked(posterior, np.full(runs, np.nan), len(prior.mean))
-
-    def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+    def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""
         own: Any = model.motion
         sensor: Any = model.sensor
         motion, H = ConstantVelocity(q=self.q).sampled(own.T), sensor.H()
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)
+        n = state.n + 1
+        K = self.gain(n, own.T, sensor.sigma)
+        mean = predicted.mean + linalg.matvec(K, np.where(np.isnan(nu), 0.0, nu))
+        IKH = linalg.identity_minus(K @ H)
+        cov = linalg.sandwich(IKH, predicted.cov) + linalg.sandwich(K, sensor.R)
         S = linalg.sandwich(H, predicted.cov) + sensor.R
-        correction = linalg.matvec(self.gain(own.T, sensor.sigma), np.where(np.isnan(nu), 0.0, nu))
-        posterior = Gaussian(predicted.mean + correction, state.posterior.cov)
-        return Tracked(posterior, Innovation(nu, S).nis, state.reported)
+        return Smoothed(Gaussian(mean, cov), Innovation(nu, S).nis, n)
 
-    def estimate(self, state: Tracked) -> Gaussian:
-        """The track with the steady-state covariance."""
-        return state.estimate
+    def estimate(self, state: Smoothed) -> Gaussian:
+        """The track and its covariance."""
+        return state.posterior
 
-    def diagnostics(self, state: Tracked) -> dict[str, Array]:
+    def diagnostics(self, state: Smoothed) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z."""
         return {"nis": state.nis}

@@ -3,8 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from trackbench.core.arrays import Array
 from trackbench.core.fading import significance_threshold, threshold
 from trackbench.keys import Count, MistakenKeyError, Natural, NonNegative, OpenShare, Positive
+from trackbench.models.motions import ConstantAcceleration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +94,42 @@ class SecondDecision:
 
     n: Natural = 0
     """samples both filters run after an alarm; 0 believes every alarm"""
+
+
+def exit_cautions(
+    leave: Exit, mf: ConstantAcceleration, T: float, R: Array, smallest: float | None
+) -> list[str]:
+    """What the exit test does once the acceleration's variance P_a is in its steady state.
+
+    ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state: P_a and
+    the gain go to zero, and an acceleration once estimated stays significant after the turn.
+    """
+    if mf.q == 0.0:
+        return [
+            "mf.q = 0 lets the maneuvering filter's gain go to zero: after a long turn the "
+            "exit test can no longer fire, and the filter stays a constant-acceleration filter"
+        ]
+    P_a = steady_acceleration_variance(mf, T, R)
+    out = []
+    if smallest is not None and leave.p * smallest**2 / P_a < leave.Ta:
+        out.append(
+            f"the smallest turn, {smallest:.3g} m/s^2, is insignificant in the steady state "
+            f"(p a^2 / P_a = {leave.p * smallest**2 / P_a:.2g} < Ta = {leave.Ta:g}): "
+            "the exit test fires during it"
+        )
+    return out
+
+
+def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
+    """P_a of the maneuvering filter after many steps, (m/s^2)^2; needs q > 0."""
+    from scipy.linalg import solve_discrete_are
+
+    F, Q = mf.axis(T)
+    H = np.eye(1, 3)
+    # The Riccati equation's solution is the predicted covariance; one update makes the posterior.
+    P = solve_discrete_are(F.T, H.T, Q, R)
+    K = P[:, 0] / (P[0, 0] + R[0, 0])
+    return float(P[2, 2] - K[2] * P[0, 2])
 
 
 PAPER_EXIT = Exit()
