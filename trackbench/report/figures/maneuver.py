@@ -74,8 +74,7 @@ def _truth(
     ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width})
     for start, end in turning:
         during = (times >= start) & (times <= end)
-        look = {"color": style.COLOURS[1], "linewidth": 1.5 * width}
-        ax.plot(*xy[:, during], label="Maneuvers", **look)
+        ax.plot(*xy[:, during], label="Maneuvers", color=style.COLOURS[1], linewidth=1.5 * width)
     ax.plot(*xy[:, 0], "o", color="black", markersize=4, label="Start")
 
 
