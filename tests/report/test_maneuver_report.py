@@ -26,7 +26,10 @@ filters:
   KF: {kind: kf, motion: {kind: cv, q: 0}}
   Adaptive: {kind: adaptive-kf, preset: seconds, nmf: {q: 0}, mf: {q: 1e-4}}
   Never: {kind: adaptive-kf, detector: {eta: 1e9}, nmf: {q: 0}, mf: {q: 1e-4}}
-  IMM: {kind: imm, motions: [{kind: cv, q: 0}, {kind: ca, q: 1e-4}], transition: [[0.99, 0.01], [0.01, 0.99]]}
+  IMM:
+    kind: imm
+    motions: [{kind: cv, q: 0}, {kind: ca, q: 1e-4}]
+    transition: [[0.99, 0.01], [0.01, 0.99]]
 grid: {"filters.KF.motion.q & filters.Adaptive.nmf.q & filters.Never.nmf.q": [0, 0.01, 1]}
 tables:
   differences:
