@@ -62,6 +62,20 @@ class Results:
         config = self.config
         return read_published(self.folder, config.get("published", []), config["name"])
 
+    @cached_property
+    def scenario(self) -> Any:
+        """The scenario as the config describes it."""
+        problems: list[Problem] = []
+        built = build_kind("scenarios", self.source, ("scenario",), problems)
+        if problems:
+            raise UserError(*sorted(set(problems)))
+        return built
+
+    @property
+    def shaded(self) -> list[tuple[float, float]]:
+        """Start and end times of what a figure over time shades; none unless the scenario says."""
+        return list(getattr(self.scenario, "spans", []))
+
     @property
     def labels(self) -> list[str]:
         """Filter labels in the config's order."""
@@ -71,6 +85,11 @@ class Results:
     def grid(self) -> list[str]:
         """Paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
+
+    @property
+    def grid_heads(self) -> list[str]:
+        """The paths as headings of a table: of paths that vary together, the first one."""
+        return [path.partition(" & ")[0] for path in self.grid]
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
