@@ -13,3 +13,11 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 """A number in [0, 1]."""
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
+
+
+class MistakenKeyError(ValueError):
+    """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
+
+    def __init__(self, what: str, *path: str | int) -> None:
+        super().__init__(what)
+        self.path = path

@@ -188,7 +188,18 @@ def _with_preset(
         where = (*keys, "preset")
         problems.append(Problem(source.mark(where), dotted(where), what))
         return data
-    return {**presets[name], **data}
+    return _laid_over(presets[name], data)
+
+
+def _laid_over(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
+    """``base`` with the keys of ``top``; a mapping in both is laid over in the same way."""
+    both = {
+        key: _laid_over(base[key], value)
+        if isinstance(value, dict) and isinstance(base.get(key), dict)
+        else value
+        for key, value in top.items()
+    }
+    return {**base, **both}
 
 
 def _check_fit(

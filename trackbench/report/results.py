@@ -62,6 +62,20 @@ class Results:
         config = self.config
         return read_published(self.folder, config.get("published", []), config["name"])
 
+    @cached_property
+    def scenario(self) -> Any:
+        """The scenario as the config describes it."""
+        problems: list[Problem] = []
+        built = build_kind("scenarios", self.source, ("scenario",), problems)
+        if problems:
+            raise UserError(*sorted(set(problems)))
+        return built
+
+    @property
+    def shaded(self) -> list[tuple[float, float]]:
+        """Start and end times of what a figure over time shades; none unless the scenario says."""
+        return list(getattr(self.scenario, "spans", []))
+
     @property
     def labels(self) -> list[str]:
         """Filter labels in the config's order."""
