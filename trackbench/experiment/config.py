@@ -1,7 +1,8 @@
 """An experiment file: read, put together from its parts, overridden, validated.
 
 All mistakes are collected before anything runs. A grid (``grid: {scenario.R: [0.1, 1]}``) makes one
-point per combination; without one there is a single point.
+point per combination; without one there is a single point. Paths joined by `` & `` take each value
+together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
@@ -23,6 +24,8 @@ from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
+
+_TOGETHER = " & "
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +51,7 @@ class Settings:
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
-    """paths and the values they take: every combination is run"""
+    """paths and the values they take: every combination is run; `a & b` take a value together"""
     tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
@@ -120,8 +123,9 @@ def _validated(source: Source, only: list[str] | None, folder: Path) -> Experime
     labels = _labels(source, settings, only, problems)
     points = []
     for values, marks in _grid(source, settings, problems):
-        for path, value in values.items():
-            override(source, split_path(source, path), value, marks[path])
+        for joint, value in values.items():
+            for path in joint.split(_TOGETHER):
+                override(source, split_path(source, path), value, marks[joint])
         points.append(_point(source, labels, values, problems))
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
@@ -240,7 +244,10 @@ def _grid(
         if not values:
             where = ("grid", path)
             problems.append(Problem(source.mark(where), dotted(where), "has no values"))
-        elif split_path(source, path)[0] not in ("scenario", "filters"):
+        elif any(
+            split_path(source, single)[0] not in ("scenario", "filters")
+            for single in path.split(_TOGETHER)
+        ):
             where = ("grid", path)
             what = "a grid varies scenario.KEY or filters.LABEL.KEY"
             problems.append(Problem(source.key_mark(where), dotted(where), what))
