@@ -86,6 +86,11 @@ class Results:
         """Paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
 
+    @property
+    def grid_heads(self) -> list[str]:
+        """The paths as headings of a table: of paths that vary together, the first one."""
+        return [path.partition(" & ")[0] for path in self.grid]
+
     @cached_property
     def per_run(self) -> "pd.DataFrame":
         """``filter,run,metric,value``."""

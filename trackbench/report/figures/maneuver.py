@@ -38,7 +38,7 @@ class Track:
     def draw(self, results: Results) -> "Figure":
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
-        figure, axes = style.subplots(1, panels, 3.6, squeeze=False, sharex=True, sharey=True)
+        figure, axes = style.subplots(1, panels, 4.2, squeeze=False, sharex=True, sharey=True)
         tracks, turning = results.shown, results.shaded
         prefix = next(iter(tracks)).rpartition("/")[0] if tracks else ""
         prefix = f"{prefix.partition('/')[0]}/" if prefix.startswith("point") else ""
@@ -48,7 +48,7 @@ class Track:
             label = self.filters[i] if self.filters else ""
             if label and f"{prefix}mean/{label}" in tracks:
                 self._estimates(ax, tracks[f"{prefix}mean/{label}"])
-            _truth(ax, truth, times, turning)
+            _truth(ax, truth, times, turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
             ax.set_title(label, fontsize=9)
@@ -67,11 +67,14 @@ class Track:
         ax.plot([], [], color=style.COLOURS[0], linewidth=1.0, label=name)
 
 
-def _truth(ax: "Axes", xy: Array, times: Array, turning: list[tuple[float, float]]) -> None:
-    ax.plot(*xy, label="Truth", **style.TRUTH)
+def _truth(
+    ax: "Axes", xy: Array, times: Array, turning: list[tuple[float, float]], thin: bool
+) -> None:
+    width = 0.7 if thin else 1.4
+    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width})
     for start, end in turning:
         during = (times >= start) & (times <= end)
-        ax.plot(*xy[:, during], color=style.COLOURS[1], linewidth=2.2, label="Maneuvers")
+        ax.plot(*xy[:, during], label="Maneuvers", color=style.COLOURS[1], linewidth=1.5 * width)
     ax.plot(*xy[:, 0], "o", color="black", markersize=4, label="Start")
 
 

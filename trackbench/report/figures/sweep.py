@@ -75,7 +75,9 @@ class RmseVsParameter:
         if len(y) and np.ptp(y) == 0.0:
             ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
             return
-        ax.errorbar(shown, y, 2.0 * stderr, label=label, capsize=1.5, elinewidth=0.8, **look)
+        ax.plot(shown, y, label=label, **look)
+        bars = {"color": look["color"], "capsize": 1.5, "elinewidth": 0.8}
+        ax.errorbar(shown, y, 2.0 * stderr, fmt="none", **bars)
         if np.isfinite(y).any():
             best = int(np.nanargmin(y))
             ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3)

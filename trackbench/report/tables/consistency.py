@@ -39,7 +39,7 @@ class Consistency:
             "ANIS, median step",
             "steps in its band ",
         ]
-        table = Table(self.title, [*results.grid, "Filter"], heads, self.digits)
+        table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
         for point in results.points():
             frame = results.at(results.per_step, point)
             for label in labels:
