@@ -210,13 +210,16 @@ def _check_fit(
     source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
 ) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
+    unmet = False
     for need in getattr(tracker, "needs", ()):
         part, _, name = need.partition(".")
         if not hasattr(getattr(scenario.model, part), name):
             what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
+            unmet = True
     conflicts = getattr(tracker, "conflicts", None)
-    for key, what in (conflicts(scenario) if conflicts else {}).items():
+    # A filter may ask of the scenario what it needs, so it is only asked if that is there.
+    for key, what in (conflicts(scenario) if conflicts and not unmet else {}).items():
         where = (*keys, *key.split(".")) if key else keys
         problems.append(Problem(source.mark(where), dotted(where), what))
 

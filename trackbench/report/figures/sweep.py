@@ -76,8 +76,8 @@ class RmseVsParameter:
             ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
             return
         ax.plot(shown, y, label=label, **look)
-        bars = {"color": look["color"], "capsize": 1.5, "elinewidth": 0.8}
-        ax.errorbar(shown, y, 2.0 * stderr, fmt="none", **bars)
+        bars = 2.0 * stderr
+        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8)
         if np.isfinite(y).any():
             best = int(np.nanargmin(y))
             ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3)
