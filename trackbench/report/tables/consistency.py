@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import Estimate
+from trackbench.evaluation.statistics import Estimate, anees_band
 from trackbench.registry import register
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -48,33 +48,22 @@ class Consistency:
                 for metric, n in sizes.items():
                     chosen = rows[rows["metric"] == metric]
                     value = chosen["value"].to_numpy(dtype=float)
-                    runs = chosen["runs"].to_numpy(dtype=float)
-                    cells += _cells(value if metric == "anees" else value / n, n * runs)
+                    runs = chosen["runs"].to_numpy()
+                    cells += _cells(value if metric == "anees" else value / n, n, runs)
                 table.add([*(str(v) for v in point.values()), label], cells)
         runs = int(results.config["runs"])
         for name, n in (("ANEES", sizes["anees"]), ("ANIS", sizes["nis"])):
-            low, high = band(np.array([float(n * runs)]))
-            table.notes.append(
-                f"95 % band of {name} over {runs} runs: {low[0]:.3f} to {high[0]:.3f}."
-            )
+            low, high = anees_band(n, runs)
+            table.notes.append(f"95 % band of {name} over {runs} runs: {low:.3f} to {high:.3f}.")
         return table
 
 
-def band(degrees: Array) -> tuple[Array, Array]:
-    """2.5 % and 97.5 % points of chi-square over its degrees of freedom."""
-    from scipy.special import gammaincinv
-
-    low, high = (2.0 * gammaincinv(degrees / 2.0, p) / degrees for p in (0.025, 0.975))
-    return low, high
-
-
-def _cells(value: Array, degrees: Array) -> list[Cell]:
+def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
+    """Median over the steps, and the share of steps inside their bands."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
-    low, high = band(degrees)
+    bands = {m: anees_band(n, m) for m in set(runs.tolist())}
+    low, high = np.array([bands[m] for m in runs.tolist()]).T
     inside = float(((value >= low) & (value <= high)).mean())
     # Steps depend on each other, so no standard error is claimed.
-    return [
-        Cell(Estimate(float(np.median(value)), float("nan")), len(value), 0),
-        Cell(Estimate(inside, float("nan")), len(value), 0),
-    ]
+    return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.evaluation.statistics import mean
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import paired_difference
 from trackbench.registry import register
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -35,26 +36,18 @@ class Differences:
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
         for point in results.points():
-            frame = results.at(results.per_run, point)
-            wide = {
-                metric: frame[frame["metric"] == metric].pivot(
-                    index="run", columns="filter", values="value"
-                )
-                for metric in self.columns.values()
-            }
-            for label in labels:
-                if label != self.against:
-                    cells = [_cell(wide[m], label, self.against) for m in self.columns.values()]
-                    table.add([*(str(v) for v in point.values()), label], cells)
+            runs = results.runs(point)
+            for label in (b for b in labels if b != self.against):
+                cells = [
+                    _cell(runs.get((label, metric)), runs.get((self.against, metric)))
+                    for metric in self.columns.values()
+                ]
+                table.add([*(str(v) for v in point.values()), label], cells)
         return table
 
 
-def _cell(wide: "object", label: str, against: str) -> Cell:
-    import pandas as pd
-
-    assert isinstance(wide, pd.DataFrame)
-    if label not in wide or against not in wide:
+def _cell(a: Array | None, b: Array | None) -> Cell:
+    if a is None or b is None:
         return Cell.missing()
-    difference = (wide[label] - wide[against]).to_numpy(dtype=float)
-    found = difference[np.isfinite(difference)]
-    return Cell(mean(found), len(found), len(difference) - len(found))
+    both = np.isfinite(a) & np.isfinite(b)
+    return Cell(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))
