@@ -9,7 +9,8 @@ from tests.conftest import make_filter, per_run, track
 from trackbench.core.fading import tail
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.filters.adaptive import AdaptiveKF
+from trackbench.filters.adaptive import BOTH, AdaptiveKF
+from trackbench.filters.axes import axis_step
 from trackbench.filters.input_estimation import VDF, InputEstimation
 from trackbench.filters.linear import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
@@ -125,7 +126,6 @@ def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() ->
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     from trackbench.core.distributions import Gaussian
-    from trackbench.filters.axes import axis_step
     from trackbench.filters.switching import steady_acceleration_variance
 
     R = np.array([[1e4]])
@@ -173,6 +173,49 @@ def test_second_decision_denies_false_alarms() -> None:
     assert per_run(STRAIGHT, careful, 20, "alarm").mean() > 1.0
     assert denied < 0.5 * believed
     assert per_run(TURN, careful, 20, "mode[turns]").mean() > 0.2
+
+
+def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() -> None:
+    tracker = AdaptiveKF(
+        nmf=CV, mf=CA, detector=Detector(eta=15.0, window_s=20.0), dlw=SecondDecision(n=10**6)
+    )
+    runs, R = 6, np.array([[1e4]])
+    data, rng = TURN.simulate(RunStreams(1, range(runs)), runs), block_stream(1, 0)
+    state = tracker.init(TURN.model, data.prior, rng)
+    expected = np.zeros(runs)
+    for i, k in enumerate(TURN.steps[1:]):
+        z, before = data.measurements[:, i], state
+        state = tracker.step(TURN.model, state, z, int(k), rng)
+        _, quiet = axis_step(before.quiet, CV.axis(1.0), z, R)
+        _, turning = axis_step(before.turning, CA.axis(1.0), z, R)
+        ratio = (turning.log_likelihood - quiet.log_likelihood).sum(axis=0)
+        expected += np.where(before.mode == BOTH, ratio, 0.0)
+    assert (state.mode == BOTH).any()
+    np.testing.assert_allclose(state.evidence, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_maneuvering_filter_stays_as_long_as_it_must() -> None:
+    def shortest_stay(hold_s: float) -> float:
+        detector = Detector(kind="fading-ie", eta=14.0)
+        tracker = AdaptiveKF(nmf=CV, mf=CA, detector=detector, exit=Exit(hold_s=hold_s))
+        mode = track(STRAIGHT, tracker, 4).diagnostics["mode"][1:]
+        edges = np.diff(np.vstack([np.zeros((1, 4)), mode]), axis=0)
+        stays = []
+        for on, off in zip((edges == 1).T, (edges == -1).T, strict=True):
+            ends = np.flatnonzero(off)
+            stays += list(ends - np.flatnonzero(on)[: len(ends)])
+        return min(stays)
+
+    assert shortest_stay(0.0) < 10
+    assert shortest_stay(25.0) == 25
+
+
+@pytest.mark.parametrize("start", [20, 60])
+def test_no_alarm_before_the_detector_is_switched_on(start: int) -> None:
+    nervous = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(kind="fading-ie", eta=8.0, start=start))
+    alarm = track(STRAIGHT, nervous, 10).diagnostics["alarm"]
+    first = STRAIGHT.steps[np.flatnonzero((alarm > 0).any(axis=1))[0]]
+    assert start <= first < start + 20
 
 
 def test_the_least_onset_postpones_the_switch() -> None:
