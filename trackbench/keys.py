@@ -1,6 +1,6 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from annotated_types import Ge, Gt, Interval
 
@@ -13,3 +13,24 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 """A number in [0, 1]."""
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
+
+IS_FILE = "path of a data file"
+DataFile = Annotated[str, IS_FILE]
+"""A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
+
+
+class Place(NamedTuple):
+    """A mistake in a data file: line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+    what: str
+
+
+class DataError(ValueError):
+    """What is wrong in a data file, place by place."""
+
+    def __init__(self, *places: Place) -> None:
+        super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
+        self.places = places

@@ -5,12 +5,13 @@ from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from math import isnan
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.keys import IS_FILE
 
 T = TypeVar("T")
 
@@ -44,6 +45,17 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
             keys = adapter(base).json_schema().get("properties", {})
             texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
     return texts
+
+
+def file_keys(cls: type[Any]) -> frozenset[str]:
+    """Keys of a dataclass that are paths of data files."""
+    hints = get_type_hints(cls, include_extras=True)
+    return frozenset(name for name, hint in hints.items() if _is_file(hint))
+
+
+def _is_file(hint: Any) -> bool:
+    options = (hint, *get_args(hint))
+    return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
 
 
 @cache

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.config import Experiment
-from trackbench.experiment.store import write_bytes, write_csv, write_text
+from trackbench.experiment.files import write_bytes, write_csv, write_text
 from trackbench.report import style
 from trackbench.report.results import Results
 from trackbench.report.table import Table
