@@ -94,7 +94,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         }
     connect: Any = Client  # has no types
     try:
-        client = connect(**settings, timeout="20s", set_as_default=False)
+        client = connect(**settings, timeout="5s", set_as_default=False)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
