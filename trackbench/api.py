@@ -55,6 +55,8 @@ class Report:
     tables: dict[str, Table]
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
+    best: list[str] = field(default_factory=list)
+    """of a sweep: each filter's best point"""
 
     @property
     def results(self) -> Results:
@@ -97,6 +99,8 @@ def run(config: Path | str, options: Options | None = None, **changes: Any) -> R
     """
     options = replace(options or Options(), **changes)
     experiment = prepare(Path(config), options)
+    if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
+        experiment = replace(experiment, figures={})
     plan, workers, text = _planned(experiment, options)
     open_engine = engine(options.engine, workers, options.scheduler)
     _say(text, options)
@@ -134,7 +138,7 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
         name = prepare(Path(config), options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
     report = run(config, options)
-    report.notes += render_sweep(report.folder, options.formats)
+    report.best = render_sweep(report.folder, options.formats)
     return report
 
 

@@ -209,6 +209,8 @@ def _execute(command: str, config: Path, dry_run: bool, options: "Options") -> N
         raise typer.Exit(130) from None
     for table in report.tables.values():
         typer.echo(table.markdown())
+    for best in report.best:
+        typer.echo(f"best: {best}")
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
