@@ -1,5 +1,6 @@
 """A results folder, read back."""
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +27,14 @@ class Results:
         config = yaml.safe_load((self.folder / "config.yaml").read_text(encoding="utf-8"))
         assert isinstance(config, dict)
         return config
+
+    @cached_property
+    def failed(self) -> list[dict[str, Any]]:
+        """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+        found = manifest["failed"]
+        assert isinstance(found, list)
+        return found
 
     @property
     def labels(self) -> list[str]:

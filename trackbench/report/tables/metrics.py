@@ -53,6 +53,11 @@ class Metrics:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
                 table.add([*keys, head], list(self._gains(results, point, self.gain)))
             table.notes += _lost_notes(results, point, labels)
+        table.notes += [
+            f"{row['filter']} failed: {row['reason']}"
+            for row in results.failed
+            if row["filter"] in labels
+        ]
         return table
 
     def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:
