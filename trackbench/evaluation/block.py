@@ -109,7 +109,8 @@ def _reduced(
 ) -> BlockResult:
     values = {name: rows[:, :used] for name, rows in values.items()}
     counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
-    per_run = per_run_metrics(task.scenario, values, counts)
+    finite = np.asarray(np.isfinite(result.mean[..., :used]).all(axis=(0, 1)))
+    per_run = per_run_metrics(task.scenario, values, counts, finite)
     tracks, shown = None, task.shown_of(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]

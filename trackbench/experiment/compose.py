@@ -19,9 +19,20 @@ def inline_parts(source: Source, folder: Path) -> list[Problem]:
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
+            _inline_nested(source, keys)
         except UserError as error:
             problems += [p for p in error.problems if isinstance(p, Problem)]
     return problems
+
+
+def _inline_nested(source: Source, keys: Keys) -> None:
+    """The scenario that a recorded one is like; its path counts from the file it stands in."""
+    data = source.data
+    for key in keys:
+        data = data[key]
+    if keys == ("scenario",) and isinstance(data, dict) and "like" in data:
+        inner = (*keys, "like")
+        _inline(source, inner, Path(source.mark(inner).file).parent, depth=1)
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:

@@ -17,14 +17,9 @@ import trackbench
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.config import as_config
 
-_SOURCES = (
-    "core",
-    "models",
-    "scenarios",
-    "filters",
-    "evaluation/block.py",
-    "evaluation/metrics.py",
-)
+_SOURCES = ("core", "models", "scenarios", "filters", "evaluation")
+_AFTER_BLOCKS = {"merge.py", "statistics.py", "summary.py"}
+"""Files of evaluation/ that only see finished blocks."""
 
 
 @cache
@@ -97,5 +92,7 @@ def _package_digest(name: str) -> str:
 def _add_sources(digest: "hashlib._Hash", home: Path, source: Path) -> None:
     files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
     for file in files:
+        if file.parent == home / "evaluation" and file.name in _AFTER_BLOCKS:
+            continue
         digest.update(f"\n{file.relative_to(home).as_posix()}\n".encode())
         digest.update(file.read_bytes())
