@@ -21,6 +21,7 @@ from trackbench.experiment.source import Keys, Source, dotted, read
 from trackbench.experiment.validate import at, build, file_keys, unknown
 from trackbench.filters.base import AnyFilter
 from trackbench.keys import Count, DataError, Natural
+from trackbench.models.base import Model
 from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import Scenario
 
@@ -269,13 +270,18 @@ def _with_preset(
     return {**presets[name], **data}
 
 
+def has(model: Model, need: str) -> bool:
+    """Whether a model can do what a filter needs, such as ``motion.jacobian``."""
+    part, _, name = need.partition(".")
+    return hasattr(getattr(model, part), name)
+
+
 def _check_fit(
     source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
 ) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     for need in getattr(tracker, "needs", ()):
-        part, _, name = need.partition(".")
-        if not hasattr(getattr(scenario.model, part), name):
+        if not has(scenario.model, need):
             what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
     conflicts = getattr(tracker, "conflicts", None)
