@@ -154,6 +154,16 @@ def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench l
     typer.echo(description(kind))
 
 
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of an experiment file, for editors."""
+    import json
+
+    from trackbench.schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))
+
+
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
     from trackbench.experiment.problems import RunError, UserError

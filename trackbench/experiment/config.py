@@ -8,6 +8,7 @@ import itertools
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +28,9 @@ from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
+
+
+_MOST_POINTS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,6 +167,7 @@ def _validated(
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
     _check_named_filters(source, settings, tables | figures, problems)
+    _check_figures(source, settings, figures, points, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
     found = [p for p in points if p is not None]
@@ -191,7 +196,7 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         return None
     known = kinds(group)
     kind = data["kind"]
-    if kind not in known:
+    if not isinstance(kind, str) or kind not in known:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(known))}"
         problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
         return None
@@ -262,7 +267,7 @@ def _with_preset(
     if name is None or not presets:
         return data
     del data["preset"]
-    if name not in presets:
+    if not isinstance(name, str) or name not in presets:
         what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
         where = (*keys, "preset")
         problems.append(Problem(source.mark(where), dotted(where), what))
@@ -318,6 +323,11 @@ def _grid(
             what = "a grid varies scenario.KEY or filters.LABEL.KEY"
             problems.append(Problem(source.key_mark(where), dotted(where), what))
             return []
+    number = prod(len(settings.grid[p]) for p in paths)
+    if number > _MOST_POINTS:
+        what = f"{number} points; a grid has at most {_MOST_POINTS}"
+        problems.append(Problem(source.mark(("grid",)), "grid", what))
+        return []
     out = []
     for numbers in itertools.product(*(range(len(settings.grid[p])) for p in paths)):
         chosen = dict(zip(paths, numbers, strict=True))
@@ -351,6 +361,25 @@ def _check_named_filters(
             if label not in settings.filters:
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
+                problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def _check_figures(
+    source: Source,
+    settings: Settings,
+    figures: dict[str, Any],
+    points: list[Point | None],
+    problems: list[Problem],
+) -> None:
+    """A figure may show only runs and components that there are."""
+    sizes = [len(p.scenario.model.motion.components) for p in points if p is not None]
+    limits = {"run": settings.runs, "component": min(sizes, default=1)}
+    for name, figure in figures.items():
+        for key, most in limits.items():
+            number = getattr(figure, key, None)
+            if isinstance(number, int) and number > most:
+                where = ("figures", name, key)
+                what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
 
 
