@@ -119,17 +119,21 @@ def cache(
 
 @app.command()
 def check(
-    config: Config, set_: Set = None, only: Only = None, allow_plugins: AllowPlugins = False
+    config: Annotated[Path | None, typer.Argument(help="experiment file (YAML)")] = None,
+    set_: Set = None,
+    only: Only = None,
+    allow_plugins: AllowPlugins = False,
+    contract: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
+    ] = None,
 ) -> None:
-    """Validate a config and run nothing."""
-    from trackbench import api
-    from trackbench.experiment.plan import check_memory
-
-    experiment = api.prepare(config, _options(locals()))
-    check_memory(experiment, workers=1)
-    points = len(experiment.points)
-    grid = f" at {points} points" if points > 1 else ""
-    typer.echo(f"{config}: good, {len(experiment.points[0].filters)} filters{grid}")
+    """Validate a config and run nothing, or hold a filter of one's own against the contract."""
+    if config is None and contract is None:
+        raise typer.BadParameter("name a config, or a Python file with --contract")
+    if config is not None:
+        _check_config(config, _options(locals()))
+    if contract is not None:
+        _check_contract(contract)
 
 
 @app.command("list")
@@ -177,6 +181,27 @@ def main() -> None:
         typer.echo(f"error: {error}", err=True)
         typer.echo(f"finished blocks are kept; to go on: {_this_command()}", err=True)
         sys.exit(1)
+
+
+def _check_config(config: Path, options: "Options") -> None:
+    from trackbench import api
+    from trackbench.experiment.plan import check_memory
+
+    experiment = api.prepare(config, options)
+    check_memory(experiment, workers=1)
+    points = len(experiment.points)
+    grid = f" at {points} points" if points > 1 else ""
+    typer.echo(f"{config}: good, {len(experiment.points[0].filters)} filters{grid}")
+
+
+def _check_contract(path: Path) -> None:
+    from trackbench.contract import check_file, report
+
+    found = check_file(path)
+    for line in report(found):
+        typer.echo(line)
+    if any(finding.verdict == "bad" for findings in found.values() for finding in findings):
+        raise typer.Exit(1)
 
 
 def _options(given: dict[str, Any]) -> "Options":

@@ -6,6 +6,7 @@ Optional attributes of a filter class:
 ``presets``      named sets of keys, chosen in a config by ``preset: NAME``
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
 ``counts``       names of diagnostics that are summed over the steps instead
+``not_kalman``   why it does not equal the Kalman filter on a linear model, if it does not
 """
 
 from typing import Any, Protocol, TypeVar
