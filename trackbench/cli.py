@@ -159,6 +159,22 @@ def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench l
 
 
 @app.command()
+def new(
+    what: Annotated[str, typer.Argument(help="filter, scenario or experiment")],
+    name: Annotated[str, typer.Argument(help="its name, such as my-filter")],
+) -> None:
+    """Write a commented starting file that runs as it is, and its test."""
+    from trackbench.scaffold import WHAT, write_new
+
+    paths = write_new(_one_of("new", what, WHAT), name, Path())
+    for path in paths:
+        typer.echo(f"wrote {path}")
+    config = next(path for path in paths if path.suffix == ".yaml")
+    plugins = "" if what == "experiment" else " --allow-plugins"
+    typer.echo(f"run it: trackbench run {config}{plugins}")
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON Schema of an experiment file, for editors."""
     import json
