@@ -86,7 +86,9 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         merged = _merged_bytes(experiment, point, save_tracks)
         for label, tracker in point.filters.items():
             width = settings.block or block_width(tracker)
-            needed = workers * (_PROCESS + _block_bytes(point.scenario, tracker, width)) + merged
+            reference = point.filters.get(settings.reference or "", tracker)
+            block = max(_block_bytes(point.scenario, f, width) for f in (tracker, reference))
+            needed = workers * (_PROCESS + block) + merged
             most = max(most, needed)
             if needed > 0.9 * there:
                 what = (
@@ -122,7 +124,8 @@ def cautions(point: Point) -> list[str]:
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x = len(scenario.model.motion.components)
-    cloud = particle_count(tracker) * n_x * _TEMPORARIES
+    held: int = getattr(tracker, "held", particle_count(tracker))
+    cloud = held * n_x * _TEMPORARIES
     return 8 * width * (cloud + len(scenario.steps) * (6 * n_x + 20))
 
 
