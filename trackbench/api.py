@@ -16,12 +16,16 @@ from trackbench.experiment.config import Experiment
 from trackbench.experiment.engines import Engine, cpu_count, engine
 from trackbench.experiment.lock import locked
 from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
-from trackbench.experiment.problems import UserError
 from trackbench.experiment.runner import Outcome, execute
 from trackbench.experiment.store import Losses, write_results
-from trackbench.report.render import render
-from trackbench.report.results import Results
+from trackbench.report.comparison import summary_lines, write_comparison, write_paired
+from trackbench.report.ledger import write_overview
+from trackbench.report.page import write_report
+from trackbench.report.render import render, write_figures
+from trackbench.report.results import Results, open_results
 from trackbench.report.table import Table
+from trackbench.report.verdicts import Comparison
+from trackbench.report.verdicts import compare as hold_against_published
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +57,7 @@ class Report:
 
     folder: Path
     tables: dict[str, Table]
+    comparison: Comparison
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     best: list[str] = field(default_factory=list)
@@ -107,11 +112,10 @@ def run(config: Path | str, options: Options | None = None, **changes: Any) -> R
     for caution in dict.fromkeys(c for point in experiment.points for c in cautions(point)):
         _say(f"note: {caution}", options)
     folder = options.out or Path("results") / experiment.settings.name
-    store = BlockStore(cache_folder())
     with locked(folder, lambda line: _say(line, options)):
         outcome = execute(
             plan,
-            store,
+            BlockStore(cache_folder()),
             open_engine,
             workers,
             experiment.plugins,
@@ -121,9 +125,11 @@ def run(config: Path | str, options: Options | None = None, **changes: Any) -> R
         for line in _what_happened(outcome):
             _say(line, options)
         losses = write_results(folder, experiment, outcome, options.save_tracks)
-        tables = render(folder, experiment, options.formats)
-    notes = list(_notes(experiment, losses))
-    return Report(folder, tables, notes, list(_failed(experiment, outcome, losses)))
+        results = Results(folder)
+        tables, comparison = render(results, options.formats)
+        write_report(results, comparison)
+    notes = [*_notes(experiment, losses), *summary_lines(comparison)]
+    return Report(folder, tables, comparison, notes, list(_failed(experiment, outcome, losses)))
 
 
 def sweep(config: Path | str, options: Options | None = None, **changes: Any) -> Report:
@@ -144,9 +150,31 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
 def load(folder: Path | str) -> Results:
     """The results of an earlier run, as data frames."""
-    if not (Path(folder) / "summary.csv").is_file():
-        raise UserError(f"{folder}: is not a results folder (it has no summary.csv)")
-    return Results(Path(folder))
+    return open_results(Path(folder))
+
+
+def compare(folder: Path | str) -> Comparison:
+    """Hold a results folder against what is published again; writes comparison and paired.csv."""
+    results = open_results(Path(folder))
+    comparison = hold_against_published(results)
+    write_comparison(results, comparison)
+    write_paired(results)
+    return comparison
+
+
+def plot(
+    folder: Path | str, formats: Sequence[str] = ("png", "svg"), only: Sequence[str] = ()
+) -> list[Path]:
+    """Draw the figures of a results folder again; returns the files written."""
+    return write_figures(open_results(Path(folder)), formats, only)
+
+
+def report(folder: Path | str) -> list[Path]:
+    """Write report.html of a results folder, or index.html and the ledger over a folder of them."""
+    folder = Path(folder)
+    if (folder / "config.yaml").is_file():
+        return [write_report(open_results(folder))]
+    return write_overview(folder)
 
 
 def preview(config: Path | str, options: Options) -> str:

@@ -39,7 +39,7 @@ SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
 ]
 Format = Annotated[
-    str, typer.Option("--format", help="of figures: png, svg, pdf, separated by commas")
+    str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
 ]
 AllowPlugins = Annotated[
     bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")
@@ -72,6 +72,49 @@ def run(
 ) -> None:
     """Run an experiment and write tables, figures and CSV files."""
     _execute("run", config, dry_run, _options(locals()))
+
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
+
+
+@app.command()
+def compare(folder: Folder) -> None:
+    """Hold stored results against the published numbers and claims; computes no run."""
+    from trackbench import api
+    from trackbench.report.comparison import markdown
+    from trackbench.report.results import Results
+
+    found = api.compare(folder)
+    if not found.numbers and not found.claims:
+        typer.echo(f"{folder}: nothing is published about this experiment", err=True)
+        return
+    typer.echo(markdown(Results(folder), found))
+
+
+@app.command()
+def plot(
+    folder: Folder,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
+    ] = None,
+    format_: Annotated[
+        str, typer.Option("--format", help="png, svg, pdf, separated by commas")
+    ] = "png,svg",
+) -> None:
+    """Draw the figures of stored results again; computes no run."""
+    from trackbench import api
+
+    for path in api.plot(folder, _formats(format_), tuple(only or ())):
+        typer.echo(path)
+
+
+@app.command()
+def report(folder: Folder) -> None:
+    """Write report.html of stored results; over a folder of several, index.html and a ledger."""
+    from trackbench import api
+
+    for path in api.report(folder):
+        typer.echo(path)
 
 
 @app.command()
@@ -225,7 +268,6 @@ def _options(given: dict[str, Any]) -> "Options":
     from trackbench import api
 
     engines = ("serial", "processes", "dask")
-    formats = given.get("format_", "png").split(",")
     quick_runs = 20 if given.get("quick") else None
     return api.Options(
         set=tuple(given["set_"] or ()),
@@ -239,7 +281,7 @@ def _options(given: dict[str, Any]) -> "Options":
         scheduler=given.get("scheduler"),
         fresh=given.get("fresh", False),
         save_tracks=given.get("save_tracks", False),
-        formats=[_one_of("--format", f, ("png", "svg", "pdf")) for f in formats],
+        formats=_formats(given.get("format_", "png")),
         allow_plugins=given["allow_plugins"],
     )
 
@@ -277,6 +319,10 @@ def _interrupt(signal_number: int, frame: object) -> None:
 
 def _this_command() -> str:
     return shlex.join(["trackbench", *sys.argv[1:]])
+
+
+def _formats(text: str) -> list[str]:
+    return [_one_of("--format", f, ("png", "svg", "pdf", "tex")) for f in text.split(",")]
 
 
 def _one_of(option: str, value: str, known: tuple[str, ...]) -> str:

@@ -18,6 +18,7 @@ from trackbench.experiment.axes import add_axis
 from trackbench.experiment.compose import assignment, inline_parts, override, split_path
 from trackbench.experiment.plugins import Plugin, load_plugins
 from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Keys, Source, dotted, read
 from trackbench.experiment.validate import at, build, file_keys, unknown
 from trackbench.filters.base import AnyFilter
@@ -61,6 +62,8 @@ class Settings:
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """figures to draw, by name"""
+    published: list[str] = field(default_factory=list)
+    """CSV files of published numbers and claims that the results are held against"""
     plugins: list[str] = field(default_factory=list)
     """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
 
@@ -83,6 +86,7 @@ class Experiment:
     tables: dict[str, Any]
     figures: dict[str, Any]
     source: Source
+    published: Published
     plugins: tuple[Plugin, ...] = ()
 
     @property
@@ -108,6 +112,8 @@ class Experiment:
             return os.path.relpath(path, folder)
 
         out["plugins"] = [relative(plugin.path) for plugin in self.plugins]
+        # A results folder holds copies of the files under these names, so that it stands alone.
+        out["published"] = [f"published/{name}" for name in self.published.files]
         out["scenario"] = as_config(first.scenario, relative)
         parts = {"filters": first.filters, "tables": self.tables, "figures": self.figures}
         for group, built in parts.items():
@@ -145,11 +151,11 @@ def load(
     for text in grid or []:
         add_axis(source, text)
     plugins = load_plugins(source, path.parent, allow_plugins)
-    return _validated(source, only, plugins)
+    return _validated(source, only, path.parent, plugins)
 
 
 def _validated(
-    source: Source, only: list[str] | None, plugins: tuple[Plugin, ...] = ()
+    source: Source, only: list[str] | None, folder: Path, plugins: tuple[Plugin, ...] = ()
 ) -> Experiment:
     problems: list[Problem] = []
     settings = build(Settings, source, (), problems)
@@ -168,10 +174,11 @@ def _validated(
     figures = _parts("figures", source, problems)
     _check_named_filters(source, settings, tables | figures, problems)
     _check_figures(source, settings, figures, points, problems)
+    published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
     found = [p for p in points if p is not None]
-    return Experiment(settings, found, tables, figures, source, plugins)
+    return Experiment(settings, found, tables, figures, source, published, plugins)
 
 
 def _point(
@@ -362,6 +369,25 @@ def _check_named_filters(
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
+        for key in ("floor", "baseline"):
+            label = getattr(part, key, None)
+            if label is not None and label not in settings.filters:
+                place = (group, name, key)
+                what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
+                problems.append(Problem(source.mark(place), dotted(place), what))
+
+
+def _published(
+    source: Source, settings: Settings, folder: Path, problems: list[Problem]
+) -> Published:
+    mark = source.mark(("published",))
+    try:
+        return read_published(
+            folder, settings.published, settings.name, list(settings.filters), mark
+        )
+    except UserError as error:
+        problems += [p for p in error.problems if isinstance(p, Problem)]
+        return Published()
 
 
 def _check_figures(

@@ -1,5 +1,6 @@
 """The files of a results folder, each written whole or not at all."""
 
+import hashlib
 import json
 import platform
 import subprocess
@@ -26,6 +27,11 @@ from trackbench.experiment.runner import Outcome
 from trackbench.experiment.tracks import Kept
 
 Row = Iterable[Any]
+
+FORMAT = 1
+"""Counts up when a results folder changes so that older code would misread it."""
+RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
+"""Files that only a run writes; the manifest has their digests."""
 
 
 class Losses(NamedTuple):
@@ -63,7 +69,9 @@ def write_results(
     Returns how many runs of each filter were lost, by reason.
     """
     remove_partial(folder)
+    (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
     write_text(folder / "config.yaml", as_yaml(experiment.resolved(folder)))
+    _write_published(folder / "published", experiment.published.files)
     kept = {"shown.npz": Kept(experiment, experiment.shown_runs)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment, None)
@@ -79,9 +87,20 @@ def write_results(
                 collection.add(key, result)
     for name, collection in kept.items():
         collection.write(folder / name)
-    manifest = {**_manifest(experiment, outcome), "cpu_s": round(cpu_s, 3)}
+    manifest = _manifest(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
+    manifest["files"] = digests(folder)
     write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return losses
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file that only a run writes."""
+    return {name: _digest(folder / name) for name in RAW if (folder / name).is_file()}
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def as_yaml(data: Any) -> str:
@@ -104,6 +123,13 @@ def _prefixed(
     prefix = [*point.values.values(), label]
     for row in rows(result, point.scenario):
         yield [*prefix, *row]
+
+
+def _write_published(folder: Path, files: dict[str, str]) -> None:
+    if files:
+        folder.mkdir(exist_ok=True)
+    for name, text in files.items():
+        write_text(folder / name, text)
 
 
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
@@ -145,6 +171,7 @@ _FRAMES: dict[str, tuple[list[str], Any]] = {
 def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
     return {
+        "format": FORMAT,
         "trackbench": trackbench.__version__,
         "commit": _commit(),
         "experiment": experiment.settings.name,
@@ -153,7 +180,7 @@ def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "packages": {name: version(name) for name in packages},
-        "plugins": {plugin.path: plugin.digest for plugin in experiment.plugins},
+        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
         "failed": [
             {**experiment.points[i].values, "filter": label, "reason": why}

@@ -1,40 +1,68 @@
-"""Tables and figures of a results folder, as the experiment asked for them."""
+"""Everything that follows from a results folder: tables, figures, verdicts, pairs, the report."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.config import Experiment
 from trackbench.experiment.files import write_bytes, write_csv, write_text
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.validate import unknown
 from trackbench.report import style
+from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.results import Results
 from trackbench.report.table import Table
+from trackbench.report.verdicts import Comparison, compare
 
 
-def render(folder: Path, experiment: Experiment, formats: Iterable[str]) -> dict[str, Table]:
-    """Write ``tables/`` and ``figures/``; returns the tables by name."""
-    results = Results(folder)
-    tables = {name: spec.table(results) for name, spec in experiment.tables.items()}
-    _write_tables(folder / "tables", tables)
-    _write_figures(folder / "figures", experiment.figures, results, formats)
-    return tables
+def render(results: Results, formats: Collection[str]) -> tuple[dict[str, Table], Comparison]:
+    """Write all of it; returns the tables by name and the verdicts."""
+    tables = write_tables(results, tex="tex" in formats)
+    write_figures(results, formats)
+    write_paired(results)
+    comparison = compare(results)
+    write_comparison(results, comparison)
+    return tables, comparison
 
 
-def _write_tables(folder: Path, tables: dict[str, Table]) -> None:
-    if tables:
-        folder.mkdir(exist_ok=True)
+def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
+    """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
+    tables = {name: spec.table(results) for name, spec in results.parts("tables").items()}
+    folder = _made(results.folder / "tables") if tables else results.folder
     for name, table in tables.items():
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
+        if tex:
+            write_text(folder / f"{name}.tex", table.texts().tex())
+    return tables
 
 
-def _write_figures(
-    folder: Path, figures: dict[str, Any], results: Results, formats: Iterable[str]
-) -> None:
-    if figures:
-        folder.mkdir(exist_ok=True)
+def write_figures(
+    results: Results, formats: Iterable[str], only: Collection[str] = ()
+) -> list[Path]:
+    """Draw ``figures/`` in each format but tex; ``only`` picks figures by name or kind."""
+    figures = results.parts("figures")
+    for name in only:
+        known = [*figures, *{spec.kind for spec in figures.values()}]
+        if name not in known:
+            raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
+    written = []
     for name, spec in figures.items():
-        figure = spec.draw(results)
-        for form in formats:
-            write_bytes(folder / f"{name}.{form}", style.content(figure, form))
-        style.close(figure)
+        if not only or name in only or spec.kind in only:
+            for form, content in drawn(spec, results, [f for f in formats if f != "tex"]):
+                path = _made(results.folder / "figures") / f"{name}.{form}"
+                write_bytes(path, content)
+                written.append(path)
+    return written
+
+
+def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str, bytes]]:
+    """A figure as the content of a file, for each format."""
+    figure = spec.draw(results)
+    contents = [(form, style.content(figure, form)) for form in formats]
+    style.close(figure)
+    return contents
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder

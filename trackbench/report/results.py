@@ -7,9 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.config import Settings, build_kind
+from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.published import Published, read_published
+from trackbench.experiment.source import Source, read
+from trackbench.experiment.store import FORMAT, digests
+from trackbench.experiment.validate import build
+from trackbench.registry import Group
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,19 +28,46 @@ class Results:
     folder: Path
 
     @cached_property
+    def source(self) -> Source:
+        """The resolved config with positions."""
+        return read(self.folder / "config.yaml")
+
+    @property
     def config(self) -> dict[str, Any]:
         """The resolved config."""
-        config = yaml.safe_load((self.folder / "config.yaml").read_text(encoding="utf-8"))
+        config = self.source.data
         assert isinstance(config, dict)
         return config
 
     @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """Versions, platform, times."""
+        manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+        assert isinstance(manifest, dict)
+        return manifest
+
+    @property
     def failed(self) -> list[dict[str, Any]]:
         """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
-        manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
-        found = manifest["failed"]
-        assert isinstance(found, list)
+        found: list[dict[str, Any]] = self.manifest["failed"]
         return found
+
+    def parts(self, group: Group) -> dict[str, Any]:
+        """The experiment's tables or figures, built from the config."""
+        problems: list[Problem] = []
+        names = self.config.get(group, {})
+        built = {name: build_kind(group, self.source, (group, name), problems) for name in names}
+        if problems:
+            raise UserError(*sorted(set(problems)))
+        return built
+
+    @cached_property
+    def published(self) -> Published:
+        """Published numbers and claims that this experiment is held against."""
+        config = self.config
+        return read_published(
+            self.folder, config.get("published", []), config["name"], list(config["filters"])
+        )
 
     @property
     def labels(self) -> list[str]:
@@ -75,6 +108,11 @@ class Results:
         with np.load(path) as arrays:
             return dict(arrays)
 
+    def runs(self, point: dict[str, Any]) -> dict[tuple[str, str], Array]:
+        """Values per run (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
+        groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
+        return {key: rows["value"].to_numpy(dtype=float) for key, rows in groups}
+
     def points(self) -> list[dict[str, Any]]:
         """The grid's points in order; one empty point without a grid."""
         if not self.grid:
@@ -94,3 +132,48 @@ class Results:
         return pd.read_csv(
             self.folder / name, dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
         )
+
+
+def open_results(folder: Path) -> Results:
+    """The results in a folder; raises UserError if it is not whole, too new, or edited by hand."""
+    if not folder.is_dir():
+        raise UserError(f"{folder}: there is no such folder")
+    if not (folder / "config.yaml").is_file():
+        raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
+    results = Results(folder)
+    _check_manifest(results)
+    problems: list[Problem] = []
+    if not isinstance(results.source.data, dict):
+        problems.append(Problem(results.source.mark(()), "", "is not an experiment's config"))
+    elif build(Settings, results.source, (), problems) is not None:
+        missing = set(results.summary["filter"]) - set(results.labels)
+        if missing:
+            what = f"{min(missing)!r} has results but is not a filter here any more"
+            problems.append(Problem(results.source.mark(("filters",)), "filters", what))
+    if problems:
+        raise UserError(*problems)
+    return results
+
+
+def _check_manifest(results: Results) -> None:
+    folder = results.folder
+    again = "run the experiment again"
+    if not (folder / "manifest.json").is_file():
+        raise UserError(f"{folder}: is half-written, it has no manifest.json: {again}")
+    try:
+        manifest = results.manifest
+        version, recorded = int(manifest["format"]), dict(manifest["files"])
+    except (ValueError, KeyError, TypeError, AssertionError):
+        raise UserError(f"{folder}: manifest.json cannot be read: {again}") from None
+    if version > FORMAT:
+        what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
+        raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
+    found = digests(folder)
+    problems = []
+    for name, digest in recorded.items():
+        if name not in found:
+            problems.append(f"{folder / name}: is missing: {again}")
+        elif found[name] != digest:
+            problems.append(f"{folder / name}: was changed after the run wrote it: {again}")
+    if problems:
+        raise UserError(*problems)

@@ -1,6 +1,7 @@
 """One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
 
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
+BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 WIDTH_IN = 7.0
 
@@ -57,9 +60,13 @@ def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
     for ax in axes if isinstance(axes, Sequence) else [axes]:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    figure.legend(
-        found.values(), found.keys(), loc="outside right upper", fontsize=8, frameon=False
-    )
+    labels = [words(label) for label in found]
+    figure.legend(found.values(), labels, loc="outside right upper", fontsize=8, frameon=False)
+
+
+def words(label: str, width: int = 24) -> str:
+    """A label as it is written, in lines of so many characters; a dollar starts no formula."""
+    return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
 
 
 def content(figure: "Figure", form: str) -> bytes:

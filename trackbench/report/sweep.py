@@ -95,7 +95,9 @@ def render_sweep(folder: Path, formats: Iterable[str]) -> list[str]:
         if figure is None:
             continue
         for form in formats:
-            write_bytes(figures / f"sweep-{_file_name(metric)}.{form}", style.content(figure, form))
+            if form != "tex":
+                path = figures / f"sweep-{_file_name(metric)}.{form}"
+                write_bytes(path, style.content(figure, form))
         style.close(figure)
     return list(best_points(sweep))
 

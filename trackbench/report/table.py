@@ -1,10 +1,11 @@
-"""A table of numbers with standard errors, as CSV and as Markdown."""
+"""A table of numbers with standard errors."""
 
 from dataclasses import dataclass, field
 from math import floor, isfinite, isinf, log10
 from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate
+from trackbench.report.text import Text, TextTable
 
 
 class Cell(NamedTuple):
@@ -51,20 +52,24 @@ class Table:
             rows.append([*keys, *values, max(c.lost for c in cells)])
         return rows
 
-    def markdown(self) -> str:
-        """A Markdown table, ``value ± stderr``; lost runs are named in the row's last column."""
+    def texts(self) -> TextTable:
+        """``value ± stderr`` in every cell; lost runs are named in a last column."""
         lost = any(c.lost for cells in self.cells for c in cells)
         heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
-        lines = [_line(heads), _line(["---"] * len(heads))]
+        table = TextTable(self.title, heads, notes=self.notes)
         for keys, cells in zip(self.keys, self.cells, strict=True):
-            row = [*map(_escaped, keys), *(self.text(c) for c in cells)]
+            row = [Text(key) for key in keys]
+            row += [Text(self.text(c), c.estimate.value) for c in cells]
             if lost:
                 most = max(cells, key=lambda c: c.lost)
-                row.append(f"{most.lost} of {most.lost + most.runs}" if most.lost else "0")
-            lines.append(_line(row))
-        caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
-        notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
-        return caption + "\n".join(lines) + "\n" + notes
+                of = f"{most.lost} of {most.lost + most.runs}" if most.lost else "0"
+                row.append(Text(of, most.lost))
+            table.rows.append(row)
+        return table
+
+    def markdown(self) -> str:
+        """A Markdown table."""
+        return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
         """``0.3164 ± 0.0080``; in words where there is no number."""
@@ -91,11 +96,3 @@ def rounded(value: float, stderr: float, digits: int) -> str:
 
 def _exponent(x: float) -> int:
     return floor(log10(abs(x))) if x else 0
-
-
-def _line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")

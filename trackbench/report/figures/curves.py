@@ -28,12 +28,20 @@ class _Curves:
     """label of the vertical axis, with its unit"""
     log: bool = False
     """logarithmic vertical axis"""
+    floor: str | None = None
+    """label of the filter that none can beat: drawn black and dashed"""
+    baseline: str | None = None
+    """label of the filter that every other should beat: drawn grey and dotted"""
 
     def labels(self, results: Results) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Each label to draw with its line style."""
+        """Each label to draw with its line style; the floor and the baseline last."""
+        references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         drawn = [b for b in results.labels if self.filters is None or b in self.filters]
-        for i, label in enumerate(drawn):
+        for i, label in enumerate(b for b in drawn if b not in references):
             yield label, style.line(i)
+        for name, look in references.items():
+            if name in results.labels:
+                yield str(name), look
 
     def panels(self, results: Results) -> tuple["Figure", list[tuple["Axes", dict[str, Any]]]]:
         """A panel per grid point, side by side."""

@@ -1,0 +1,150 @@
+"""Standard errors against brute force, and how often the intervals hold the truth."""
+
+import numpy as np
+import pytest
+
+from trackbench.evaluation import statistics as st
+
+REPETITIONS = 200
+RUNS = 100
+STEPS = 20
+
+
+@pytest.fixture(scope="module")
+def sample():
+    """A skewed sample like per-run RMSEs: (4000, 80)."""
+    return np.random.default_rng(1).gamma(3.0, 0.1, (4000, 80))
+
+
+@pytest.mark.parametrize("name", ["mean", "rms", "variance", "median"])
+def test_standard_error_is_the_spread_over_repetitions(sample, name):
+    found = np.array([st.STATISTICS[name](x) for x in sample])
+    spread = found[:, 0].std(ddof=1)
+    # The spread of 4000 repetitions is itself known to 1/sqrt(8000) = 1.1 % (more for a skewed one).
+    assert np.sqrt(np.mean(found[:, 1] ** 2)) == pytest.approx(spread, rel=0.06)
+
+
+@pytest.mark.parametrize("name", ["mean", "rms", "variance"])
+def test_standard_error_is_the_jackknife(sample, name):
+    x = sample[0]
+    left_out = np.array([st.STATISTICS[name](np.delete(x, i)).value for i in range(len(x))])
+    M = len(x)
+    jackknife = np.sqrt((M - 1) / M * ((left_out - left_out.mean()) ** 2).sum())
+    assert st.STATISTICS[name](x).stderr == pytest.approx(jackknife, rel=3.0 / M)
+
+
+@pytest.mark.parametrize("name", ["mean", "rms", "variance", "median"])
+def test_the_influence_has_the_standard_error_of_its_statistic(sample, name):
+    x = sample[1]
+    from_influence = st.influence(name, x).std(ddof=1) / np.sqrt(len(x))
+    assert from_influence == pytest.approx(st.STATISTICS[name](x).stderr, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["mean", "rms", "variance", "median"])
+def test_contrast_of_common_runs_against_brute_force(name):
+    rng = np.random.default_rng(2)
+    a = rng.gamma(3.0, 0.1, (2000, 400))  # many runs: the median needs a density from them, twice
+    b = a + rng.gamma(2.0, 0.05, a.shape)
+    found = np.array([st.contrast(name, x, y, 0.7) for x, y in zip(a, b, strict=True)])
+    spread = found[:, 0].std(ddof=1)
+    assert np.sqrt(np.mean(found[:, 1] ** 2)) == pytest.approx(spread, rel=0.06)
+
+
+def test_relative_gain_against_brute_force():
+    rng = np.random.default_rng(3)
+    a = rng.gamma(3.0, 0.1, (4000, 80))
+    b = a + rng.gamma(2.0, 0.2, a.shape)
+    found = np.array([st.relative_gain(x, y) for x, y in zip(a, b, strict=True)])
+    assert np.sqrt(np.mean(found[:, 1] ** 2)) == pytest.approx(found[:, 0].std(ddof=1), rel=0.06)
+
+
+def test_a_contrast_with_itself_is_nothing():
+    x = np.array([1.0, 2.0, 5.0])
+    assert st.contrast("rms", x, x) == (0.0, 0.0)
+    assert np.isnan(st.z_score(st.contrast("rms", x, x)))
+
+
+def test_an_unknown_statistic_has_no_influence():
+    with pytest.raises(ValueError, match="no influence"):
+        st.influence("mode", np.ones(3))
+
+
+def kalman_errors(batches, rng):
+    """Squared errors (batches, RUNS, STEPS) of two scalar Kalman filters on the same random walks.
+
+    Returns them with the variance that each filter claims; the first one's model is the truth's.
+    """
+    q, r = 1.0, 4.0
+    shape = (batches, RUNS)
+    x = rng.standard_normal(shape)
+    means, claimed, errors = [np.zeros(shape)] * 2, [1.0, 1.0], ([], [])
+    variances = ([], [])
+    for _ in range(STEPS):
+        x = x + np.sqrt(q) * rng.standard_normal(shape)
+        z = x + np.sqrt(r) * rng.standard_normal(shape)
+        for i, assumed in enumerate((q, 3.0 * q)):
+            predicted = claimed[i] + assumed
+            gain = predicted / (predicted + r)
+            means[i] = means[i] + gain * (z - means[i])
+            claimed[i] = (1.0 - gain) * predicted
+            errors[i].append((x - means[i]) ** 2)
+            variances[i].append(claimed[i])
+    return [np.stack(e, axis=-1) for e in errors], [np.array(v) for v in variances]
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    """Per-run RMSEs (REPETITIONS, RUNS) of both filters, and 400 000 runs that tell the truth."""
+    (good, poor), (claimed, _) = kalman_errors(REPETITIONS, np.random.default_rng(4))
+    (many, many_poor), _ = kalman_errors(4000, np.random.default_rng(5))
+    rmse = [np.sqrt(e.mean(axis=-1)) for e in (good, poor)]
+    truth = [np.sqrt(e.mean(axis=-1)).ravel() for e in (many, many_poor)]
+    return rmse, truth, good / claimed, claimed
+
+
+def share(covered):
+    return np.mean(np.asarray(covered))
+
+
+@pytest.mark.parametrize("name", ["mean", "rms", "variance", "median"])
+def test_intervals_cover_the_truth(experiment, name):
+    rmse, many, _, claimed = experiment
+    truth = st.STATISTICS[name](many[0]).value
+    if name == "rms":  # known exactly: the filter's own variance is the error's
+        assert truth == pytest.approx(np.sqrt(claimed.mean()), rel=0.005)
+        truth = np.sqrt(claimed.mean())
+    intervals = [st.interval(name, x) for x in rmse[0]]
+    assert 0.90 <= share([low <= truth <= high for low, high in intervals]) <= 0.98
+
+
+def test_paired_differences_cover_the_truth_and_are_sharper(experiment):
+    (good, poor), (truth_good, truth_poor), _, _ = experiment
+    truth = (truth_poor - truth_good).mean()
+    found = [st.paired_difference(b, a) for a, b in zip(good, poor, strict=True)]
+    covered = [abs(value - truth) <= 1.984 * stderr for value, stderr in found]
+    assert 0.90 <= share(covered) <= 0.98
+    unpaired = np.hypot(st.mean(good[0]).stderr, st.mean(poor[0]).stderr)
+    assert found[0].stderr < 0.5 * unpaired
+
+
+def test_anees_band_holds_a_consistent_filter(experiment):
+    low, high = st.anees_band(1, RUNS)
+    anees = experiment[2][:, :, -1].mean(axis=1)
+    assert 0.90 <= share((low <= anees) & (anees <= high)) <= 0.98
+    assert st.anees_band(4, 100) == pytest.approx((0.8662, 1.1433), abs=2e-3)
+
+
+def test_holm_is_the_stepwise_rule():
+    adjusted = st.holm(np.array([0.01, 0.04, 0.03, np.nan, 0.005]))
+    # by hand: 0.005 * 4, 0.01 * 3, 0.03 * 2, then 0.04 * 1 may not fall below 0.06
+    np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, np.nan, 0.02])
+    assert st.holm(np.array([0.9, 0.8]))[0] == 1.0
+
+
+def test_p_value_is_students():
+    assert st.p_value(2.2281388, 11) == pytest.approx(0.05, rel=1e-6)
+    assert st.p_value(-2.2281388, 11) == st.p_value(2.2281388, 11)
+
+
+def test_too_few_runs_have_no_interval():
+    assert np.isnan(st.interval("mean", np.ones(1))).all()

@@ -1,0 +1,117 @@
+"""Folders that are not whole: one clear line, exit code 2, no traceback."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from trackbench import api
+from trackbench.experiment.problems import UserError
+
+
+def spoil(folder, name, old=None, new=None):
+    path = folder / name
+    if old is None:
+        path.unlink()
+        return
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def newer(folder):
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text()) | {"format": 99, "trackbench": "9.0"}
+    path.write_text(json.dumps(manifest))
+
+
+BAD = {
+    "no manifest": (
+        lambda f: spoil(f, "manifest.json"),
+        "is half-written, it has no manifest.json",
+    ),
+    "half a manifest": (
+        lambda f: (f / "manifest.json").write_text('{"format": 1,'),
+        "manifest.json cannot be read",
+    ),
+    "newer": (newer, "was written by trackbench 9.0 in format 99"),
+    "edited csv": (
+        lambda f: spoil(f, "summary.csv", "PF,mean", "PG,mean"),
+        "summary.csv: was changed after the run wrote it",
+    ),
+    "missing csv": (lambda f: spoil(f, "per_run.csv"), "per_run.csv: is missing"),
+    "no config": (lambda f: spoil(f, "config.yaml"), "is not a results folder"),
+    "broken config": (lambda f: spoil(f, "config.yaml", "seed: 7", "seed: [7"), "config.yaml:"),
+    "wrong config": (lambda f: spoil(f, "config.yaml", "runs: 400", "runs: many"), "'many' is not"),
+    "other filters": (
+        lambda f: spoil(f, "config.yaml", "PF (N=50)", "PF (N=51)"),
+        "has results but is not a filter here any more",
+    ),
+    "bad figure": (
+        lambda f: spoil(f, "config.yaml", "kind: rmse-vs-time", "kind: rmse-vs-tine"),
+        "did you mean rmse-vs-time?",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_folder_is_said_in_a_line(folder, case):
+    damage, message = BAD[case]
+    damage(folder)
+    with pytest.raises(UserError, match=r".*") as caught:
+        api.plot(folder, ["svg"])
+    lines = [line for line in str(caught.value).splitlines() if message in line]
+    assert lines
+    assert str(folder) in lines[0]
+
+
+@pytest.mark.parametrize("command", ["compare", "plot", "report"])
+def test_the_command_line_leaves_with_2_and_no_traceback(folder, command):
+    (folder / "manifest.json").unlink()
+    done = subprocess.run(
+        [sys.executable, "-c", "from trackbench.cli import main; main()", command, str(folder)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"{folder}: is half-written, it has no manifest.json: run the experiment again"
+    ]
+
+
+@pytest.mark.parametrize("command", [api.compare, api.plot, api.report])
+def test_no_folder(tmp_path, command):
+    with pytest.raises(UserError, match="there is no such folder"):
+        command(tmp_path / "nowhere")
+
+
+def test_the_resolved_config_of_the_folder_runs_to_the_same_bytes(folder, tmp_path):
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "again", formats=())
+    api.run(folder / "config.yaml", options)
+    for name in ("per_run.csv", "per_step.csv", "summary.csv", "config.yaml", "paired.csv"):
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypatch):
+    from trackbench.experiment import store
+
+    def no_space(*_, **__):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(store, "_write_tracks", no_space)
+    options = api.Options(engine="serial", quiet=True, out=folder, formats=())
+    with pytest.raises(OSError, match="no space"):
+        api.run(folder / "config.yaml", options)
+    with pytest.raises(UserError, match="half-written"):
+        api.compare(folder)
+
+
+def test_an_index_over_several_folders(folder):
+    index, ledger = api.report(folder.parent)
+    assert 'href="small/report.html"' in index.read_text()
+    text = ledger.read_text()
+    assert "plainly wrong" in text
+    assert "More particles are better" in text
+    with pytest.raises(UserError, match="neither a config"):
+        api.report(folder / "tables")

@@ -1,0 +1,203 @@
+"""Published numbers and claims get the verdict they deserve."""
+
+import csv
+import subprocess
+import sys
+import time
+from math import isnan, nan
+
+import numpy as np
+import pytest
+
+from trackbench import api
+from trackbench.evaluation.statistics import relative_gain
+from trackbench.experiment.published import PublishedNumber
+from trackbench.report.expressions import Expressions, Term
+from trackbench.report.results import Results
+from trackbench.report.verdicts import compare, verdict
+
+
+def number(value, digits=4, runs=100):
+    return PublishedNumber(
+        paper="p", table="t", filter="f", metric="m", value=value, digits=digits, runs=runs
+    )
+
+
+@pytest.mark.parametrize(
+    ("published", "measured", "stderr", "word"),
+    [
+        (1.0, 1.1, 0.03, "agrees"),  # 0.1 of sqrt(2) * 0.03: z = 2.4
+        (1.0, 1.05, 0.001, "near"),  # z = 35, 5 %
+        (1.0, 1.2, 0.001, "differs"),
+        (1.0, 1.00004, 1e-9, "agrees"),  # the printed digits
+        ("biased", 0.5, 0.1, "agrees"),
+        ("unbiased", 0.5, 0.1, "differs"),
+        ("unbiased", 0.1, 0.1, "agrees"),
+        (1.0, nan, nan, "not measured"),
+    ],
+)
+def test_verdict_of_a_number(published, measured, stderr, word):
+    assert verdict(number(published), Term(measured, stderr, None, 100))[0] == word
+
+
+def test_z_has_the_papers_error_from_its_own_number_of_runs():
+    _, z = verdict(number(1.0, runs=25), Term(2.0, 0.1, None, 100))
+    assert z == pytest.approx(1.0 / np.hypot(0.1, 0.2))
+
+
+def test_a_filter_that_lost_every_run_differs():
+    assert verdict(number(1.0), Term(nan, nan, None, 0, lost=100))[0] == "differs"
+
+
+def test_every_number_has_a_verdict_and_a_wrong_one_differs(made):
+    rows = compare(Results(made)).numbers
+    found = {(r.published.table, r.published.filter, r.published.metric): r.verdict for r in rows}
+    assert found == {
+        ("Table 1", "PF", "Mean"): "agrees",
+        ("Table 1", "PF50", "Mean"): "agrees",
+        ("Table 1", "None", "Mean"): "near",
+        ("Table 1", "Exact", "Mean"): "differs",
+        ("Table 1", "PF", "Particles"): "agrees",
+        ("Table 2", "PF", "Gain, %"): "agrees",
+        ("Table 2", "PF", "Step 5"): found["Table 2", "PF", "Step 5"],
+        ("Table 2", "MCMC", "Mean"): "not measured",
+    }
+
+
+def test_a_number_that_is_made_wrong_turns_into_differs(folder):
+    path = folder / "published" / "numbers.csv"
+    lines = path.read_text().splitlines()
+    assert lines[2].startswith("p,Table 1,PF50,Mean,")
+    cells = lines[2].split(",")
+    cells[4] = f"{float(cells[4]) * 2:.4f}"
+    path.write_text("\n".join([*lines[:2], ",".join(cells), *lines[3:]]) + "\n")
+    api.compare(folder)
+    with (folder / "comparison.csv").open() as file:
+        verdicts = [row["verdict"] for row in csv.DictReader(file)]
+    assert verdicts[:2] == ["agrees", "differs"]
+
+
+def test_claims_are_decided_by_paired_z(made):
+    judged = compare(Results(made)).claims
+    assert [j.verdict for j in judged] == [
+        "holds",
+        "fails",
+        "holds",
+        "fails",
+        "holds",
+        "not measured",
+    ]
+    assert all(j.paired and not isnan(j.z) for j in judged[:5])
+
+
+def test_the_weakest_comparison_decides_a_claim(made):
+    results = Results(made)
+    judged = compare(results).claims[0]
+    expressions = Expressions(results, {})
+    zs = []
+    for other in ("PF", "No data"):
+        a, b = (results.runs({})[label, "rmse"] for label in (other, "PF (N=50)"))
+        zs.append((a - b).mean() / ((a - b).std(ddof=1) / np.sqrt(len(a))))
+    assert judged.z == pytest.approx(min(zs))
+    assert "PF (N=50)" in judged.note
+    assert expressions.difference(("PF", "mean(rmse)"), ("PF", "mean(rmse)")).value == 0.0
+
+
+def test_order_of_the_filters_is_compared(made):
+    (ranked,) = compare(Results(made)).ranks
+    assert (ranked.metric, ranked.filters) == ("Mean", 4)
+    assert -1.0 <= ranked.tau < 1.0  # the wrong number spoils the order
+
+
+def test_gain_is_the_paired_relative_gain(made):
+    results = Results(made)
+    runs = results.runs({})
+    expected = relative_gain(runs["PF (N=50)", "rmse"], runs["PF", "rmse"])
+    found = Expressions(results, {}).term("PF (N=50)", "gain(rms(rmse), PF)")
+    assert found.value == pytest.approx(100 * expected.value)
+    assert found.stderr == pytest.approx(100 * expected.stderr)
+    ratio = Expressions(results, {}).term("PF (N=50)", "ratio(rms(rmse), PF)")
+    assert found.value == pytest.approx(100 * (1 - ratio.value))
+
+
+def test_steps_times_and_settings_can_be_measured(made):
+    expressions = Expressions(Results(made), {})
+    assert expressions.term("PF", "rmse@last") == expressions.term("PF", "rmse@12")
+    assert expressions.term("PF", "cpu_s_per_run").value > 0
+    assert expressions.term("PF (N=50)", "N").value == 50
+    assert isnan(expressions.term("PF", "rmse@99").value)
+    assert isnan(expressions.term("PF", "mean(nonsense)").value)
+
+
+def test_comparison_files_have_the_promised_columns(made):
+    def header(name):
+        return (made / name).read_text().splitlines()[0].split(",")
+
+    promised = [
+        "table",
+        "filter",
+        "metric",
+        "published",
+        "measured",
+        "stderr",
+        "z",
+        "verdict",
+        "note",
+    ]
+    assert header("comparison.csv")[:9] == promised
+    assert header("paired.csv")[:6] == [
+        "filter_a",
+        "filter_b",
+        "metric",
+        "difference",
+        "stderr",
+        "z",
+    ]
+    assert header("claims.csv")[:3] == ["claim", "verdict", "z"]
+    assert "plainly wrong" in (made / "comparison.md").read_text()
+
+
+def test_paired_csv_holds_every_pair_once_with_holm(made):
+    with (made / "paired.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 10  # pairs of 5 filters, one metric
+    assert {r["metric"] for r in rows} == {"rmse"}
+    p, adjusted = (np.array([float(r[key]) for r in rows]) for key in ("p", "p_holm"))
+    assert (adjusted >= p).all()
+    assert adjusted[np.argmin(p)] == pytest.approx(min(10 * p.min(), 1.0))
+
+
+@pytest.mark.parametrize("command", ["compare", "plot", "report"])
+def test_from_the_folder_alone_in_under_five_seconds(folder, command):
+    started = time.perf_counter()
+    done = cli(command, folder)
+    assert done.returncode == 0, done.stderr
+    assert time.perf_counter() - started < 5.0
+
+
+def test_a_bad_published_file_is_said_with_its_line(folder):
+    path = folder / "published" / "numbers.csv"
+    text = path.read_text().replace("9.9,1,400", "nine,1,-4").replace("rmse@5", "rmse at 5")
+    path.write_text(text.replace("PF (N=50),mean", "PF50,mean"))
+    done = cli("compare", folder)
+    assert done.returncode == 2
+    assert f"{path}:5:22: value: 'nine' is not" in done.stderr
+    assert f"{path}:5:29: runs: -4 is less than 1" in done.stderr
+    assert f"{path}:3:40: label: 'PF50' is not a filter here" in done.stderr
+    assert f"{path}:8:40: expression: 'rmse at 5' is no expression" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_published_file_is_said(folder):
+    (folder / "published" / "claims.csv").unlink()
+    done = cli("compare", folder)
+    assert done.returncode == 2
+    assert "cannot read" in done.stderr
+
+
+def cli(*arguments):
+    return subprocess.run(
+        [sys.executable, "-c", "from trackbench.cli import main; main()", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+    )

@@ -1,0 +1,97 @@
+"""Figure kind `bars`: one statistic per filter with its interval, beside the published number."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.evaluation.statistics import interval
+from trackbench.keys import OpenShare
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.expressions import Expressions, over_runs
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@register("figures", "bars")
+@dataclass(frozen=True, kw_only=True)
+class Bars:
+    """A statistic per filter with its confidence interval, and the published number beside it."""
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    metric: str = "mean(rmse)"
+    """what is drawn: a metric of summary.csv, or any expression such as `rmse@20`"""
+    level: OpenShare = 0.95
+    """of the intervals"""
+    x_label: str = ""
+    """label of the axis, with its unit; default: the metric"""
+    log: bool = False
+    """logarithmic axis"""
+    floor: str | None = None
+    """label of the filter that none can beat: a black dashed line"""
+    baseline: str | None = None
+    """label of the filter that every other should beat: a grey dotted line"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A row per filter, a panel per point of the grid."""
+        points = results.points()
+        lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = [b for b in labels if b not in lines]
+        height = 0.9 + 0.26 * len(labels)
+        figure, axes = style.subplots(
+            1, len(points), height, sharex=True, sharey=True, squeeze=False
+        )
+        for ax, point in zip(axes[0], points, strict=True):
+            expressions = Expressions(results, point)
+            self._bars(ax, expressions, labels)
+            for label, look in lines.items():
+                if label in results.labels:
+                    value = expressions.term(str(label), self.metric).value
+                    ax.axvline(value, label=label, **look)
+            self._published(ax, results, labels)
+            ax.set_title(
+                ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()), fontsize=9
+            )
+            ax.set_xlabel(self.x_label or self.metric)
+            if self.log:
+                ax.set_xscale("log")
+            ax.grid(visible=False, axis="y")
+        axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
+        axes[0][0].invert_yaxis()
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, list(axes[0]))
+        return figure
+
+    def _bars(self, ax: "Axes", expressions: Expressions, labels: list[str]) -> None:
+        for i, label in enumerate(labels):
+            value, low, high = self._value(expressions, label)
+            if np.isfinite(value):
+                off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
+                name = f"Measured, {100 * self.level:g} %"
+                ax.errorbar(value, i, xerr=off, label=name, fmt="o", markersize=4, capsize=3,
+                            color=style.COLOURS[0])  # fmt: skip
+
+    def _value(self, expressions: Expressions, label: str) -> tuple[float, float, float]:
+        term = expressions.term(label, self.metric)
+        values = over_runs(expressions, label, self.metric)
+        if values is not None:
+            return term.value, *interval(*values, level=self.level)
+        width = 1.96 * term.stderr if np.isfinite(term.stderr) else 0.0
+        return term.value, term.value - width, term.value + width
+
+    def _published(self, ax: "Axes", results: Results, labels: list[str]) -> None:
+        look: dict[str, Any] = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
+        for number in results.published.numbers:
+            for label in number.labels if number.expression == self.metric else ():
+                if label in labels and not isinstance(number.value, str):
+                    ax.plot(number.value, labels.index(label), color=style.COLOURS[1],
+                            markersize=5, label="Published", **look)  # fmt: skip

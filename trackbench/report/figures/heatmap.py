@@ -1,0 +1,136 @@
+"""Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.expressions import Expressions
+from trackbench.report.paired import paired_rows
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@register("figures", "heat-map")
+@dataclass(frozen=True, kw_only=True)
+class HeatMap:
+    """A statistic over the grid and the filters; without a grid, the paired z of every two filters."""
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    metric: str = "mean(rmse)"
+    """statistic in the cells; without a grid, the metric per run in brackets is compared"""
+    x: str | None = None
+    """path of the grid along the horizontal axis; default: the first"""
+    y: str | None = None
+    """path of the grid along the vertical axis; default: the filters"""
+    log: bool = False
+    """logarithmic colours"""
+    bar_label: str = ""
+    """label of the colour bar, with the unit; default: the metric"""
+
+    def draw(self, results: Results) -> "Figure":
+        """One panel; with two paths, one per filter."""
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        if not results.grid:
+            return self._pairs(results, labels)
+        x = self.x or results.grid[0]
+        points = results.points()
+        columns = list(dict.fromkeys(point[x] for point in points))
+        if self.y is None:
+            rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
+            return self._panels(
+                x, columns, "", [style.words(b) for b in labels], {"": np.array(rows)}
+            )
+        levels = list(dict.fromkeys(point[self.y] for point in points))
+        panels = {
+            b: np.array(
+                [[self._cell(results, {x: c, self.y: r}, b) for c in columns] for r in levels]
+            )
+            for b in labels
+        }
+        return self._panels(x, columns, self.y, levels, panels)
+
+    def _cell(self, results: Results, wanted: dict[str, Any], label: str) -> float:
+        point = next(
+            (p for p in results.points() if all(p[k] == v for k, v in wanted.items())), None
+        )
+        if point is None:
+            return float("nan")
+        return Expressions(results, point).term(label, self.metric).value
+
+    def _panels(
+        self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
+    ) -> "Figure":
+        from matplotlib.colors import LogNorm, Normalize
+
+        finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
+        norm = (LogNorm if self.log else Normalize)(
+            *((finite.min(), finite.max()) if len(finite) else (1, 2))
+        )
+        height = 1.2 + 0.28 * len(levels)
+        figure, axes = style.subplots(1, len(panels), height, sharey=True, squeeze=False)
+        for ax, (name, values) in zip(axes[0], panels.items(), strict=True):
+            image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
+            _ticks(ax, [_short(c) for c in columns], [_short(v) for v in levels])
+            ax.set_title(style.words(name), fontsize=9)
+            ax.set_xlabel(x.split(".")[-1])
+            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
+        axes[0][0].set_ylabel(y.split(".")[-1])
+        figure.colorbar(image, ax=list(axes[0]), label=self.bar_label or self.metric)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        return figure
+
+    def _pairs(self, results: Results, labels: list[str]) -> "Figure":
+        metric = self.metric.partition("(")[2].removesuffix(")") or self.metric
+        z = np.full((len(labels), len(labels)), np.nan)
+        for _, pairs in paired_rows(results):
+            for pair in pairs:
+                if pair.metric == metric and {pair.filter_a, pair.filter_b} <= set(labels):
+                    i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
+                    z[i, j], z[j, i] = pair.z, -pair.z
+        figure, ax = style.subplots(height_in=1.4 + 0.32 * len(labels))
+        image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
+        names = [style.words(b) for b in labels]
+        _ticks(ax, names, names)
+        ax.tick_params(axis="x", rotation=45)
+        for tick in ax.get_xticklabels():
+            tick.set_ha("right")
+        _numbers(
+            ax, z, [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z], image
+        )
+        ax.set(xlabel="column", ylabel="row")
+        ax.set_title(self.title, fontsize=9)
+        figure.colorbar(image, ax=ax, extend="both", label=f"z of {metric}, row minus column")
+        return figure
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def _ticks(ax: "Axes", columns: list[str], rows: list[str]) -> None:
+    ax.set_xticks(range(len(columns)), columns)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+
+
+def _numbers(ax: "Axes", values: Array, texts: list[list[str]], image: Any) -> None:
+    """The numbers in the cells, black or white, whichever is legible."""
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            r, g, b, _ = image.cmap(image.norm(value))
+            dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
+            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=6.5,
+                    color="white" if dark else "black")  # fmt: skip

@@ -1,0 +1,107 @@
+"""Figure kind `critical-difference`: mean ranks over runs, and who does not differ from whom."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.keys import OpenShare
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@register("figures", "critical-difference")
+@dataclass(frozen=True, kw_only=True)
+class CriticalDifference:
+    """Mean rank of each filter over the runs; bars join filters that do not differ (Nemenyi test).
+
+    Demsar 2006. A lost run has the worst rank.
+    """
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to rank; default: all"""
+    metric: str = "rmse"
+    """metric of per_run.csv; smaller is better"""
+    alpha: OpenShare = 0.05
+    """probability of a false difference anywhere in the figure"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A panel per point of the grid, one below the other."""
+        points = results.points()
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
+        figure, axes = style.subplots(len(points), 1, height, squeeze=False)
+        for ax, point in zip(axes[:, 0], points, strict=True):
+            runs = results.runs(point)
+            there = [b for b in labels if (b, self.metric) in runs]
+            values = np.stack([runs[b, self.metric] for b in there])
+            mean = mean_ranks(values)
+            critical = critical_difference(len(there), values.shape[1], self.alpha)
+            _panel(ax, there, mean, cliques(mean, critical))
+            where = ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items())
+            words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the smallest)"
+            words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
+            ax.set_title(words, pad=14, fontsize=9)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        return figure
+
+
+def mean_ranks(values: Array) -> Array:
+    """Mean rank (k,) of k filters over M runs from values (k, M); NaN is worst, ties share."""
+    from scipy.stats import rankdata
+
+    return np.asarray(rankdata(np.where(np.isnan(values), np.inf, values), axis=0).mean(axis=1))
+
+
+def critical_difference(k: int, runs: int, alpha: float) -> float:
+    """Difference of mean ranks beyond which two of k filters differ (Demsar 2006, section 3.2.2)."""
+    from scipy.stats import studentized_range
+
+    q = float(studentized_range.ppf(1.0 - alpha, k, np.inf)) / np.sqrt(2.0)
+    return q * float(np.sqrt(k * (k + 1) / (6.0 * runs)))
+
+
+def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
+    """First and last mean rank of every largest group within the critical difference."""
+    ranks = np.sort(mean)
+    found: list[tuple[float, float]] = []
+    for first in ranks:
+        last = ranks[ranks <= first + critical][-1]
+        if last > first and (not found or last > found[-1][1]):
+            found.append((float(first), float(last)))
+    return found
+
+
+def _panel(ax: "Axes", labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
+    """Ranks on the upper axis, labels left and right below it, bars of the groups in between."""
+    k = len(labels)
+    order = np.argsort(mean)
+    half = (k + 1) // 2
+    start = 0.5 + 0.35 * len(groups)
+    for i, (low, high) in enumerate(groups):
+        ax.plot([low - 0.03, high + 0.03], [0.4 + 0.35 * i] * 2, color="black", linewidth=3)
+    for place, index in enumerate(order):
+        left = place < half
+        depth = start + (place if left else k - 1 - place) + 0.5
+        side = 0.6 if left else k + 0.4
+        ax.plot([mean[index]] * 2 + [side], [0, depth, depth], color="#444444", linewidth=0.8)
+        text = style.words(f"{labels[index]} ({mean[index]:.2f})", 30)
+        ax.text(side + (-0.1 if left else 0.1), depth, text, fontsize=8, va="center",
+                ha="right" if left else "left")  # fmt: skip
+    ax.set(xlim=(1 - 0.28 * k, k + 0.28 * k), ylim=(start + half + 0.3, 0))
+    ax.set_xticks(range(1, k + 1))
+    ax.xaxis.tick_top()
+    ax.spines[["left", "bottom"]].set_visible(False)
+    ax.spines["top"].set_visible(True)
+    ax.spines["top"].set_bounds(1, k)
+    ax.set_yticks([])
+    ax.grid(visible=False)

@@ -1,0 +1,229 @@
+"""report.html: a results folder on one self-contained page; index.html over several of them."""
+
+import base64
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from trackbench.experiment.files import write_text
+from trackbench.experiment.store import as_yaml
+from trackbench.report.comparison import (
+    LEGEND,
+    claim_table,
+    number_tables,
+    rank_table,
+    summary_lines,
+    verdict_counts,
+)
+from trackbench.report.paired import paired_rows
+from trackbench.report.render import drawn
+from trackbench.report.results import Results
+from trackbench.report.svg import inline
+from trackbench.report.table import rounded
+from trackbench.report.text import Text, TextTable
+from trackbench.report.verdicts import Comparison, compare
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_VERDICTS = {
+    "agrees": "good",
+    "holds": "good",
+    "near": "fair",
+    "differs": "bad",
+    "fails": "bad",
+    "not decided": "open",
+    "not measured": "open",
+}
+
+
+class Drawing(NamedTuple):
+    """A figure as it stands on the page."""
+
+    name: str
+    svg: Any
+    caption: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An experiment's line in the index; ``link`` is empty if it has no report."""
+
+    name: str
+    title: str
+    filters: int
+    runs: int
+    numbers: str
+    claims: str
+    link: str
+
+
+def write_report(results: Results, comparison: Comparison | None = None) -> Path:
+    """Write report.html into the results folder."""
+    comparison = comparison or compare(results)
+    tables = [spec.table(results).texts() for spec in results.parts("tables").values()]
+    pairs, undecided = _pairs(results)
+    context = {
+        "title": results.config["title"] or results.config["name"],
+        "facts": _facts(results),
+        "failed": {row["filter"]: row["reason"] for row in results.failed},
+        "verdict_lines": summary_lines(comparison),
+        "verdict_tables": verdict_tables(comparison),
+        "legend": LEGEND.replace("`", ""),
+        "tables": tables,
+        "figures": _figures(results),
+        "pairs": pairs if pairs.rows else None,
+        "undecided": undecided,
+        "rerun": _shown_path(results.folder / "config.yaml"),
+        "config": as_yaml(results.config),
+        "versions": _versions(results),
+    }
+    context["sections"] = [
+        (id_, name)
+        for id_, name, there in (
+            ("verdicts", "Verdicts", context["verdict_lines"]),
+            ("tables", "Tables", tables),
+            ("figures", "Figures", context["figures"]),
+            ("pairs", "Pairs", pairs.rows),
+            ("again", "Run it again", True),
+        )
+        if there
+    ]
+    return _write(results.folder / "report.html", "report.html", context)
+
+
+def write_index(folder: Path, found: list[tuple[Results, Comparison]]) -> Path:
+    """Write index.html over the results folders in ``folder``."""
+    everything = together([comparison for _, comparison in found])
+    context = {
+        "title": "Experiments and what they say of the papers",
+        "experiments": [_entry(folder, *item) for item in found],
+        "verdict_lines": summary_lines(everything),
+        "ledger": verdict_tables(everything),
+        "legend": LEGEND.replace("`", ""),
+    }
+    return _write(folder / "index.html", "index.html", context)
+
+
+def _shown_path(path: Path) -> str:
+    """The path as the user gave it; of an absolute one only the end, which means the same to others."""
+    return path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
+
+
+def _write(path: Path, template: str, context: dict[str, Any]) -> Path:
+    from markupsafe import Markup
+
+    script = (_TEMPLATES / "page.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    page = {
+        "style": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
+        "script": Markup(script),
+        "script_digest": f"sha256-{digest}",
+        "verdicts": _VERDICTS,
+    }
+    write_text(path, _environment().get_template(template).render(**page, **context))
+    return path
+
+
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _facts(results: Results) -> list[tuple[str, object]]:
+    config, manifest = results.config, results.manifest
+    scenario = config["scenario"]["kind"]
+    facts = [
+        ("Experiment", config["name"]),
+        ("Scenario", scenario),
+        ("Filters", len(config["filters"])),
+        ("Runs", config["runs"]),
+        ("Seed", config["seed"]),
+        ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
+    ]
+    return facts if not results.grid else [*facts, ("Grid", ", ".join(results.grid))]
+
+
+def _figures(results: Results) -> list[Drawing]:
+    from markupsafe import Markup
+
+    drawings = []
+    for name, spec in results.parts("figures").items():
+        path = results.folder / "figures" / f"{name}.svg"
+        content = path.read_bytes() if path.is_file() else drawn(spec, results, ["svg"])[0][1]
+        caption = getattr(spec, "title", "") or name
+        title = f"{caption}. {(type(spec).__doc__ or '').splitlines()[0]}"
+        drawings.append(Drawing(name, Markup(inline(content, name, title)), caption))
+    return drawings
+
+
+def verdict_tables(comparison: Comparison) -> list[TextTable]:
+    """Numbers per published table, agreement of orders, claims."""
+    tables = number_tables(comparison)
+    tables += [rank_table(comparison.ranks)] if comparison.ranks else []
+    return [*tables, claim_table(comparison.claims)] if comparison.claims else tables
+
+
+def _pairs(results: Results) -> tuple[TextTable, int]:
+    """All pairs, and how many of them do not differ significantly."""
+    heads = [*results.grid, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
+    table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
+    undecided = 0
+    for point, pairs in paired_rows(results):
+        for pair in pairs:
+            undecided += not pair.p_holm < 0.05
+            difference = rounded(pair.difference, pair.stderr, 4)
+            table.rows.append(
+                [
+                    *(Text(str(v), v) for v in point.values()),
+                    *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
+                    Text(difference, pair.difference),
+                    Text(f"{pair.z:+.1f}", pair.z),
+                    Text(f"{pair.p_holm:.2g}", pair.p_holm),
+                ]
+            )
+    return table, undecided
+
+
+def _versions(results: Results) -> TextTable:
+    manifest = results.manifest
+    rows = {"trackbench": manifest.get("trackbench"), "git commit": manifest.get("commit")}
+    rows |= {"python": manifest.get("python"), "platform": manifest.get("platform")}
+    rows |= manifest.get("packages", {})
+    table = TextTable("Versions of the run", ["Part", "Version"])
+    table.rows = [[Text(k), Text(str(v))] for k, v in rows.items() if v is not None]
+    return table
+
+
+def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
+    config = results.config
+    report = results.folder / "report.html"
+    return Entry(
+        name=config["name"],
+        title=config["title"],
+        filters=len(config["filters"]),
+        runs=config["runs"],
+        numbers=verdict_counts(row.verdict for row in comparison.numbers),
+        claims=verdict_counts(row.verdict for row in comparison.claims),
+        link=report.relative_to(folder).as_posix() if report.is_file() else "",
+    )
+
+
+def together(comparisons: list[Comparison]) -> Comparison:
+    """All of several experiments."""
+    return Comparison(
+        [row for c in comparisons for row in c.numbers],
+        [row for c in comparisons for row in c.claims],
+        [row for c in comparisons for row in c.ranks],
+    )

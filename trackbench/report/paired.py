@@ -1,0 +1,54 @@
+"""paired.csv: every pair of filters on common runs, with Holm's correction over all pairs."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import holm, p_value, paired_difference, z_score
+from trackbench.report.results import Results
+
+
+class Pair(NamedTuple):
+    """Mean difference ``a - b`` of a metric per run, its z, and p before and after correction."""
+
+    filter_a: str
+    filter_b: str
+    metric: str
+    difference: float
+    stderr: float
+    z: float
+    p: float
+    p_holm: float
+    runs: int
+
+
+def primary_metrics(metrics: list[str]) -> list[str]:
+    """The errors over the whole time: ``rmse`` and ``rmse_<quantity>``, without windows."""
+    return [m for m in metrics if m.split("_")[0] == "rmse" and "[" not in m]
+
+
+def paired_rows(results: Results) -> Iterator[tuple[dict[str, Any], list[Pair]]]:
+    """Pairs of each point of the grid, metric after metric."""
+    for point in results.points():
+        runs = results.runs(point)
+        rows: list[Pair] = []
+        for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
+            labels = [label for label in results.labels if (label, metric) in runs]
+            rows += _pairs(metric, labels, {label: runs[label, metric] for label in labels})
+        yield point, rows
+
+
+@np.errstate(all="ignore")
+def _pairs(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
+    found = []
+    for a, b in combinations(labels, 2):
+        both = np.isfinite(values[a]) & np.isfinite(values[b])
+        difference = paired_difference(values[a][both], values[b][both])
+        runs, z = int(both.sum()), z_score(difference)
+        p = p_value(z, runs)
+        found.append(Pair(a, b, metric, *difference, z, p, p, runs))
+    adjusted = holm(np.array([pair.p for pair in found]))
+    return [pair._replace(p_holm=float(p)) for pair, p in zip(found, adjusted, strict=True)]

@@ -1,0 +1,61 @@
+"""A figure's SVG made fit to stand inside a page: no scripts, no clashing ids, a name for readers."""
+
+import re
+from xml.etree import ElementTree as ET
+
+from trackbench.experiment.problems import UserError
+
+_SVG = "http://www.w3.org/2000/svg"
+_XLINK = "http://www.w3.org/1999/xlink"
+_DROPPED = {"script", "metadata", "foreignObject", "style", "animate", "set", "iframe"}
+_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+
+
+def inline(content: bytes, name: str, title: str) -> str:
+    """The SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _XLINK)
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError as error:
+        raise UserError(f"figures/{name}.svg: is not an SVG file: {error}") from None
+    _clean(root)
+    for element in root.iter():
+        for key, value in list(element.attrib.items()):
+            kept = _attribute(key, value, name)
+            if kept is None:
+                del element.attrib[key]
+            else:
+                element.set(key, kept)
+    for key in ("width", "height"):
+        root.attrib.pop(key, None)
+    # What matplotlib says in a style sheet, which would reach the whole page.
+    root.set("style", "stroke-linejoin: round; stroke-linecap: butt")
+    root.set("role", "img")
+    root.set("aria-labelledby", f"{name}-title")
+    label = ET.Element(f"{{{_SVG}}}title", {"id": f"{name}-title"})
+    label.text = title
+    root.insert(0, label)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _clean(element: ET.Element) -> None:
+    for child in list(element):
+        if not isinstance(child.tag, str) or child.tag.rpartition("}")[2] in _DROPPED:
+            element.remove(child)
+        else:
+            _clean(child)
+
+
+def _attribute(key: str, value: str, name: str) -> str | None:
+    """The attribute with its ids renamed; None if it could run code or reach outside."""
+    local = key.rpartition("}")[2].lower()
+    if local.startswith("on"):
+        return None
+    if local == "id":
+        return f"{name}-{value}"
+    if local == "href":
+        if value.startswith("#"):
+            return f"#{name}-{value[1:]}"
+        return value if value.startswith("data:image/png") else None
+    return _REFERENCE.sub(rf"url(#{name}-\1)", value)

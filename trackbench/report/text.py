@@ -1,0 +1,79 @@
+"""Tables ready to be shown: as Markdown, as LaTeX, as cells of a page."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+
+class Text(NamedTuple):
+    """What a cell shows, and the number it sorts by; words sort by themselves."""
+
+    text: str
+    number: float | None = None
+
+
+@dataclass
+class TextTable:
+    """A table ready to be shown."""
+
+    title: str
+    heads: list[str]
+    rows: list[list[Text]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def markdown(self) -> str:
+        """A Markdown table with a bold caption."""
+        lines = [_line(self.heads), _line(["---"] * len(self.heads))]
+        lines += [_line([_escaped(cell.text) for cell in row]) for row in self.rows]
+        caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
+        notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
+        return caption + "\n".join(lines) + "\n" + notes
+
+    def tex(self) -> str:
+        """A LaTeX table with booktabs rules."""
+        columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
+        rows = [" & ".join(_tex(cell.text) for cell in row) + r" \\" for row in self.rows]
+        notes = [f"\n{_tex(note)}\\par" for note in self.notes]
+        return "\n".join(
+            [
+                r"\begin{table}",
+                r"\centering",
+                rf"\caption{{{_tex(self.title)}}}",
+                rf"\begin{{tabular}}{{{columns}}}",
+                r"\toprule",
+                " & ".join(map(_tex, self.heads)) + r" \\",
+                r"\midrule",
+                *rows,
+                r"\bottomrule",
+                r"\end{tabular}",
+                *notes,
+                r"\end{table}",
+                "",
+            ]
+        )
+
+    def _words(self, column: int) -> bool:
+        return all(row[column].number is None for row in self.rows)
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+_TEX = {
+    **{c: f"\\{c}" for c in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "±": r"$\pm$",
+    "–": "--",
+}
+
+
+def _tex(text: str) -> str:
+    return "".join(_TEX.get(c, c) for c in text)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")

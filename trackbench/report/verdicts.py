@@ -1,0 +1,175 @@
+"""Does it reproduce? Published numbers and claims against a results folder.
+
+A number `agrees` when it is within three combined standard errors (theirs from our spread over runs and
+their number of runs) or rounds to the printed digits; it is `near` within 10 %; else it `differs`. A
+claim `holds` or `fails` when its paired z is beyond three, else it is `not decided`.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot, inf, isfinite, isnan, nan, sqrt
+from typing import Any, NamedTuple
+
+from trackbench.evaluation.statistics import Estimate, z_score
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.published import Claim, PublishedNumber, split
+from trackbench.experiment.source import scalar
+from trackbench.report.expressions import Expressions, Term
+from trackbench.report.results import Results
+
+SURE = 3.0
+"""Standard errors beyond which a difference is taken for real."""
+NEAR = 0.1
+"""Share of a published number that still counts as near."""
+NOT_MEASURED = "not measured"
+
+
+class Compared(NamedTuple):
+    """A published number, what was measured for it, and the verdict."""
+
+    published: PublishedNumber
+    label: str
+    measured: Term
+    z: float
+    verdict: str
+    note: str
+
+
+class Judged(NamedTuple):
+    """A claim, the z of its weakest comparison (positive: in its favour), the verdict, and why."""
+
+    claim: Claim
+    z: float
+    paired: bool
+    verdict: str
+    note: str
+
+
+class Ranked(NamedTuple):
+    """Agreement of the order of the filters in one column of a published table."""
+
+    paper: str
+    table: str
+    metric: str
+    filters: int
+    tau: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Everything that is published about one experiment, with verdicts."""
+
+    numbers: list[Compared]
+    claims: list[Judged]
+    ranks: list[Ranked]
+
+
+def compare(results: Results) -> Comparison:
+    """Hold the results against what is published about the experiment."""
+    published = results.published
+    numbers = [row for number in published.numbers for row in _numbers(results, number)]
+    claims = [judge(results, claim) for claim in published.claims]
+    return Comparison(numbers, claims, list(rank_agreement(numbers)))
+
+
+def verdict(number: PublishedNumber, measured: Term) -> tuple[str, float]:
+    """Verdict and z of a measured number; a word is decided by whether zero is excluded."""
+    value, stderr = measured.estimate
+    if not isfinite(value):
+        return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
+    if isinstance(number.value, str):
+        z = z_score(Estimate(value, stderr))
+        word = "biased" if abs(z) >= SURE else "unbiased"
+        return ("agrees" if word == number.value else "differs"), z
+    theirs = stderr * sqrt(measured.runs / number.runs) if number.runs else 0.0
+    off = value - number.value
+    z = z_score(Estimate(off, hypot(stderr, theirs)))
+    if abs(z) <= SURE or abs(off) <= 0.5 * 10.0**-number.digits:
+        return "agrees", z
+    return ("near" if abs(off) <= NEAR * abs(number.value) else "differs"), z
+
+
+def judge(results: Results, claim: Claim) -> Judged:
+    """The verdict on a claim: it holds if it does against every filter it names."""
+    if not claim.left or not claim.expression:
+        return Judged(claim, nan, False, NOT_MEASURED, claim.note)
+    expressions = Expressions(results, point_of(results, claim.point))
+    found = [_score(expressions, claim, right) for right in claim.rights or [""]]
+    z, paired, why = min(found, key=lambda score: -inf if isnan(score[0]) else score[0])
+    word = "holds" if z >= SURE else "fails" if z <= -SURE else "not decided"
+    if isnan(z):
+        word = NOT_MEASURED
+    return Judged(claim, z, paired, word, "; ".join(filter(None, [why, claim.note])))
+
+
+def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
+    """Kendall's tau between the published and the measured order, per column with three filters."""
+    from scipy.stats import kendalltau
+
+    columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
+    for row in numbers:
+        if isfinite(row.measured.value) and not isinstance(row.published.value, str):
+            p = row.published
+            columns[p.paper, p.table, p.row, p.metric].append(row)
+    for (paper, table, part, metric), rows in columns.items():
+        if len(rows) < 3 or len({r.published.filter for r in rows}) < len(rows):
+            continue
+        order = kendalltau(
+            [r.published.value for r in rows], [r.measured.value for r in rows]
+        ).statistic
+        heading = f"{metric}, {part}" if part else metric
+        yield Ranked(paper, table, heading, len(rows), float(order))
+
+
+def point_of(results: Results, text: str) -> dict[str, Any]:
+    """The grid point that ``path=value; path=value`` picks; the first one if it is empty."""
+    wanted = {k.strip(): scalar(v.strip()) for k, _, v in (p.partition("=") for p in split(text))}
+    points = results.points()
+    for point in points:
+        if all(point.get(path) == value for path, value in wanted.items()):
+            return point
+    raise UserError(f"{results.folder}: no point of the grid has {text}")
+
+
+def _numbers(results: Results, number: PublishedNumber) -> Iterator[Compared]:
+    if not number.labels or not number.expression:
+        yield Compared(number, "", Term(nan, nan, None, 0), nan, NOT_MEASURED, number.note)
+        return
+    expressions = Expressions(results, point_of(results, number.point))
+    for label in number.labels:
+        measured = expressions.term(label, number.expression)
+        word, z = verdict(number, measured)
+        yield Compared(number, label, measured, z, word, _note(number, measured))
+
+
+def _note(number: PublishedNumber, measured: Term) -> str:
+    notes = []
+    if measured.lost:
+        notes.append(f"{measured.lost} of {measured.runs + measured.lost} runs lost")
+    if not isinstance(number.value, str) and SURE * measured.stderr > 0.5 * abs(number.value):
+        notes.append("too few runs to tell")
+    return "; ".join([*notes, *filter(None, [number.note])])
+
+
+def _score(expressions: Expressions, claim: Claim, right: str) -> tuple[float, bool, str]:
+    """z of one comparison, positive in the claim's favour; whether it is paired; its numbers."""
+    left = (claim.left, claim.expression)
+    a = expressions.term(*left)
+    spoken = f"{claim.left} {a.value:.4g}" + (f" ({a.lost} runs lost)" if a.lost else "")
+    if not right:
+        z = z_score(Estimate(a.value - claim.factor, a.stderr))
+        return _signed(claim.relation, z), True, f"{spoken}, {claim.factor:g}"
+    other = (right, claim.right_expression or claim.expression)
+    b = expressions.term(*other)
+    off = expressions.difference(left, other, claim.factor)
+    if claim.relation == "~":
+        room = claim.tolerance * abs(claim.factor * b.value)
+        z = z_score(Estimate(room - abs(off.value), off.stderr))
+    else:
+        z = _signed(claim.relation, z_score(off.estimate))
+    return z, off.influences is not None, f"{spoken}, {right} {b.value:.4g}"
+
+
+def _signed(relation: str, z: float) -> float:
+    return -z if relation == "<" else z
