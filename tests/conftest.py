@@ -1,7 +1,7 @@
 """Shared by every test: one way to run a filter on a scenario, and where the shipped files are."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,14 @@ def per_run(
     """A metric per run (M,)."""
     task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
     return run_block(task).per_run[metric]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test finds blocks that an earlier session kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TRACKBENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture

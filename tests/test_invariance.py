@@ -1,6 +1,7 @@
 """The same bytes from the same seed, however it was run."""
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -26,13 +27,21 @@ FILTERS = {
 FILES = ("per_run.csv", "per_step.csv", "summary.csv", "config.yaml")
 
 
-def _run(folder: Path, runs: int = 30, labels: list[str] | None = None, **options: object) -> Path:
+def _run(
+    folder: Path,
+    runs: int = 30,
+    labels: list[str] | None = None,
+    cache: Path | None = None,
+    **options: object,
+) -> Path:
     chosen = labels or list(FILTERS)
     text = CONFIG.format(runs=runs, filters="\n".join(f"  {b}: {FILTERS[b]}" for b in chosen))
     folder.mkdir()
     (folder / "small.yaml").write_text(text)
     options = {"workers": 1, "quiet": True, "formats": (), **options}
-    api.run(folder / "small.yaml", api.Options(out=folder / "out", **options))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TRACKBENCH_CACHE", str(cache or folder / "cache"))
+        api.run(folder / "small.yaml", api.Options(out=folder / "out", **options))
     return folder / "out"
 
 
@@ -67,6 +76,19 @@ def test_fewer_runs_are_the_first_of_more(reference: Path, tmp_path: Path, runs:
     for label in FILTERS:
         first = [row for row in _rows(reference / "per_run.csv", label) if int(row[1]) < runs]
         assert _rows(other / "per_run.csv", label) == first
+
+
+@pytest.mark.parametrize("first", [3, 14, 20])
+def test_more_runs_reuse_the_first(reference: Path, tmp_path: Path, first: int) -> None:
+    cache = tmp_path / "cache"
+    _run(tmp_path / "few", runs=first, cache=cache)
+    made = {path: path.read_bytes() for path in cache.rglob("*.block")}
+    other = _run(tmp_path / "more", cache=cache)
+    for file in FILES:
+        assert (other / file).read_bytes() == (reference / file).read_bytes(), file
+    blocks = json.loads((other / "manifest.json").read_text())["blocks"]
+    assert blocks == {"computed": 20 - 4 * -(-first // 7), "reused": 4 * -(-first // 7)}
+    assert all(path.read_bytes() == content for path, content in made.items())
 
 
 def test_the_resolved_config_gives_the_same_bytes(reference: Path, tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
 """The command line: options in, messages out, no logic. Heavy modules are imported when needed."""
 
+import shlex
+import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,7 +28,28 @@ Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
 Out = Annotated[Path | None, typer.Option(help="results folder [results/NAME]")]
 Workers = Annotated[int | None, typer.Option(min=1, help="worker processes [all processors]")]
-EngineName = Annotated[str, typer.Option(help="serial or processes")]
+EngineName = Annotated[str, typer.Option(help="serial, processes or dask")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="of a dask cluster: tcp://host:port")
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
+Quick = Annotated[bool, typer.Option("--quick", help="20 runs")]
+SaveTracks = Annotated[
+    bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
+]
+Format = Annotated[
+    str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
+]
+AllowPlugins = Annotated[
+    bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")
+]
+Grid = Annotated[
+    list[str],
+    typer.Option(
+        "--grid", metavar="PATH=VALUES", help="values V1,V2,..., a..b:n (linear) or log:a..b:n"
+    ),
+]
 
 
 @app.command()
@@ -39,33 +62,16 @@ def run(
     out: Out = None,
     engine: EngineName = "processes",
     workers: Workers = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="say what would run")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="20 runs")] = False,
-    save_tracks: Annotated[
-        bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
-    ] = False,
-    format_: Annotated[
-        str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
-    ] = "png,svg",
+    scheduler: Scheduler = None,
+    fresh: Fresh = False,
+    dry_run: DryRun = False,
+    quick: Quick = False,
+    save_tracks: SaveTracks = False,
+    format_: Format = "png,svg",
+    allow_plugins: AllowPlugins = False,
 ) -> None:
     """Run an experiment and write tables, figures and CSV files."""
-    from trackbench import api
-
-    options = api.Options(
-        set=tuple(set_ or ()),
-        only=tuple(only or ()),
-        runs=20 if quick and runs is None else runs,
-        seed=seed,
-        out=out,
-        engine=_one_of("--engine", engine, ("serial", "processes")),  # type: ignore[arg-type]
-        workers=workers,
-        save_tracks=save_tracks,
-        formats=_formats(format_),
-    )
-    if dry_run:
-        typer.echo(api.preview(config, options))
-        return
-    _run(config, options)
+    _execute("run", config, dry_run, _options(locals()))
 
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
@@ -130,14 +136,65 @@ def verify(
 
 
 @app.command()
-def check(config: Config, set_: Set = None, only: Only = None) -> None:
-    """Validate a config and run nothing."""
-    from trackbench.experiment.config import load
+def sweep(
+    config: Config,
+    grid: Grid,
+    set_: Set = None,
+    only: Only = None,
+    runs: Runs = None,
+    seed: Seed = None,
+    out: Annotated[Path | None, typer.Option(help="results folder [results/NAME-sweep]")] = None,
+    engine: EngineName = "processes",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    fresh: Fresh = False,
+    dry_run: DryRun = False,
+    quick: Quick = False,
+    save_tracks: SaveTracks = False,
+    format_: Format = "png,svg",
+    allow_plugins: AllowPlugins = False,
+) -> None:
+    """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
+    _execute("sweep", config, dry_run, _options(locals()))
 
-    experiment = load(config, set_ or [], only or [])
-    points = len(experiment.points)
-    grid = f" at {points} points" if points > 1 else ""
-    typer.echo(f"{config}: good, {len(experiment.points[0].filters)} filters{grid}")
+
+@app.command()
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="remove every block")] = False,
+    prune: Annotated[
+        bool, typer.Option("--prune", help="remove blocks that other versions of the code made")
+    ] = False,
+) -> None:
+    """Show or clear the finished blocks that are kept for the next run."""
+    from trackbench.experiment.cache import cache_folder, cache_size, clear_cache
+
+    root = cache_folder()
+    if clear or prune:
+        clear_cache(root, old_only=not clear)
+    size = cache_size(root)
+    typer.echo(f"{root}/: {size.blocks} blocks, {size.bytes / 1e6:.1f} MB")
+    if size.old_blocks:
+        old = f"{size.old_blocks} blocks, {size.old_bytes / 1e6:.1f} MB"
+        typer.echo(f"of other versions of the code: {old}; remove them with --prune")
+
+
+@app.command()
+def check(
+    config: Annotated[Path | None, typer.Argument(help="experiment file (YAML)")] = None,
+    set_: Set = None,
+    only: Only = None,
+    allow_plugins: AllowPlugins = False,
+    contract: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
+    ] = None,
+) -> None:
+    """Validate a config and run nothing, or hold a filter of one's own against the contract."""
+    if config is None and contract is None:
+        raise typer.BadParameter("name a config, or a Python file with --contract")
+    if config is not None:
+        _check_config(config, _options(locals()))
+    if contract is not None:
+        _check_contract(contract)
 
 
 @app.command("list")
@@ -162,27 +219,109 @@ def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench l
     typer.echo(description(kind))
 
 
+@app.command()
+def new(
+    what: Annotated[str, typer.Argument(help="filter, scenario or experiment")],
+    name: Annotated[str, typer.Argument(help="its name, such as my-filter")],
+) -> None:
+    """Write a commented starting file that runs as it is, and its test."""
+    from trackbench.scaffold import WHAT, write_new
+
+    paths = write_new(_one_of("new", what, WHAT), name, Path())
+    for path in paths:
+        typer.echo(f"wrote {path}")
+    config = next(path for path in paths if path.suffix == ".yaml")
+    plugins = "" if what == "experiment" else " --allow-plugins"
+    typer.echo(f"run it: trackbench run {config}{plugins}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of an experiment file, for editors."""
+    import json
+
+    from trackbench.schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))
+
+
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
-    from trackbench.experiment.problems import UserError
+    from trackbench.experiment.problems import RunError, UserError
 
     try:
         app()
     except UserError as error:
         typer.echo(str(error), err=True)
         sys.exit(2)
+    except RunError as error:
+        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"finished blocks are kept; to go on: {_this_command()}", err=True)
+        sys.exit(1)
 
 
-def _run(config: Path, options: "Options") -> None:
+def _check_config(config: Path, options: "Options") -> None:
+    from trackbench import api
+    from trackbench.experiment.plan import check_memory
+
+    experiment = api.prepare(config, options)
+    check_memory(experiment, workers=1)
+    points = len(experiment.points)
+    grid = f" at {points} points" if points > 1 else ""
+    typer.echo(f"{config}: good, {len(experiment.points[0].filters)} filters{grid}")
+
+
+def _check_contract(path: Path) -> None:
+    from trackbench.contract import check_file, report
+
+    found = check_file(path)
+    for line in report(found):
+        typer.echo(line)
+    if any(finding.verdict == "bad" for findings in found.values() for finding in findings):
+        raise typer.Exit(1)
+
+
+def _options(given: dict[str, Any]) -> "Options":
+    """The API's options from a command's own."""
     from trackbench import api
 
+    engines = ("serial", "processes", "dask")
+    quick_runs = 20 if given.get("quick") else None
+    return api.Options(
+        set=tuple(given["set_"] or ()),
+        only=tuple(given["only"] or ()),
+        runs=given.get("runs") or quick_runs,
+        seed=given.get("seed"),
+        grid=tuple(given.get("grid") or ()),
+        out=given.get("out"),
+        engine=_one_of("--engine", given.get("engine", "serial"), engines),  # type: ignore[arg-type]
+        workers=given.get("workers"),
+        scheduler=given.get("scheduler"),
+        fresh=given.get("fresh", False),
+        save_tracks=given.get("save_tracks", False),
+        formats=_formats(given.get("format_", "png")),
+        allow_plugins=given["allow_plugins"],
+    )
+
+
+def _execute(command: str, config: Path, dry_run: bool, options: "Options") -> None:
+    from trackbench import api
+
+    if dry_run:
+        typer.echo(api.preview(config, options))
+        return
+    signal.signal(signal.SIGTERM, _interrupt)
     try:
-        report = api.run(config, options)
+        report = getattr(api, command)(config, options)
     except KeyboardInterrupt:
-        typer.echo("\ninterrupted; nothing was written, the same command starts again", err=True)
+        typer.echo(
+            f"\ninterrupted; finished blocks are kept, to go on: {_this_command()}", err=True
+        )
         raise typer.Exit(130) from None
     for table in report.tables.values():
         typer.echo(table.markdown())
+    for best in report.best:
+        typer.echo(f"best: {best}")
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:
@@ -190,6 +329,14 @@ def _run(config: Path, options: "Options") -> None:
     typer.echo(f"results in {report.folder}/", err=True)
     if report.failed:
         raise typer.Exit(1)
+
+
+def _interrupt(signal_number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _this_command() -> str:
+    return shlex.join(["trackbench", *sys.argv[1:]])
 
 
 def _formats(text: str) -> list[str]:

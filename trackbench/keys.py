@@ -1,10 +1,12 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from annotated_types import Ge, Gt, Interval
 
 Count = Annotated[int, Ge(1)]
+Steps = Annotated[int, Interval(ge=1, le=100_000)]
+"""A number of time steps: every series holds one value per step, so it has an end."""
 Natural = Annotated[int, Ge(0)]
 Positive = Annotated[float, Gt(0), Interval(lt=float("inf"))]
 NonNegative = Annotated[float, Ge(0), Interval(lt=float("inf"))]
@@ -21,3 +23,25 @@ class MistakenKeyError(ValueError):
     def __init__(self, what: str, *path: str | int) -> None:
         super().__init__(what)
         self.path = path
+
+
+IS_FILE = "path of a data file"
+DataFile = Annotated[str, IS_FILE]
+"""A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
+
+
+class Place(NamedTuple):
+    """A mistake in a data file: line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+    what: str
+
+
+class DataError(ValueError):
+    """What is wrong in a data file, place by place."""
+
+    def __init__(self, *places: Place) -> None:
+        super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
+        self.places = places

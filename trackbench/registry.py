@@ -6,6 +6,7 @@ entry point of an installed package, or as a plugin file. A YAML never names an 
 
 import importlib
 import pkgutil
+import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import Any, Literal, TypeVar
@@ -28,13 +29,21 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
 
     def add(cls: T) -> T:
         known = _kinds[group].get(kind)
-        if known is not None and known.__module__ != cls.__module__:
+        if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         setattr(cls, "kind", kind)  # noqa: B010 (not declared by every class)
         _kinds[group][kind] = cls
         return cls
 
     return add
+
+
+def _origin(cls: type) -> str:
+    """The module; a plugin's without its digest, so that an edited plugin may register again."""
+    module = cls.__module__
+    return (
+        module.rpartition("_")[0] if hasattr(sys.modules[module], "__plugin_digest__") else module
+    )
 
 
 def kinds(group: Group) -> dict[str, type[Any]]:

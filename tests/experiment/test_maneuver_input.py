@@ -120,7 +120,7 @@ def test_good_config_loads_and_its_resolved_form_too(tmp_path: Path) -> None:
     import yaml
 
     first = _load(tmp_path, GOOD)
-    again = _load(tmp_path, yaml.safe_dump(first.resolved))
+    again = _load(tmp_path, yaml.safe_dump(first.resolved(tmp_path)))
     assert again.points == first.points
     assert again.resolved == first.resolved
 

@@ -26,6 +26,7 @@ class RunStreams:
     """
 
     def __init__(self, seed: int, runs: Sequence[int]) -> None:
+        self.runs = tuple(runs)
         self._generators = [
             Generator(SFC64(SeedSequence(seed, spawn_key=(_DATA, run)))) for run in runs
         ]

@@ -44,6 +44,10 @@ class BlockTask:
         """Number of the block's first run."""
         return self.index * self.width
 
+    def shown_of(self, used: int) -> int:
+        """How many of the block's first ``used`` runs are shown with their whole tracks."""
+        return max(0, min(self.shown - self.first_run, used))
+
 
 class Tracks(NamedTuple):
     """Whole tracks of r runs: truth and mean (n_x, T + 1, r), measurements (n_z, T, r)."""
@@ -80,26 +84,48 @@ class Estimates(NamedTuple):
 
 def run_block(task: BlockTask) -> BlockResult:
     """Simulate the block's runs, filter them, and reduce the errors to metrics."""
+    return run_whole_block(task)[task.used]
+
+
+def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
+    """The block reduced over the runs that are used, and over all of its width.
+
+    The second costs next to nothing, and is what a later batch of more runs needs.
+    """
     data = simulate(task.scenario, task.seed, task.first_run, task.width)
-    shown = max(0, min(task.shown - task.first_run, task.used))
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
-        result = estimate(task, data, shown if task.keep_covariance else 0)
+        covariances = task.shown_of(task.width) if task.keep_covariance else 0
+        result = estimate(task, data, covariances)
         exact = _reference_mean(task) if task.reference is not None else None
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
         counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
+        finite = np.asarray(np.isfinite(result.mean).all(axis=(0, 1)))
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
-        whole = per_run_metrics(task.scenario, values, counts)
-        per_run = {name: numbers[: task.used] for name, numbers in whole.items()}
-        values = {name: rows[:, : task.used] for name, rows in values.items()}
-        steps = {name: step_sums(rows, per_run["lost"]) for name, rows in values.items()}
-    tracks = None
+        per_run = per_run_metrics(task.scenario, values, counts, finite)
+        whole = _Whole(data, result, values, per_run)
+        return {used: _trimmed(task, whole, used) for used in {task.used, task.width}}
+
+
+class _Whole(NamedTuple):
+    data: Simulation
+    result: Estimates
+    values: dict[str, Array]
+    per_run: dict[str, Array]
+
+
+def _trimmed(task: BlockTask, whole: _Whole, used: int) -> BlockResult:
+    data, result = whole.data, whole.result
+    values = {name: rows[:, :used] for name, rows in whole.values.items()}
+    per_run = {name: numbers[:used] for name, numbers in whole.per_run.items()}
+    tracks, shown = None, task.shown_of(used)
     if shown:
+        cov = None if result.cov is None else result.cov[..., :shown]
         seen = data.measurements[..., :shown]
-        tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], result.cov)
+        tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], cov)
     return BlockResult(
         per_run=per_run,
-        steps=steps,
+        steps={name: step_sums(rows, per_run["lost"]) for name, rows in values.items()},
         kept={name: values[name] for name in task.keep_steps if name in values},
         tracks=tracks,
         cpu_s=result.cpu_s,

@@ -1,5 +1,6 @@
 """Blocks of one filter put together, in block order, so that sums come out the same every time."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,18 +27,29 @@ class FilterResult(NamedTuple):
     timing: list[Timing]
 
 
-def merge(blocks: list[BlockResult]) -> FilterResult:
+def merge(blocks: Iterable[BlockResult]) -> FilterResult:
     """Concatenate per-run values and add up per-step sums, block by block in the given order."""
-    steps = dict(blocks[0].steps)
-    for block in blocks[1:]:
+    per_run: dict[str, list[Array]] = {}
+    steps: dict[str, StepSums] = {}
+    kept: dict[str, list[Array]] = {}
+    tracks: list[Tracks] = []
+    timing: list[Timing] = []
+    for block in blocks:
+        for name, values in block.per_run.items():
+            per_run.setdefault(name, []).append(values)
         for name, sums in block.steps.items():
-            steps[name] = steps[name].plus(sums)
+            steps[name] = steps[name].plus(sums) if name in steps else sums
+        for name, values in block.kept.items():
+            kept.setdefault(name, []).append(values)
+        if block.tracks is not None:
+            tracks.append(block.tracks)
+        timing.append(Timing(block.cpu_s, block.width))
     return FilterResult(
-        per_run={n: np.concatenate([b.per_run[n] for b in blocks]) for n in blocks[0].per_run},
+        per_run={name: np.concatenate(parts) for name, parts in per_run.items()},
         steps=steps,
-        kept={n: np.concatenate([b.kept[n] for b in blocks], axis=1) for n in blocks[0].kept},
-        tracks=_merged_tracks([b.tracks for b in blocks if b.tracks is not None]),
-        timing=[Timing(block.cpu_s, block.width) for block in blocks],
+        kept={name: np.concatenate(parts, axis=1) for name, parts in kept.items()},
+        tracks=_merged_tracks(tracks),
+        timing=timing,
     )
 
 

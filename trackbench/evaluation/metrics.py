@@ -37,13 +37,17 @@ def joined(prefix: str, quantity: str) -> str:
 def series(
     scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
 ) -> dict[str, Array]:
-    """Every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M)."""
+    """Every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M).
+
+    Recorded data without a truth have no errors; where the truth has a gap, so have they.
+    """
     out: dict[str, Array] = {}
-    for quantity, error in scenario.errors(mean, truth).items():
-        out[joined("squared", quantity)] = np.square(error).sum(axis=0)
-        if len(error) == 1:
-            out[joined("error", quantity)] = error[0]
-    out["nees"] = nees
+    if getattr(scenario, "has_truth", True):
+        for quantity, error in scenario.errors(mean, truth).items():
+            out[joined("squared", quantity)] = np.square(error).sum(axis=0)
+            if len(error) == 1:
+                out[joined("error", quantity)] = error[0]
+        out["nees"] = nees
     if exact is not None:
         for quantity, error in scenario.errors(mean, exact).items():
             out[joined("distance", quantity)] = np.square(error).sum(axis=0)
@@ -51,13 +55,14 @@ def series(
 
 
 def per_run_metrics(
-    scenario: Scenario, values: dict[str, Array], counts: Collection[str]
+    scenario: Scenario, values: dict[str, Array], counts: Collection[str], finite: Mask
 ) -> dict[str, Array]:
     """Numbers per run (M,): root mean squares over each window, means of the rest; NaN if lost.
 
-    ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``.
+    ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
+    says whose estimates stayed within the numbers.
     """
-    lost = lost_runs(scenario, values)
+    lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
     for window, mask in scenario.windows.items():
         suffix = f"[{window}]" if window else ""
@@ -76,10 +81,13 @@ def per_run_metrics(
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
-def lost_runs(scenario: Scenario, values: dict[str, Array]) -> Array:
+def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
     """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
-    first = next(rows for name, rows in values.items() if name.startswith("squared"))
-    lost = np.where(np.isfinite(first).all(axis=0), FOUND, NOT_FINITE)
+    errors = [rows for name, rows in values.items() if name.startswith("squared")]
+    if not errors:
+        return np.where(finite, FOUND, NOT_FINITE)
+    first = errors[0]
+    lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
     limit = getattr(scenario, "lost_beyond", None)
     if limit is not None:
         lost = np.where((lost == FOUND) & (first > limit**2).any(axis=0), TOO_FAR, lost)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.source import Keys, Source, dotted, read
+from trackbench.experiment.source import Keys, Source, dotted, read, scalar
 
 _PARTS = ("filters", "tables", "figures")
 
@@ -19,9 +19,20 @@ def inline_parts(source: Source, folder: Path) -> list[Problem]:
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
+            _inline_nested(source, keys)
         except UserError as error:
             problems += [p for p in error.problems if isinstance(p, Problem)]
     return problems
+
+
+def _inline_nested(source: Source, keys: Keys) -> None:
+    """The scenario that a recorded one is like; its path counts from the file it stands in."""
+    data = source.data
+    for key in keys:
+        data = data[key]
+    if keys == ("scenario",) and isinstance(data, dict) and "like" in data:
+        inner = (*keys, "like")
+        _inline(source, inner, Path(source.mark(inner).file).parent, depth=1)
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
@@ -34,6 +45,33 @@ def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
         data = data[key]
     data[keys[-1]] = value
     source.marks[keys] = source.key_marks[keys] = mark
+
+
+def assignment(source: Source, text: str, option: str = "--set") -> tuple[Keys, Any, Mark]:
+    """``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself."""
+    keys, value, mark = split_assignment(source, text, option)
+    return keys, scalar(value), mark
+
+
+def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
+    """Like `assignment`, the value as it was typed."""
+    mark = Mark(f"{option} {text}")
+    places = [i for i, c in enumerate(text) if c == "=" and i > 0]
+    if not places:
+        raise UserError(Problem(mark, "", "write PATH=VALUE"))
+    best: tuple[int, Keys, str] | None = None
+    for i in places:
+        keys = split_path(source, text[:i])
+        known = _known_depth(source, keys)
+        if best is None or known > best[0]:
+            best = known, keys, text[i + 1 :]
+    assert best is not None
+    return best[1], best[2], mark
+
+
+def _known_depth(source: Source, keys: Keys) -> int:
+    """How many of the keys, from the first on, lead to something that exists."""
+    return sum(keys[:depth] in source.marks for depth in range(1, len(keys) + 1))
 
 
 def split_path(source: Source, path: str) -> Keys:

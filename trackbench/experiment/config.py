@@ -6,19 +6,25 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
-from dataclasses import asdict, dataclass, field
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import StringConstraints
 
-from trackbench.experiment.compose import inline_parts, override, split_path
+from trackbench.experiment.axes import add_axis
+from trackbench.experiment.compose import assignment, inline_parts, override, split_path
+from trackbench.experiment.plugins import Plugin, load_plugins
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.published import Published, read_published
-from trackbench.experiment.source import Keys, Source, dotted, read, scalar
-from trackbench.experiment.validate import at, build, unknown
+from trackbench.experiment.source import Keys, Source, dotted, read
+from trackbench.experiment.validate import at, build, file_keys, unknown
 from trackbench.filters.base import AnyFilter
-from trackbench.keys import Count, Natural
+from trackbench.keys import Count, DataError, Natural
+from trackbench.models.base import Model
 from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import Scenario
 
@@ -26,6 +32,9 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
 
 _TOGETHER = " & "
+
+
+_MOST_POINTS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,19 +82,46 @@ class Point:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A validated experiment; ``resolved`` is its config with every default filled in."""
+    """A validated experiment; ``source`` is its config with positions."""
 
     settings: Settings
     points: list[Point]
     tables: dict[str, Any]
     figures: dict[str, Any]
-    resolved: dict[str, Any]
+    source: Source
     published: Published
+    plugins: tuple[Plugin, ...] = ()
 
     @property
     def shown_runs(self) -> int:
         """How many runs' whole tracks the figures need."""
         return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
+
+    def title_of(self, key: tuple[int, str]) -> str:
+        """A filter at a grid point, for people."""
+        values = self.points[key[0]].values
+        at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
+        return f"{key[1]} at {at_point}" if at_point else key[1]
+
+    def resolved(self, folder: Path) -> dict[str, Any]:
+        """The config as plain data with every default; a grid keeps its list of values.
+
+        Paths are relative to ``folder``, where the config is to be written.
+        """
+        first = self.points[0]
+        out = asdict(self.settings)
+
+        def relative(path: str) -> str:
+            return os.path.relpath(path, folder)
+
+        out["plugins"] = [relative(plugin.path) for plugin in self.plugins]
+        # A results folder holds copies of the files under these names, so that it stands alone.
+        out["published"] = [f"published/{name}" for name in self.published.files]
+        out["scenario"] = as_config(first.scenario, relative)
+        parts = {"filters": first.filters, "tables": self.tables, "figures": self.figures}
+        for group, built in parts.items():
+            out[group] = {name: as_config(part, relative) for name, part in built.items()}
+        return out
 
 
 def load(
@@ -94,8 +130,13 @@ def load(
     only: list[str] | None = None,
     runs: int | None = None,
     seed: int | None = None,
+    grid: list[str] | None = None,
+    allow_plugins: bool = False,
 ) -> Experiment:
-    """Read and validate an experiment; raises UserError with every mistake found."""
+    """Read and validate an experiment; raises UserError with every mistake found.
+
+    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's.
+    """
     source = read(path)
     if not isinstance(source.data, dict):
         raise UserError(
@@ -105,15 +146,20 @@ def load(
     if problems:
         raise UserError(*sorted(problems))
     for text in overrides or []:
-        keys, value, mark = _parse_override(source, text)
+        keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
     for key, number in (("runs", runs), ("seed", seed)):
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
-    return _validated(source, only, path.parent)
+    for text in grid or []:
+        add_axis(source, text)
+    plugins = load_plugins(source, path.parent, allow_plugins)
+    return _validated(source, only, path.parent, plugins)
 
 
-def _validated(source: Source, only: list[str] | None, folder: Path) -> Experiment:
+def _validated(
+    source: Source, only: list[str] | None, folder: Path, plugins: tuple[Plugin, ...] = ()
+) -> Experiment:
     problems: list[Problem] = []
     settings = build(Settings, source, (), problems)
     if settings is None:
@@ -127,17 +173,16 @@ def _validated(source: Source, only: list[str] | None, folder: Path) -> Experime
             for path in joint.split(_TOGETHER):
                 override(source, split_path(source, path), value, marks[joint])
         points.append(_point(source, labels, values, problems))
+    settings = _with_recorded_runs(source, settings, points, problems)
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
     _check_named_filters(source, settings, tables | figures, problems)
+    _check_figures(source, settings, figures, points, problems)
     published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
     found = [p for p in points if p is not None]
-    resolved = _resolved(settings, found, tables, figures)
-    # A results folder holds copies of the files under these names, so that it stands alone.
-    resolved["published"] = [f"published/{name}" for name in published.files]
-    return Experiment(settings, found, tables, figures, resolved, published)
+    return Experiment(settings, found, tables, figures, source, published, plugins)
 
 
 def _point(
@@ -162,20 +207,66 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         return None
     known = kinds(group)
     kind = data["kind"]
-    if kind not in known:
+    if not isinstance(kind, str) or kind not in known:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(known))}"
         problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
         return None
     cls = known[kind]
-    part = Source(_with_preset(cls, source, keys, problems), {}, {})
-    for own, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
-        own.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
+    own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
+    nested = {
+        key: build_kind(inner, source, (*keys, key), problems)
+        for key, inner in getattr(cls, "parts", {}).items()
+        if own.pop(key, None) is not None
+    }
+    part = Source(own, {}, {})
+    for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
+        mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
     found: list[Problem] = []
     built = build(cls, part, (), found)
     problems += [
         Problem(p.mark, ".".join(filter(None, [dotted(keys), p.path])), p.what) for p in found
     ]
-    return built
+    return _assembled(cls, built, nested, source, keys, problems)
+
+
+def _assembled(
+    cls: type[Any],
+    built: Any,
+    nested: dict[str, Any],
+    source: Source,
+    keys: Keys,
+    problems: list[Problem],
+) -> Any:
+    """The dataclass with the parts it is made of, such as the scenario that a recorded one is like."""
+    missing = [key for key in getattr(cls, "parts", {}) if key not in nested]
+    for key in missing:
+        where = dotted((*keys, key))
+        problems.append(Problem(source.mark(keys), where, "this key is required"))
+    if built is None or missing or None in nested.values():
+        return None
+    try:
+        return replace(built, **nested) if nested else built
+    except DataError as error:
+        problems += [
+            Problem(Mark(where.file, where.line, where.column), dotted(keys), where.what)
+            for where in error.places
+        ]
+    except ValueError as error:
+        problems.append(Problem(source.mark(keys), dotted(keys), str(error)))
+    return None
+
+
+def _with_absolute_files(
+    cls: type[Any], source: Source, keys: Keys, data: dict[str, Any]
+) -> dict[str, Any]:
+    """Paths count from the folder of the YAML file they stand in."""
+    out = dict(data)
+    for key in file_keys(cls):
+        if isinstance(data.get(key), str):
+            mark = source.mark((*keys, key))
+            folder = Path(mark.file).parent if mark.line else Path()
+            out[key] = str((folder / data[key]).absolute())
+    return out
 
 
 def _with_preset(
@@ -187,7 +278,7 @@ def _with_preset(
     if name is None or not presets:
         return data
     del data["preset"]
-    if name not in presets:
+    if not isinstance(name, str) or name not in presets:
         what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
         where = (*keys, "preset")
         problems.append(Problem(source.mark(where), dotted(where), what))
@@ -206,14 +297,19 @@ def _laid_over(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
     return {**base, **both}
 
 
+def has(model: Model, need: str) -> bool:
+    """Whether a model can do what a filter needs, such as ``motion.jacobian``."""
+    part, _, name = need.partition(".")
+    return hasattr(getattr(model, part), name)
+
+
 def _check_fit(
     source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
 ) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
     for need in getattr(tracker, "needs", ()):
-        part, _, name = need.partition(".")
-        if not hasattr(getattr(scenario.model, part), name):
+        if not has(scenario.model, need):
             what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
@@ -255,6 +351,11 @@ def _grid(
             what = "a grid varies scenario.KEY or filters.LABEL.KEY"
             problems.append(Problem(source.key_mark(where), dotted(where), what))
             return []
+    number = prod(len(settings.grid[p]) for p in paths)
+    if number > _MOST_POINTS:
+        what = f"{number} points; a grid has at most {_MOST_POINTS}"
+        problems.append(Problem(source.mark(("grid",)), "grid", what))
+        return []
     out = []
     for numbers in itertools.product(*(range(len(settings.grid[p])) for p in paths)):
         chosen = dict(zip(paths, numbers, strict=True))
@@ -310,33 +411,54 @@ def _published(
         return Published()
 
 
-def _parse_override(source: Source, text: str) -> tuple[Keys, Any, Mark]:
-    path, separator, value = text.partition("=")
-    mark = Mark(f"--set {text}")
-    if not separator or not path:
-        raise UserError(Problem(mark, "", "write PATH=VALUE"))
-    return split_path(source, path), scalar(value), mark
+def _check_figures(
+    source: Source,
+    settings: Settings,
+    figures: dict[str, Any],
+    points: list[Point | None],
+    problems: list[Problem],
+) -> None:
+    """A figure may show only runs and components that there are."""
+    sizes = [len(p.scenario.model.motion.components) for p in points if p is not None]
+    limits = {"run": settings.runs, "component": min(sizes, default=1)}
+    for name, figure in figures.items():
+        for key, most in limits.items():
+            number = getattr(figure, key, None)
+            if isinstance(number, int) and number > most:
+                where = ("figures", name, key)
+                what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
+                problems.append(Problem(source.mark(where), dotted(where), what))
 
 
-def _resolved(
-    settings: Settings, points: list[Point], tables: dict[str, Any], figures: dict[str, Any]
-) -> dict[str, Any]:
-    """The config as plain data with every default; a grid keeps its list of values."""
-    first = points[0]
-    out = asdict(settings)
-    out["scenario"] = as_config(first.scenario)
-    out["filters"] = {label: as_config(f) for label, f in first.filters.items()}
-    out["tables"] = {name: as_config(t) for name, t in tables.items()}
-    out["figures"] = {name: as_config(f) for name, f in figures.items()}
+def _with_recorded_runs(
+    source: Source, settings: Settings, points: list[Point | None], problems: list[Problem]
+) -> Settings:
+    """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
+    counts = [getattr(p.scenario, "recorded_runs", None) for p in points if p is not None]
+    most = min((count for count in counts if count is not None), default=None)
+    if most is None or ("runs" in source.data and settings.runs <= most):
+        return settings
+    if "runs" in source.data:
+        what = f"{settings.runs} is more than the {most} recorded runs"
+        problems.append(Problem(source.mark(("runs",)), "runs", what))
+    return replace(settings, runs=most)
+
+
+def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
+    """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
+    files = file_keys(type(part))
+    out = {"kind": part.kind}
+    for key in fields(part):
+        value = getattr(part, key.name)
+        if key.name in files and value is not None:
+            value = shown(value)
+        out[key.name] = _plain(value, shown)
     return out
 
 
-def as_config(part: Any) -> dict[str, Any]:
-    """A registered dataclass as the mapping that makes it."""
-    return {"kind": part.kind, **_plain(asdict(part))}
-
-
-def _plain(value: Any) -> Any:
+def _plain(value: Any, shown: Callable[[str], str]) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return as_config(value, shown) if hasattr(value, "kind") else _plain(asdict(value), shown)
     if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+        return {k: _plain(v, shown) for k, v in value.items()}
+    return [_plain(v, shown) for v in value] if isinstance(value, list | tuple) else value

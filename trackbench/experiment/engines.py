@@ -2,11 +2,17 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from typing import Any, Literal, TypeVar
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, Literal, TypeVar, get_args
 
-Engine = Literal["serial", "processes"]
+from trackbench.experiment.problems import UserError
+
+Engine = Literal["serial", "processes", "dask"]
+ENGINES: tuple[Engine, ...] = get_args(Engine)
+OpenEngine = Callable[[], AbstractContextManager[Executor]]
+"""Opens the engine, again after it broke."""
 T = TypeVar("T")
 
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -30,10 +36,68 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def open_engine(engine: Engine, workers: int) -> Executor:
-    """An executor; worker processes use one BLAS thread each: blocks are what runs side by side."""
-    if engine == "serial" or workers == 1:
-        return SerialExecutor()
+def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
+    """How to open an engine; raises UserError if it is not installed or cannot be reached."""
+    if name == "dask":
+        return lambda: _dask(workers, scheduler)
+    if name == "serial" or workers == 1:
+        return _serial
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise RuntimeError(
+            "a script that runs an experiment on several processes is imported by each of them: "
+            'put the call under `if __name__ == "__main__":`, or use engine="serial"'
+        )
+    return lambda: _processes(workers)
+
+
+@contextmanager
+def _serial() -> Iterator[Executor]:
+    yield SerialExecutor()
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[Executor]:
+    """Local worker processes with one BLAS thread each: blocks are what runs side by side."""
+    from trackbench.experiment.worker import start_local_worker
+
     for name in _BLAS:
         os.environ.setdefault(name, "1")
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("forkserver"))
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["trackbench.experiment.worker"])
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_local_worker)
+    try:
+        yield pool
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()  # a block that is being computed is not waited for
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
+    """The cluster of a scheduler's address, or one of so many local processes."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UserError(
+            "--engine dask needs an extra package: pip install 'trackbench[dask]'"
+        ) from None
+    settings: dict[str, Any] = {"address": scheduler}
+    if scheduler is None:
+        settings = {
+            "n_workers": workers,
+            "threads_per_worker": 1,
+            "dashboard_address": None,
+            "host": "127.0.0.1",
+        }
+    connect: Any = Client  # has no types
+    try:
+        client = connect(**settings, timeout="5s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
+    with client:
+        # pure=False: a block is asked for once, and its result is not to stay in the cluster.
+        yield client.get_executor(pure=False)

@@ -2,25 +2,33 @@
 
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
+from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.config import Experiment, Point
-from trackbench.experiment.problems import UserError
+from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
+from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768
 _WIDEST = 500
+_PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter
+
+
+Key: TypeAlias = tuple[int, str]
+"""Number of a grid point and label of a filter."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """Tasks by point and filter label, in block order; equal tasks are computed once."""
 
-    tasks: dict[tuple[int, str], list[BlockTask]]
+    tasks: dict[Key, list[BlockTask]]
 
-    @property
+    @cached_property
     def unique(self) -> list[BlockTask]:
         """Every different task, all filters of a block together so that its data are shared."""
         return sorted(
@@ -66,26 +74,30 @@ def particle_count(tracker: AnyFilter) -> int:
     return int(getattr(tracker, "N", 1))
 
 
-def memory_needed(plan: Plan, workers: int) -> int:
-    """Bytes that the largest blocks and the merged results take, roughly and rather too much."""
-    largest = max(_block_bytes(task) for task in plan.unique)
-    kept = sum(
-        8 * task.used * (60 + len(task.keep_steps) * len(task.scenario.steps)) + _track_bytes(task)
-        for task in plan.unique
-    )
-    return 150_000_000 * workers + largest * workers + kept
+def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
+    """Bytes that the workers' largest blocks and one filter's merged results take, rather too many.
 
-
-def check_memory(plan: Plan, workers: int) -> int:
-    """Bytes needed; raises UserError if the machine does not have them."""
-    needed = memory_needed(plan, workers)
+    Raises UserError, at the filter that is to blame, if the machine does not have them.
+    """
+    settings = experiment.settings
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if needed > 0.9 * there:
-        raise UserError(
-            f"this needs about {needed / 1e9:.1f} GB of memory and the machine has "
-            f"{there / 1e9:.1f} GB: use fewer particles, a smaller block or fewer workers"
-        )
-    return needed
+    most = 0
+    for point in experiment.points:
+        merged = _merged_bytes(experiment, point, save_tracks)
+        for label, tracker in point.filters.items():
+            width = settings.block or block_width(tracker)
+            reference = point.filters.get(settings.reference or "", tracker)
+            block = max(_block_bytes(point.scenario, f, width) for f in (tracker, reference))
+            needed = workers * (_PROCESS + block) + merged
+            most = max(most, needed)
+            if needed > 0.9 * there:
+                what = (
+                    f"needs about {needed / 1e9:.1f} GB of memory and the machine has "
+                    f"{there / 1e9:.1f} GB: use fewer particles, runs or workers, or a smaller block"
+                )
+                where = ("filters", label, "N")
+                raise UserError(Problem(experiment.source.mark(where), f"filters.{label}", what))
+    return most
 
 
 def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
@@ -110,14 +122,19 @@ def cautions(point: Point) -> list[str]:
     return out
 
 
-def _block_bytes(task: BlockTask) -> int:
-    n_x = len(task.scenario.model.motion.components)
-    cloud = particle_count(task.filter) * n_x * _TEMPORARIES
-    return 8 * task.width * (cloud + len(task.scenario.steps) * (6 * n_x + 20))
+def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
+    n_x = len(scenario.model.motion.components)
+    held: int = getattr(tracker, "held", particle_count(tracker))
+    cloud = held * n_x * _TEMPORARIES
+    return 8 * width * (cloud + len(scenario.steps) * (6 * n_x + 20))
 
 
-def _track_bytes(task: BlockTask) -> int:
-    n_x = len(task.scenario.model.motion.components)
-    shown = max(0, min(task.shown - task.first_run, task.used))
-    per_step = 2 * n_x + 2 + (n_x * n_x if task.keep_covariance else 0)
-    return 8 * shown * per_step * len(task.scenario.steps)
+def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:
+    """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
+    settings, steps = experiment.settings, len(point.scenario.steps)
+    n_x = len(point.scenario.model.motion.components)
+    per_run = 60 + len(settings.medians) * steps
+    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
+    per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
+    filters = len(point.filters) * len(experiment.points)
+    return 8 * (3 * settings.runs * per_run + shown * per_track * filters)

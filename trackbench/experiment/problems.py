@@ -1,6 +1,7 @@
 """Mistakes in what the user typed: each one line with file and position, all of them at once."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True, order=True)
@@ -35,3 +36,15 @@ class UserError(Exception):
     def __init__(self, *problems: Problem | str) -> None:
         super().__init__("\n".join(str(p) for p in problems))
         self.problems = problems
+
+
+class RunError(Exception):
+    """The run cannot go on: one line, exit code 1; what is finished is kept."""
+
+
+class WriteError(RunError):
+    """A file could not be written."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        reason = (error.strerror or str(error)).lower()
+        super().__init__(f"cannot write {path}: {reason}")

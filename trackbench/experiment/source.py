@@ -70,11 +70,11 @@ def read(path: Path, shown: str | None = None) -> Source:
         size = path.stat().st_size
         text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else ""
     except UnicodeDecodeError:
-        raise UserError(Problem(Mark(name), "", "is not a text file in UTF-8")) from None
+        raise UserError(Problem(Mark(name, 1, 1), "", "is not a text file in UTF-8")) from None
     except OSError as error:
         raise UserError(Problem(Mark(name), "", (error.strerror or str(error)).lower())) from None
     if size > _LARGEST_FILE:
-        raise UserError(Problem(Mark(name), "", f"has {size} bytes; a config has under 1 MB"))
+        raise UserError(Problem(Mark(name, 1, 1), "", f"has {size} bytes; a config has under 1 MB"))
     return parse(text, name)
 
 

@@ -1,28 +1,31 @@
 """The files of a results folder, each written whole or not at all."""
 
-import csv
 import gzip
 import hashlib
-import io
 import json
-import os
 import platform
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 import trackbench
 from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.config import Experiment
+from trackbench.experiment.digest import code_digest
+from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
+from trackbench.experiment.plan import Key
 from trackbench.experiment.runner import Outcome
+from trackbench.experiment.tracks import Kept
 
 Row = Iterable[Any]
 
@@ -32,29 +35,63 @@ RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
 """Files that only a run writes; the manifest has their digests."""
 
 
-def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> None:
-    """Everything that follows from the results alone; tables and figures come from these files."""
-    folder.mkdir(parents=True, exist_ok=True)
+class Losses(NamedTuple):
+    """Runs of one filter, and how many of them were lost for each reason."""
+
+    runs: int
+    by_code: dict[float, int]
+
+    @classmethod
+    def of(cls, result: FilterResult) -> "Losses":
+        """Count the codes of the metric ``lost``."""
+        codes = result.per_run["lost"]
+        return cls(len(codes), {code: int((codes == code).sum()) for code in LOST_BECAUSE})
+
+    @property
+    def lost(self) -> int:
+        """Runs lost for any reason."""
+        return sum(self.by_code.values())
+
+    @property
+    def is_total(self) -> bool:
+        """Whether no run stayed within the numbers: the filter does not work here."""
+        return self.by_code[NOT_FINITE] == self.runs
+
+    def __str__(self) -> str:
+        reasons = [f"{n} because {LOST_BECAUSE[code]}" for code, n in self.by_code.items() if n]
+        return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
+
+
+def write_results(
+    folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool
+) -> dict[Key, Losses]:
+    """Everything that follows from the results alone; tables and figures come from these files.
+
+    Returns how many runs of each filter were lost, by reason.
+    """
+    remove_partial(folder)
     (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
-    paths = list(experiment.settings.grid)
-    write_text(folder / "config.yaml", as_yaml(experiment.resolved))
+    write_text(folder / "config.yaml", as_yaml(experiment.resolved(folder)))
     _write_published(folder / "published", experiment.published.files)
-    frames = {
-        "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
-        "per_step.csv": (
-            ["filter", "step", "time", "metric", "value", "stderr", "runs"],
-            _per_step,
-        ),
-        "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-        "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
-    }
-    for name, (header, rows) in frames.items():
-        write_csv(folder / name, paths + header, _by_filter(experiment, outcome, rows))
-    _write_tracks(folder / "shown.npz", experiment, outcome, only=experiment.shown_runs)
+    kept = {"shown.npz": Kept(experiment, experiment.shown_runs)}
     if tracks:
-        _write_tracks(folder / "tracks.npz", experiment, outcome, only=None)
-    manifest = _manifest(experiment, outcome) | {"files": digests(folder)}
+        kept["tracks.npz"] = Kept(experiment, None)
+    losses, cpu_s = {}, 0.0
+    with ExitStack() as files:
+        writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
+        for key, result in outcome.results():
+            losses[key] = Losses.of(result)
+            cpu_s += sum(t.cpu_s for t in result.timing)
+            for name, (_, rows) in _FRAMES.items():
+                writers[name].writerows(_prefixed(experiment, key, rows, result))
+            for collection in kept.values():
+                collection.add(key, result)
+    for name, collection in kept.items():
+        collection.write(folder / name)
+    manifest = _manifest(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
+    manifest["files"] = digests(folder)
     write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    return losses
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -63,7 +100,8 @@ def digests(folder: Path) -> dict[str, str]:
     for name in RAW:
         path, packed = folder / name, folder / f"{name}.gz"
         if path.is_file():
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            with path.open("rb") as file:
+                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif packed.is_file():
             found[name] = hashlib.sha256(gzip.decompress(packed.read_bytes())).hexdigest()
     return found
@@ -76,31 +114,19 @@ def as_yaml(data: Any) -> str:
     )
 
 
-def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
-    """A CSV with numbers in their shortest exact form."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    write_text(path, out.getvalue())
+def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:
+    writer = csv_writer(files.enter_context(replacing(path)))
+    writer.writerow([*experiment.settings.grid, *_FRAMES[path.name][0]])
+    return writer
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file atomically."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Temporary file, fsync, rename: the old file stands until the new one is complete."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+def _prefixed(
+    experiment: Experiment, key: Key, rows: Any, result: FilterResult
+) -> Iterator[list[Any]]:
+    point, label = experiment.points[key[0]], key[1]
+    prefix = [*point.values.values(), label]
+    for row in rows(result, point.scenario):
+        yield [*prefix, *row]
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
@@ -108,14 +134,6 @@ def _write_published(folder: Path, files: dict[str, str]) -> None:
         folder.mkdir(exist_ok=True)
     for name, text in files.items():
         write_text(folder / name, text)
-
-
-def _by_filter(experiment: Experiment, outcome: Outcome, rows: Any) -> Iterator[Row]:
-    for (i, label), result in outcome.results.items():
-        point = experiment.points[i]
-        prefix = [*point.values.values(), label]
-        for row in rows(result, point.scenario):
-            yield [*prefix, *row]
 
 
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
@@ -146,25 +164,12 @@ def _plain(row: Row) -> list[Any]:
     return [x.item() if isinstance(x, np.generic) else x for x in row]
 
 
-def _write_tracks(path: Path, experiment: Experiment, outcome: Outcome, only: int | None) -> None:
-    """``truth``, ``measurements``, ``mean/<filter>`` and, for all runs, ``cov/<filter>``."""
-    arrays: dict[str, Any] = {}
-    for (i, label), result in outcome.results.items():
-        if result.tracks is None:
-            continue
-        point = f"point{i}/" if len(experiment.points) > 1 else ""
-        truth, seen, mean_, cov = result.tracks
-        arrays[f"{point}steps"] = experiment.points[i].scenario.steps
-        arrays[f"{point}times"] = experiment.points[i].scenario.times
-        arrays[f"{point}truth"] = truth[..., :only]
-        arrays[f"{point}measurements"] = seen[..., :only]
-        arrays[f"{point}mean/{label}"] = mean_[..., :only]
-        if only is None and cov is not None:
-            arrays[f"{point}cov/{label}"] = cov
-    if arrays:
-        out = io.BytesIO()
-        np.savez_compressed(out, **arrays)
-        write_bytes(path, out.getvalue())
+_FRAMES: dict[str, tuple[list[str], Any]] = {
+    "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
+    "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
+    "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
+    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
+}
 
 
 def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
@@ -179,9 +184,14 @@ def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "packages": {name: version(name) for name in packages},
-        "failed": {label: why for (_, label), why in outcome.failures.items()},
+        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
+        "code": code_digest(),
+        "failed": [
+            {**experiment.points[i].values, "filter": label, "reason": why}
+            for (i, label), why in outcome.failures.items()
+        ],
+        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
-        "cpu_s": round(sum(t.cpu_s for r in outcome.results.values() for t in r.timing), 3),
     }
 
 

@@ -5,12 +5,13 @@ from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from math import isnan
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.keys import IS_FILE
 
 T = TypeVar("T")
 
@@ -29,10 +30,6 @@ _TYPES = {
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
     """Strict validator of a dataclass: unknown keys are mistakes, attribute docstrings are help."""
-    # Set here and not on every class, so that a filter stays a plain dataclass.
-    if "__pydantic_config__" not in cls.__dict__:
-        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-        setattr(cls, "__pydantic_config__", config)  # noqa: B010
     return _adapter(cast(Any, cls))
 
 
@@ -46,9 +43,35 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
     return texts
 
 
+def file_keys(cls: type[Any]) -> frozenset[str]:
+    """Keys of a dataclass that are paths of data files."""
+    hints = get_type_hints(cls, include_extras=True)
+    return frozenset(name for name, hint in hints.items() if _is_file(hint))
+
+
+def _is_file(hint: Any) -> bool:
+    options = (hint, *get_args(hint))
+    return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+
+
 @cache
 def _adapter(cls: Any) -> TypeAdapter[Any]:
+    _configure(cls)
     return TypeAdapter(cls)
+
+
+def _configure(hint: Any) -> None:
+    """Strictness and help for a dataclass and every dataclass within it.
+
+    Set here and not on each class, so that a filter stays a plain dataclass.
+    """
+    if isinstance(hint, type) and is_dataclass(hint) and "__pydantic_config__" not in hint.__dict__:
+        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+        setattr(hint, "__pydantic_config__", config)  # noqa: B010
+        for inner in get_type_hints(hint, include_extras=True).values():
+            _configure(inner)
+    for inner in get_args(hint):
+        _configure(inner)
 
 
 def build(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:

@@ -5,7 +5,9 @@ Optional attributes of a filter class:
 ``needs``        capabilities of the model it cannot do without, as ``motion.jacobian``
 ``presets``      named sets of keys, chosen in a config by ``preset: NAME``
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
+``held``         memory per run in points of a cloud, if it is not N; for the runner's estimate
 ``counts``       names of diagnostics that are summed over the steps instead
+``not_kalman``   why it does not equal the Kalman filter on a linear model, if it does not
 """
 
 from typing import Any, Protocol, TypeVar

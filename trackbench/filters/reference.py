@@ -20,6 +20,7 @@ class PriorMean:
     """No data at all: the mean and covariance that the motion alone predicts (linear motion)."""
 
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
+    not_kalman: ClassVar[str] = "looks at no measurement"
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
@@ -42,7 +43,7 @@ class PriorMean:
 class Inversion:
     """No memory: the state that the measurement alone implies, h^-1(z)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian")
+    needs: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian", "motion.jacobian")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
@@ -50,12 +51,18 @@ class Inversion:
         return Gaussian(prior.mean, np.zeros((n, n, runs)) + with_trailing(prior.cov, 1, leading=2))
 
     def step(self, model: Any, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
-        """h^-1(z), with variance R / h'^2."""
+        """h^-1(z), with variance R / h'^2; the prediction where z is missing."""
         x = model.sensor.inverse(z, k)
         R = model.sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):
             cov = with_trailing(R, 1, leading=2) / model.sensor.jacobian(x, k) ** 2
-        return Gaussian(x, cov)
+        missing = np.isnan(z).any(axis=0)
+        if not missing.any():
+            return Gaussian(x, cov)
+        moved = model.motion.transition(state.mean, k)
+        F = model.motion.jacobian(state.mean, k)
+        predicted = kalman.predict(state, F, moved.cov, moved.mean)
+        return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 
     def estimate(self, state: Gaussian) -> Gaussian:
         """The inverted measurement."""
@@ -76,6 +83,11 @@ class Grid:
     """how many standard deviations of the measurement noise the nodes span on either side"""
     needs: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
 
+    @property
+    def held(self) -> int:
+        """Numbers alive at once per run: a kernel of nodes by nodes, as it were of so many points."""
+        return self.nodes * self.nodes // 2
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> grid.Posterior:
         """All mass on the known first state."""
         if np.any(prior.cov):
@@ -87,7 +99,7 @@ class Grid:
     ) -> grid.Posterior:
         """Lay nodes where z and the prediction allow mass, and condition on z."""
         support = model.motion.support(*grid.hull(state), k)
-        reach = model.sensor.preimage(z, self.deviations, k)
+        reach = _anywhere_if_missing(z, model.sensor.preimage(z, self.deviations, k), support)
 
         def transition(x: Array, x_new: Array) -> Array:
             return model.motion.transition(x[None], k).prob(x_new[None])
@@ -107,3 +119,16 @@ class Grid:
     def estimate(self, state: grid.Posterior) -> Gaussian:
         """Posterior mean and variance."""
         return grid.moments(state)
+
+
+def _anywhere_if_missing(
+    z: Array, reach: list[grid.Interval], support: grid.Interval
+) -> list[grid.Interval]:
+    """Without a measurement the first panel spans the prediction, and the others are empty."""
+    missing = np.isnan(z).any(axis=0)
+    if not missing.any():
+        return reach
+    low, high = support
+    (first_low, first_high), *others = reach
+    first = np.where(missing, low, first_low), np.where(missing, high, first_high)
+    return [first, *((np.where(missing, low, a), np.where(missing, low, b)) for a, b in others)]

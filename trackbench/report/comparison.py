@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterable
 from math import isfinite, isnan
 
+from trackbench.experiment.files import write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
-from trackbench.experiment.store import write_csv, write_text
 from trackbench.report.paired import Pair, paired_rows
 from trackbench.report.results import Results
 from trackbench.report.table import rounded

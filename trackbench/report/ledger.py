@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.store import write_text
 from trackbench.report.comparison import LEGEND, summary_lines
 from trackbench.report.page import together, verdict_tables, write_index
 from trackbench.report.results import Results, open_results

@@ -7,7 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from trackbench.experiment.store import as_yaml, write_text
+from trackbench.experiment.files import write_text
+from trackbench.experiment.store import as_yaml
 from trackbench.report.comparison import (
     LEGEND,
     claim_table,
@@ -68,7 +69,7 @@ def write_report(results: Results, comparison: Comparison | None = None) -> Path
     context = {
         "title": results.config["title"] or results.config["name"],
         "facts": _facts(results),
-        "failed": results.manifest.get("failed", {}),
+        "failed": {row["filter"]: row["reason"] for row in results.failed},
         "verdict_lines": summary_lines(comparison),
         "verdict_tables": verdict_tables(comparison),
         "legend": LEGEND.replace("`", ""),

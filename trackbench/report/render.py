@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+from trackbench.experiment.files import write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.store import write_bytes, write_csv, write_text
 from trackbench.experiment.validate import unknown
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired

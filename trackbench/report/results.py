@@ -47,6 +47,12 @@ class Results:
         assert isinstance(manifest, dict)
         return manifest
 
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        found: list[dict[str, Any]] = self.manifest["failed"]
+        return found
+
     def parts(self, group: Group) -> dict[str, Any]:
         """The experiment's tables or figures, built from the config."""
         problems: list[Problem] = []

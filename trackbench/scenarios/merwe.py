@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gamma, Point
 from trackbench.core.streams import Streams
-from trackbench.keys import Count, Finite, Natural, Positive
+from trackbench.keys import Finite, Natural, Positive, Steps
 from trackbench.models.base import Model
 from trackbench.models.merwe import MerweMotion, MerweSensor
 from trackbench.registry import register
@@ -23,7 +23,7 @@ class Merwe:
     C. Zhang and L. Li, hdepf paper, eqs. 12-13; van der Merwe et al. 2000, section 6.1.
     """
 
-    T: Count = 50
+    T: Steps = 50
     """last step; errors are averaged over steps 1 to T"""
     w: Finite = 0.04
     """frequency of the sine drive, in half turns per step"""

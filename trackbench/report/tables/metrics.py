@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 
 from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.evaluation.statistics import Estimate, relative_gain
@@ -34,7 +35,7 @@ class Metrics:
     """header: metric of summary.csv, or `cpu_s_per_run` of timing.csv"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: int = 4
+    digits: Annotated[int, Interval(ge=1, le=15)] = 4
     """significant digits of the values"""
     gain: Gain | None = None
     """a last row with one filter's improvement over another's, in percent"""
@@ -53,6 +54,11 @@ class Metrics:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
                 table.add([*keys, head], list(self._gains(results, point, self.gain)))
             table.notes += _lost_notes(results, point, labels)
+        table.notes += [
+            f"{row['filter']} failed: {row['reason']}"
+            for row in results.failed
+            if row["filter"] in labels
+        ]
         return table
 
     def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:

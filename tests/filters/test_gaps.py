@@ -1,0 +1,57 @@
+"""A missing measurement is predicted over by every filter; without any, the motion alone is left."""
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter
+from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
+from trackbench.experiment.config import has
+from trackbench.registry import kinds
+from trackbench.scenarios.merwe import Merwe
+
+SCENARIO = Merwe(T=6, R=0.1)
+RUNS = 400
+# A cloud bred towards high fitness is no sample of the prediction.
+BRED = {"pfde", "hdepf"}
+KINDS = [
+    k
+    for k, cls in kinds("filters").items()
+    if all(has(SCENARIO.model, need) for need in getattr(cls, "needs", ()))
+]
+
+
+def track(kind: str, gaps: slice) -> Estimates:
+    tracker = make_filter(kind)
+    task = BlockTask(SCENARIO, tracker, 1, index=0, width=RUNS, used=RUNS)
+    data = simulate(SCENARIO, 1, 0, RUNS)
+    seen = data.measurements.copy()
+    seen[:, gaps] = np.nan
+    with np.errstate(all="ignore"):
+        return estimate(task, data._replace(measurements=seen), RUNS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_any_measurement_the_motion_alone_is_left(kind: str) -> None:
+    """Linear motion: the exact mean and variance are those of `prior-mean`."""
+    mine, exact = track(kind, slice(None)), track("prior-mean", slice(None))
+    assert np.isfinite(mine.mean).all()
+    if kind in BRED:
+        return
+    error = (mine.mean - exact.mean)[0, 1:]
+    spread = error.std(axis=1, ddof=1) / np.sqrt(RUNS)
+    assert (np.abs(error.mean(axis=1)) <= 4.5 * spread + 1e-5).all()
+    assert mine.cov is not None
+    assert exact.cov is not None
+    variance = mine.cov[0, 0, 1:]
+    stderr = variance.std(axis=1, ddof=1) / np.sqrt(RUNS)
+    # A cloud of N has a variance that is short by 1/N a step (its centre is its own).
+    short = exact.cov[0, 0, 1:, 0] * len(SCENARIO.steps) / getattr(make_filter(kind), "N", 1e9)
+    off = np.abs(variance.mean(axis=1) - exact.cov[0, 0, 1:, 0])
+    assert (off <= 4.5 * stderr + short + 1e-4).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_gap_leaves_every_run_finite_and_the_past_as_it_was(kind: str) -> None:
+    mine, whole = track(kind, slice(2, 3)), track(kind, slice(0, 0))
+    assert np.isfinite(mine.mean).all()
+    np.testing.assert_array_equal(mine.mean[:, :3], whole.mean[:, :3])

@@ -1,0 +1,149 @@
+"""Every shipped filter keeps the contract, and every kind of breach is noticed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.test_cli import trackbench
+from trackbench.contract import check_filter
+from trackbench.filters.bootstrap import PF
+from trackbench.filters.kalman import EKF, Tracked
+from trackbench.registry import kinds
+
+
+@pytest.mark.parametrize("kind", sorted(kinds("filters")))
+def test_shipped_filters_keep_it(kind: str) -> None:
+    found = check_filter(kinds("filters")[kind])
+    assert [str(f) for f in found if f.verdict == "bad"] == []
+    assert len(found) > 2
+    for finding in found:
+        assert finding.verdict == "good" or finding.why
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf", "pf", "apf"])
+def test_these_equal_the_kalman_filter(kind: str) -> None:
+    assert check_filter(kinds("filters")[kind])[-1].verdict == "good"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Base(EKF):
+    pass
+
+
+class WrongShape(Base):
+    def estimate(self, state: Tracked) -> Any:
+        found = super().estimate(state)
+        return type(found)(found.mean.T, found.cov)
+
+
+class WritesState(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        new = super().step(model, state, z, k, rng)
+        state.nis[:] = 0.0
+        return new
+
+
+class WritesMeasurement(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        z *= 1.0 + 1e-3
+        return super().step(model, state, z, k, rng)
+
+
+class OwnNoise(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        return super().step(model, state, z + np.random.default_rng().normal(), k, rng)
+
+
+class SeesOthers(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        return super().step(model, state, z - 0.1 * z.mean(axis=1, keepdims=True), k, rng)
+
+
+class FillsGaps(Base):
+    def estimate(self, state: Tracked) -> Any:
+        found = super().estimate(state)
+        return type(found)(np.where(np.isnan(state.nis), np.nan, found.mean), found.cov)
+
+    def init(self, model: Any, prior: Any, rng: Any) -> Any:
+        return super().init(model, prior, rng)._replace(nis=np.zeros(prior.mean.shape[1]))
+
+
+class WrongGain(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        new = super().step(model, state, z, k, rng)
+        P = new.posterior
+        return new._replace(posterior=type(P)(P.mean, 1.01 * P.cov))
+
+
+class Biased(PF):
+    def estimate(self, state: Any) -> Any:
+        found = super().estimate(state)
+        return type(found)(found.mean + 0.3, found.cov)
+
+
+class Raises(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        raise KeyError("k")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listed(EKF):
+    names: Any = ()
+
+    def __hash__(self) -> int:
+        raise TypeError("unhashable type: 'list'")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Needy(EKF):
+    gain: float
+
+
+@pytest.mark.parametrize(
+    ("cls", "check", "why"),
+    [
+        (WrongShape, "shapes", "mean at step 0 is (5, 4), not (4, 5)"),
+        (WritesState, "step changes nothing", "is written to"),
+        (WritesMeasurement, "step changes nothing", "is written to"),
+        (OwnNoise, "step changes nothing", "gives another estimate"),
+        (SeesOthers, "a run does not see", "changes the estimates of the others"),
+        (FillsGaps, "a missing measurement", "not finite where"),
+        (WrongGain, "equals the Kalman", "is off by up to"),
+        (Biased, "equals the Kalman", "the mean is biased"),
+        (Raises, "shapes", "KeyError"),
+        (Listed, "can be made", "cannot be hashed"),
+        (Needy, "can be made", "give gain a default"),
+    ],
+)
+def test_a_breach_is_noticed(cls: type, check: str, why: str) -> None:
+    bad = {f.check: f.why for f in check_filter(cls) if f.verdict == "bad"}
+    found = next(text for name, text in bad.items() if name.startswith(check))
+    assert why in found
+
+
+def test_the_command(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from trackbench.filters.kalman import EKF\n"
+        "from trackbench.registry import register\n\n\n"
+        '@register("filters", "mine")\n'
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Mine(EKF):\n"
+        '    """The EKF, and nothing new."""\n'
+    )
+    good = trackbench("check", "--contract", "mine.py", cwd=tmp_path)
+    assert good.returncode == 0, good.stderr
+    assert "good  equals the Kalman filter on a linear model" in good.stdout
+    with (tmp_path / "mine.py").open("a") as file:
+        file.write("\n    def estimate(self, state):\n        return 3\n")
+    bad = trackbench("check", "--contract", "mine.py", cwd=tmp_path)
+    assert bad.returncode == 1
+    assert "bad  shapes" in bad.stdout
+    (tmp_path / "mine.py").write_text("x = 1\n")
+    none = trackbench("check", "--contract", "mine.py", cwd=tmp_path)
+    assert none.returncode == 2
+    assert "mine.py: registers no filter" in none.stderr
+    assert trackbench("check", cwd=tmp_path).returncode == 2

@@ -1,0 +1,69 @@
+"""What `trackbench new` writes runs as it is, and so does its test."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.test_cli import trackbench
+
+
+@pytest.mark.parametrize(
+    ("what", "name"), [("filter", "my-filter"), ("scenario", "My_Radar"), ("experiment", "first")]
+)
+def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
+    made = trackbench("new", what, name, cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    module = name.lower().replace("-", "_")
+    config = tmp_path / f"{module}.yaml"
+    words = [] if what == "experiment" else ["--allow-plugins"]
+    line = f"trackbench run {config.name}" + "".join(f" {w}" for w in words)
+    assert line in made.stdout
+    done = trackbench("run", config.name, "--quick", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    assert "error" not in done.stderr
+    assert "±" in done.stdout
+    if what == "filter":
+        good = trackbench("check", "--contract", f"{module}.py", cwd=tmp_path)
+        assert good.returncode == 0, good.stdout
+        assert "good  equals the Kalman filter" in good.stdout
+    tested = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-W", "error", f"test_{module}.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert tested.returncode == 0, tested.stdout
+    again = trackbench("new", what, name, cwd=tmp_path)
+    assert again.returncode == 2
+    assert "there is a file" in again.stderr
+
+
+@pytest.mark.parametrize("path", ["filter.py", "scenario.py"])
+def test_it_keeps_the_house_style(tmp_path: Path, path: str) -> None:
+    what = path.removesuffix(".py")
+    trackbench("new", what, "mine", cwd=tmp_path)
+    for command in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *command, "--isolated", "--line-length=100", "mine.py"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("name", ["../x", "/x", "3x", "", "a b/c", "x" * 100, "a.b", "ukf", "é"])
+def test_names_that_are_refused(tmp_path: Path, name: str) -> None:
+    done = trackbench("new", "filter", name, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_thing(tmp_path: Path) -> None:
+    done = trackbench("new", "sensor", "x", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'sensor' is not one of filter, scenario, experiment" in done.stderr

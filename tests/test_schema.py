@@ -1,0 +1,67 @@
+"""The schema that editors get accepts what the program accepts, and refuses what it refuses."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from tests.conftest import EXPERIMENTS
+from tests.test_cli import trackbench
+from trackbench.experiment.source import read
+from trackbench.registry import kinds
+from trackbench.schema import schema
+
+
+@pytest.fixture(scope="module")
+def validator() -> Draft202012Validator:
+    found = json.loads(json.dumps(schema()))
+    Draft202012Validator.check_schema(found)
+    return Draft202012Validator(found)
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_shipped_experiments_agree_with_it(validator: Draft202012Validator, path: Path) -> None:
+    assert [e.message for e in validator.iter_errors(read(path).data)] == []
+
+
+GOOD: dict[str, Any] = {
+    "name": "x",
+    "scenario": {"kind": "merwe", "T": 5},
+    "filters": {"PF": {"kind": "pf", "N": 10}, "H": {"kind": "hdepf", "preset": "literal"}},
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"filters": {"PF": {"kind": "pf", "N": 0}}},
+        {"filters": {"PF": {"kind": "pf", "NN": 1}}},
+        {"filters": {"PF": {"kind": "nothing"}}},
+        {"filters": {"PF": {"kind": "hdepf", "preset": "nothing"}}},
+        {"scenario": {"kind": "merwe", "R": -1}},
+        {"scenario": {"kind": "recorded", "measurements": "m.csv"}},
+        {"scenario": 3},
+        {"runs": "many"},
+        {"bogus": 1},
+    ],
+)
+def test_mistakes_do_not(validator: Draft202012Validator, change: dict[str, Any]) -> None:
+    assert not list(validator.iter_errors(GOOD))
+    assert list(validator.iter_errors(GOOD | change))
+
+
+def test_every_key_has_a_description_and_every_kind_is_there() -> None:
+    found = schema()["$defs"]
+    for group in ("filters", "scenarios", "tables", "figures"):
+        for kind in kinds(group):
+            for key, keys in found[f"{group}.{kind}"]["properties"].items():
+                assert key == "kind" or keys.get("description"), f"{group}.{kind}.{key}"
+    assert found["filters.pf"]["properties"]["N"]["default"] == 100
+
+
+def test_the_command() -> None:
+    done = trackbench("schema")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == json.loads(json.dumps(schema()))

@@ -1,0 +1,100 @@
+"""Finished blocks on disk: what is there need not be computed again.
+
+``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory holds
+``blocks/<code>/<key>.block``: content-addressed, so two runs that write the same block write the same
+bytes, and checksummed, so a damaged one is computed again and never used.
+"""
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.experiment.codec import decode, encode
+from trackbench.experiment.digest import block_key, code_digest
+from trackbench.experiment.files import write_bytes, write_text
+from trackbench.experiment.problems import WriteError
+
+_CODE_DIGITS = 12
+
+
+def cache_folder() -> Path:
+    """Where blocks are kept."""
+    return Path(os.environ.get("TRACKBENCH_CACHE") or ".trackbench")
+
+
+@dataclass(frozen=True)
+class BlockStore:
+    """Blocks of this version of the code under one folder."""
+
+    root: Path
+
+    def get(self, task: BlockTask) -> BlockResult | None:
+        """The task's block if it is there and whole."""
+        key = block_key(task, task.used)
+        try:
+            content = self._file(key).read_bytes()
+        except OSError:
+            return None
+        return decode(content, key)
+
+    def has_file(self, task: BlockTask) -> bool:
+        """Whether there is a file for the task, good or damaged."""
+        return self._file(block_key(task, task.used)).is_file()
+
+    def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
+        """Keep a block, by the number of its runs that are used; raises WriteError."""
+        for used, result in results.items():
+            key = block_key(task, used)
+            file = self._file(key)
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise WriteError(file.parent, error) from error
+            write_bytes(file, encode(result, key))
+
+    def prepare(self) -> None:
+        """Make the folder, out of version control's sight; raises WriteError."""
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WriteError(self.root, error) from error
+        if not (self.root / ".gitignore").exists():
+            write_text(self.root / ".gitignore", "*\n")
+
+    def _file(self, key: str) -> Path:
+        return self.root / "blocks" / code_digest()[:_CODE_DIGITS] / key[:2] / f"{key}.block"
+
+
+@dataclass(frozen=True)
+class CacheSize:
+    """Number of blocks and their bytes: of this version of the code, and of others."""
+
+    blocks: int
+    bytes: int
+    old_blocks: int
+    old_bytes: int
+
+
+def cache_size(root: Path) -> CacheSize:
+    """What a cache folder holds."""
+    counts = {True: [0, 0], False: [0, 0]}
+    for folder in _versions(root):
+        found = counts[folder.name == code_digest()[:_CODE_DIGITS]]
+        for file in folder.rglob("*.block"):
+            found[0] += 1
+            found[1] += file.stat().st_size
+    return CacheSize(*counts[True], *counts[False])
+
+
+def clear_cache(root: Path, old_only: bool = False) -> None:
+    """Remove every block, or only those that other versions of the code made."""
+    for folder in _versions(root):
+        if not (old_only and folder.name == code_digest()[:_CODE_DIGITS]):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _versions(root: Path) -> list[Path]:
+    blocks = root / "blocks"
+    return sorted(f for f in blocks.iterdir() if f.is_dir()) if blocks.is_dir() else []

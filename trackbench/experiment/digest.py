@@ -1,0 +1,98 @@
+"""What a block's numbers depend on, as one digest: the key under which it is kept."""
+
+import hashlib
+import inspect
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import cache, lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import trackbench
+from trackbench.evaluation.block import BlockTask
+from trackbench.experiment.config import as_config
+
+_SOURCES = ("core", "models", "scenarios", "filters", "evaluation")
+_AFTER_BLOCKS = {"merge.py", "statistics.py", "summary.py"}
+"""Files of evaluation/ that only see finished blocks."""
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the package's own source that makes a block's numbers, and of what it runs on."""
+    home = Path(trackbench.__file__).parent
+    platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
+    digest = hashlib.sha256(repr(platform_).encode())
+    for source in _SOURCES:
+        _add_sources(digest, home, home / source)
+    return digest.hexdigest()
+
+
+def block_key(task: BlockTask, used: int) -> str:
+    """Key of a block reduced to its first ``used`` runs."""
+    shown = task.shown_of(used)
+    facts = [
+        _part(task.scenario),
+        _part(task.filter),
+        _part(task.reference) if task.reference is not None else None,
+        [task.seed, task.index, task.width, used],
+        [shown, task.keep_covariance and shown > 0, task.keep_steps],
+        code_digest(),
+    ]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1000)
+def _part(part: Any) -> list[Any]:
+    """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
+    code = [digest for inner in _nested(part) for digest in _foreign_code(type(inner))]
+    return [as_config(part, _content_digest), code]
+
+
+def _content_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _nested(part: Any) -> Iterator[Any]:
+    yield part
+    for field in fields(part):
+        value = getattr(part, field.name)
+        if is_dataclass(value):
+            yield from _nested(value)
+
+
+def _foreign_code(cls: type[Any]) -> Iterator[str]:
+    """Digests of the code of classes that are not this package's own."""
+    for base in cls.__mro__:
+        name = base.__module__
+        if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
+            continue
+        module = sys.modules[name]
+        plugin = getattr(module, "__plugin_digest__", None)
+        yield plugin or _package_digest(name.partition(".")[0])
+
+
+@cache
+def _package_digest(name: str) -> str:
+    """Digest of an installed package's source, or of a module's."""
+    try:
+        file = Path(inspect.getsourcefile(sys.modules[name]) or "")
+    except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
+        return os.urandom(16).hex()
+    digest = hashlib.sha256()
+    _add_sources(digest, file.parent, file.parent if file.name == "__init__.py" else file)
+    return digest.hexdigest()
+
+
+def _add_sources(digest: "hashlib._Hash", home: Path, source: Path) -> None:
+    files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+    for file in files:
+        if file.parent == home / "evaluation" and file.name in _AFTER_BLOCKS:
+            continue
+        digest.update(f"\n{file.relative_to(home).as_posix()}\n".encode())
+        digest.update(file.read_bytes())

@@ -1,0 +1,68 @@
+"""Files that are written whole or not at all."""
+
+import csv
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from trackbench.experiment.problems import WriteError
+
+Row = Iterable[Any]
+
+
+def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
+    """A CSV with numbers in their shortest exact form."""
+    with replacing(path) as file:
+        writer = csv_writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def csv_writer(file: IO[bytes]) -> Any:
+    """A writer of rows as they come, without holding them."""
+    return csv.writer(_Text(file), lineterminator="\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with replacing(path) as file:
+        file.write(content)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """Temporary file, fsync, rename: the old file stands until the new one is complete.
+
+    Raises WriteError if the disk is full or the folder may not be written.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        raise WriteError(path, error) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove what a killed process left half written; nobody else may be writing there."""
+    for partial in folder.rglob(".*.part"):
+        partial.unlink(missing_ok=True)
+
+
+class _Text:
+    """Encodes what ``csv.writer`` writes."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.write = lambda text: file.write(text.encode())

@@ -1,0 +1,155 @@
+"""The files of a sweep: one tidy table, a figure per metric, and the best point in words."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import relative_gain
+from trackbench.experiment.files import write_bytes, write_csv
+from trackbench.report import style
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Values: TypeAlias = tuple[Any, ...]
+"""The values of the swept paths at one point, in their order."""
+
+
+class Score(NamedTuple):
+    """A filter's metric at one point."""
+
+    point: Values
+    value: float
+    stderr: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A results folder whose experiment has a grid."""
+
+    results: Results
+
+    @property
+    def paths(self) -> list[str]:
+        """The swept paths."""
+        return self.results.grid
+
+    @cached_property
+    def rows(self) -> "pd.DataFrame":
+        """One statistic of each metric: rms of errors, ANEES, mean of the rest."""
+        frame = self.results.summary
+        return frame[frame["metric"].map(_is_headline)].reset_index(drop=True)
+
+    @property
+    def metrics(self) -> list[str]:
+        """The metrics, the error first."""
+        return list(dict.fromkeys(self.rows["metric"]))
+
+    @cached_property
+    def varying(self) -> list[str]:
+        """Filters with a path of their own in the grid; all of them if only the scenario varies."""
+        own = [
+            label
+            for label in self.results.labels
+            if any(path.startswith(f"filters.{label}.") for path in self.paths)
+        ]
+        return own or self.results.labels
+
+    def axis(self, path: str) -> list[Any]:
+        """The values of a path in the grid's order."""
+        return list(dict.fromkeys(self.rows[path]))
+
+    def scores(self, label: str, metric: str) -> list[Score]:
+        """The metric of a filter at every point that has it."""
+        chosen = (self.rows["filter"] == label) & (self.rows["metric"] == metric)
+        columns = [*self.paths, "value", "stderr"]
+        return [
+            Score(tuple(row[:-2]), row[-2], row[-1])
+            for row in self.rows.loc[chosen, columns].itertuples(index=False, name=None)
+        ]
+
+    def per_run(self, label: str, metric: str, point: Values) -> Array:
+        """Values of every run (M,) of a metric of per_run.csv."""
+        frame = self.results.per_run
+        frame = frame[(frame["filter"] == label) & (frame["metric"] == metric)]
+        frame = self.results.at(frame, dict(zip(self.paths, point, strict=True)))
+        return frame.sort_values("run")["value"].to_numpy()
+
+
+def render_sweep(folder: Path, formats: Iterable[str]) -> list[str]:
+    """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
+    from trackbench.report.sweep_figures import draw
+
+    sweep = Sweep(Results(folder))
+    write_csv(folder / "sweep.csv", list(sweep.rows.columns), sweep.rows.to_numpy().tolist())
+    figures = folder / "figures"
+    figures.mkdir(exist_ok=True)
+    for metric in sweep.metrics:
+        figure = draw(sweep, metric)
+        if figure is None:
+            continue
+        for form in formats:
+            if form != "tex":
+                path = figures / f"sweep-{_file_name(metric)}.{form}"
+                write_bytes(path, style.content(figure, form))
+        style.close(figure)
+    return list(best_points(sweep))
+
+
+def best_points(sweep: Sweep) -> Iterator[str]:
+    """The point with the smallest error of each filter that varies, in each scenario.
+
+    Points of a filter share their data and noise, so their difference is taken run by run.
+    """
+    metric = sweep.metrics[0]
+    fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
+    for label in sweep.varying:
+        groups: dict[Values, list[Score]] = {}
+        for score in sweep.scores(label, metric):
+            if np.isfinite(score.value):
+                groups.setdefault(tuple(score.point[i] for i in fixed), []).append(score)
+        for scores in groups.values():
+            if len(scores) > 1:
+                yield _best(sweep, label, metric, sorted(scores, key=lambda s: s.value))
+
+
+def _best(sweep: Sweep, label: str, metric: str, ranked: list[Score]) -> str:
+    first, second = ranked[:2]
+    text = f"{label} at {_at(sweep, first.point)}: {metric} {first.value:.4g} ± {first.stderr:.2g}"
+    name = metric.partition("(")[2].removesuffix(")")
+    a, b = (sweep.per_run(label, name, score.point) for score in (first, second))
+    both = np.isfinite(a) & np.isfinite(b)
+    gain, stderr = relative_gain(a[both], b[both])
+    text += f", {100 * gain:.2g} ± {100 * stderr:.2g} % below {_at(sweep, second.point)}"
+    return text if gain > 2 * stderr else f"{text}, which is no difference"
+
+
+def _at(sweep: Sweep, point: Values) -> str:
+    names = [short(path) for path in sweep.paths]
+    return ", ".join(f"{name} = {value}" for name, value in zip(names, point, strict=True))
+
+
+def short(path: str) -> str:
+    """``F`` of ``filters.HDEPF.F``."""
+    return path.rpartition(".")[2]
+
+
+def _is_headline(metric: str) -> bool:
+    statistic, _, name = metric.partition("(")
+    if statistic.startswith("anees"):
+        return True
+    if name.startswith(("rmse", "distance")):
+        return statistic == "rms"
+    return statistic == "mean" and not name.startswith("nees")
+
+
+def _file_name(metric: str) -> str:
+    """``rms(rmse[k<=30])`` as ``rms-rmse-k-to-30``: a name that every system takes."""
+    words = metric.replace("<=", " to ").replace("<", " below ").replace(">", " above ")
+    return "-".join("".join(c if c.isalnum() or c == "_" else " " for c in words).split())

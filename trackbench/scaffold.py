@@ -1,0 +1,58 @@
+"""Starting files for filters, scenarios and experiments of one's own: they run as they are."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+from trackbench.experiment.files import write_text
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.registry import Group, kinds
+
+_TEMPLATES = {
+    "filter": ("filter.py", "filter.yaml", "test_filter.py"),
+    "scenario": ("scenario.py", "scenario.yaml", "test_scenario.py"),
+    "experiment": ("experiment.yaml", "test_experiment.py"),
+}
+WHAT = tuple(_TEMPLATES)
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*([-_ ]?[A-Za-z0-9]+)*")
+
+
+def write_new(what: str, name: str, folder: Path) -> list[Path]:
+    """Write the files of a new filter, scenario or experiment; never over an existing one."""
+    words = _words(what, name)
+    module = "_".join(words)
+    filled = {
+        folder / template.replace(what, module): _filled(template, name, words)
+        for template in _TEMPLATES[what]
+    }
+    for path in filled:
+        if path.exists():
+            raise UserError(Problem(Mark(f"new {what} {name}"), "", f"there is a file {path}"))
+    for path, text in filled.items():
+        write_text(path, text)
+    return list(filled)
+
+
+def _words(what: str, name: str) -> list[str]:
+    mark = Mark(f"new {what} {name}")
+    if not _NAME.fullmatch(name) or len(name) > 60:
+        rule = "a name starts with a letter and holds letters, digits, - and _"
+        raise UserError(Problem(mark, "", rule))
+    words = [word.lower() for word in re.split(r"[-_ ]", name)]
+    groups: dict[str, Group] = {"filter": "filters", "scenario": "scenarios"}
+    if what in groups and "-".join(words) in kinds(groups[what]):
+        raise UserError(Problem(mark, "", f"there is a {what} of this kind already"))
+    return words
+
+
+def _filled(template: str, name: str, words: list[str]) -> str:
+    text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
+    values = {
+        "@KIND@": "-".join(words),
+        "@MODULE@": "_".join(words),
+        "@CLASS@": "".join(word.capitalize() for word in words),
+        "@NAME@": "-".join(words),
+    }
+    for mark, value in values.items():
+        text = text.replace(mark, value)
+    return text
