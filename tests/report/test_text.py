@@ -1,5 +1,6 @@
 """Tables as Markdown and LaTeX."""
 
+from trackbench import api
 from trackbench.evaluation.statistics import Estimate
 from trackbench.report.table import Cell, Table
 from trackbench.report.text import Text, TextTable
@@ -31,3 +32,12 @@ def test_lost_runs_have_a_column_only_where_there_are_any():
     full = Table("", ["Filter"], ["RMSE"], 4)
     full.add(["A"], [Cell(Estimate(1.0, 0.1), 10, 0)])
     assert "Lost" not in full.markdown()
+
+
+def test_a_run_writes_latex_on_request(folder, tmp_path):
+    options = api.Options(
+        engine="serial", quiet=True, out=tmp_path / "o", runs=4, only=["PF"], formats=("tex",)
+    )
+    api.run(folder / "config.yaml", options)
+    assert r"\toprule" in (tmp_path / "o" / "tables" / "table1.tex").read_text()
+    assert not (tmp_path / "o" / "figures").exists()

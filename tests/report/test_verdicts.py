@@ -229,3 +229,16 @@ def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
     assert verdicts["PF (N=50)"] == verdicts["No data"] == "not measured"
     assert verdicts["PF"] != "not measured"
     assert found.claims[0].verdict == "not measured"
+
+
+def test_a_claim_without_a_standard_error_is_not_decided(folder, tmp_path):
+    config = tmp_path / "small" / "config.yaml"
+    claims = folder / "published" / "claims.csv"
+    claims.write_text(
+        claims.read_text() + "p,PF is faster,small,PF,cpu_s_per_run,<,1,PF (N=50),,text\n"
+    )
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", runs=100, formats=())
+    judged = api.run(config, options).comparison.claims[-1]  # one block: one time, no spread
+    assert judged.verdict == "not decided"
+    assert isnan(judged.z)
+    assert "no standard error" in judged.note
