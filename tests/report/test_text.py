@@ -2,7 +2,7 @@
 
 from trackbench import api
 from trackbench.evaluation.statistics import Estimate
-from trackbench.report.table import Cell, Table
+from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.text import Text, TextTable
 
 
@@ -20,6 +20,11 @@ def test_latex_has_booktabs_rules_and_no_live_character():
     assert r"A \& B\_1 & 0.500 $\pm$ 0.010 & 0 \\" in text
     assert r"\textbackslash{}input\{x\} \$y\$ \textasciitilde{}\textasciicircum{}" in text
     assert r"\caption{Mean \& spread of 100 \%}" in text
+
+
+def test_what_is_no_number_is_said_in_words():
+    assert rounded(float("nan"), float("nan"), 4) == "–"
+    assert rounded(float("-inf"), 1.0, 4) == "infinite"
 
 
 def test_markdown_escapes_bars_and_tags():

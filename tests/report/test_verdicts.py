@@ -13,6 +13,7 @@ from trackbench import api
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.expressions import Expressions, Term
+from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts import compare, verdict
 
@@ -185,6 +186,15 @@ def test_from_the_folder_alone_in_under_five_seconds(folder, command):
 def cpu_of_children():
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def test_pairs_need_common_runs():
+    nan_first, nan_last = np.array([nan, 1.0, nan]), np.array([1.0, nan, nan])
+    ones = np.ones(3)
+    values = {"a": nan_first, "b": nan_last, "c": ones}
+    found = pairs_of("rmse", ["a", "b", "c"], values)
+    assert [(p.filter_a, p.filter_b, p.runs) for p in found] == [("a", "c", 1), ("b", "c", 1)]
+    assert pairs_of("rmse", ["a", "b"], values) == []
 
 
 def test_a_bad_published_file_is_said_with_its_line(folder):
