@@ -44,6 +44,7 @@ def paired_rows(results: Results) -> Iterator[tuple[dict[str, Any], list[Pair]]]
 @np.errstate(all="ignore")
 def _pairs(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
     found = []
+    labels = [label for label in labels if np.isfinite(values[label]).any()]
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
         difference = paired_difference(values[a][both], values[b][both])
