@@ -9,7 +9,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: install reproduce-tables reproduce-quick test lint types unit bench clean
+.PHONY: install reproduce-tables reproduce-quick check-results pack-results test lint types unit bench clean
 
 install: $(VENV)/.run
 
@@ -26,10 +26,21 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 
 reproduce-tables: $(VENV)/.run
 	@set -e; for config in $(EXPERIMENTS); do $(BIN)/trackbench run $$config; done
+	@$(BIN)/trackbench report results
 
 reproduce-quick: $(VENV)/.run
 	@set -e; for config in $(EXPERIMENTS); do \
 	  $(BIN)/trackbench run $$config --quick --out build/quick/$$(basename $$config .yaml); done
+
+# Fails if a published number was changed, a verdict is another, or the first runs do not come out again.
+check-results: $(VENV)/.run
+	@set -e; for copy in results/*/published/*.csv; do \
+	  cmp "$$copy" "experiments/published/$$(basename "$$copy")"; done
+	@$(BIN)/trackbench verify $(patsubst %/config.yaml,%,$(wildcard results/*/config.yaml))
+
+# What git keeps of the large files: the commands read them packed as well.
+pack-results:
+	gzip -9nkf results/*/per_run.csv results/*/per_step.csv
 
 test: lint types unit
 

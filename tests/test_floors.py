@@ -25,6 +25,7 @@ FLOORS = {
     "contract": 6,
     "scaffold": 6,
     "schema": 6,
+    "verification": 6,
     "cli": 6,
     "__main__": 6,
 }

@@ -70,7 +70,7 @@ def test_other_filters_and_their_order_do_not_matter(reference: Path, tmp_path: 
                 assert _rows(other / file, label) == _rows(reference / file, label), (label, file)
 
 
-@pytest.mark.parametrize("runs", [3, 14, 20])
+@pytest.mark.parametrize("runs", [1, 3, 14, 20])
 def test_fewer_runs_are_the_first_of_more(reference: Path, tmp_path: Path, runs: int) -> None:
     other = _run(tmp_path / "few", runs=runs)
     for label in FILTERS:

@@ -2,8 +2,8 @@
 
 import dataclasses
 import inspect
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Iterator, Sequence
+from typing import Any, cast, get_args, get_type_hints
 
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.validate import adapter, help_texts, unknown
@@ -36,9 +36,7 @@ def description(kind: str) -> str:
 def _described(kind: str, group: str, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls)]
-    schema = adapter(cls).json_schema()
-    texts = help_texts(cls)
-    rows = [_key_row(f, schema, texts.get(f.name, "")) for f in dataclasses.fields(cls)]
+    rows = list(_key_rows(cls, ""))
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
     for name, keys in getattr(cls, "presets", {}).items():
@@ -50,16 +48,33 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
     return "\n".join(lines)
 
 
-def _key_row(
-    field: "dataclasses.Field[Any]", schema: dict[str, Any], text: str
-) -> tuple[str, str, str]:
-    described = schema["properties"][field.name]
-    if field.default is not dataclasses.MISSING:
-        default = "none" if field.default is None else str(field.default)
-    else:
-        default = "required" if field.default_factory is dataclasses.MISSING else "empty"
-    choices = described.get("enum")
-    return field.name, default, f"{text} ({' | '.join(map(str, choices))})" if choices else text
+def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
+    """Key, default and text of each field; those of a mapping follow it, indented by their path."""
+    schema, texts, hints = adapter(cls).json_schema(), help_texts(cls), get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        choices = schema["properties"][field.name].get("enum")
+        text = texts.get(field.name, "")
+        text = f"{text} ({' | '.join(map(str, choices))})" if choices else text
+        yield prefix + field.name, _default(field), text
+        nested = _mappings(hints[field.name])
+        for one in nested:
+            of_kind = f"[{getattr(one, 'kind')}]" if len(nested) > 1 else ""  # noqa: B009
+            yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
+
+
+def _default(field: "dataclasses.Field[Any]") -> str:
+    if field.default is dataclasses.MISSING:
+        return "required" if field.default_factory is dataclasses.MISSING else "empty"
+    if dataclasses.is_dataclass(field.default):
+        return "as below"
+    return "none" if field.default is None else str(field.default)
+
+
+def _mappings(hint: Any) -> list[type[Any]]:
+    """The dataclasses that a key's value, or an item of it, may be."""
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return [hint]
+    return [m for part in get_args(hint) for m in _mappings(part)]
 
 
 def _paragraphs(cls: type[Any]) -> list[str]:

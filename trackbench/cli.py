@@ -118,6 +118,24 @@ def report(folder: Folder) -> None:
 
 
 @app.command()
+def verify(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
+    runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
+) -> None:
+    """Compute the first runs of stored results again and compare them, and every verdict."""
+    from trackbench.verification import verify as changes
+
+    differing = 0
+    for folder in folders:
+        found = changes(folder, runs)
+        differing += len(found)
+        for line in found or [f"{folder}: the first {runs} runs and all verdicts come out again"]:
+            typer.echo(line)
+    if differing:
+        raise typer.Exit(1)
+
+
+@app.command()
 def sweep(
     config: Config,
     grid: Grid,

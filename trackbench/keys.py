@@ -36,3 +36,11 @@ class DataError(ValueError):
     def __init__(self, *places: Place) -> None:
         super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
         self.places = places
+
+
+class MistakenKeyError(ValueError):
+    """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
+
+    def __init__(self, what: str, *path: str | int) -> None:
+        super().__init__(what)
+        self.path = path

@@ -99,18 +99,26 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         exact = _reference_mean(task) if task.reference is not None else None
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
+        counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
+        finite = np.asarray(np.isfinite(result.mean).all(axis=(0, 1)))
+        # Over the whole block, then trimmed: numpy adds up a single column in another order.
+        per_run = per_run_metrics(task.scenario, values, counts, finite)
         return {
-            used: _reduced(task, data, result, values, used) for used in {task.used, task.width}
+            used: _trimmed(task, data, result, values, per_run, used)
+            for used in {task.used, task.width}
         }
 
 
-def _reduced(
-    task: BlockTask, data: Simulation, result: Estimates, values: dict[str, Array], used: int
+def _trimmed(
+    task: BlockTask,
+    data: Simulation,
+    result: Estimates,
+    values: dict[str, Array],
+    per_run: dict[str, Array],
+    used: int,
 ) -> BlockResult:
     values = {name: rows[:, :used] for name, rows in values.items()}
-    counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
-    finite = np.asarray(np.isfinite(result.mean[..., :used]).all(axis=(0, 1)))
-    per_run = per_run_metrics(task.scenario, values, counts, finite)
+    per_run = {name: numbers[:used] for name, numbers in per_run.items()}
     tracks, shown = None, task.shown_of(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]

@@ -76,6 +76,8 @@ def per_run_metrics(
                 out[name + suffix] = np.nansum(rows[mask], axis=0)
             elif head != "error":
                 out[name + suffix] = _mean(rows[mask])
+    more = getattr(scenario, "run_metrics", None)
+    out |= more(values) if more else {}
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 

@@ -1,7 +1,8 @@
 """An experiment file: read, put together from its parts, overridden, validated.
 
 All mistakes are collected before anything runs. A grid (``grid: {scenario.R: [0.1, 1]}``) makes one
-point per combination; without one there is a single point.
+point per combination; without one there is a single point. Paths joined by `` & `` take each value
+together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
@@ -30,6 +31,8 @@ from trackbench.scenarios.base import Scenario
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
 
+_TOGETHER = " & "
+
 
 _MOST_POINTS = 10_000
 
@@ -57,7 +60,7 @@ class Settings:
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
-    """paths and the values they take: every combination is run"""
+    """paths and the values they take: every combination is run; `a & b` take a value together"""
     tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
@@ -166,8 +169,9 @@ def _validated(
     labels = _labels(source, settings, only, problems)
     points = []
     for values, marks in _grid(source, settings, problems):
-        for path, value in values.items():
-            override(source, split_path(source, path), value, marks[path])
+        for joint, value in values.items():
+            for path in joint.split(_TOGETHER):
+                override(source, split_path(source, path), value, marks[joint])
         points.append(_point(source, labels, values, problems))
     settings = _with_recorded_runs(source, settings, points, problems)
     tables = _parts("tables", source, problems)
@@ -279,7 +283,18 @@ def _with_preset(
         where = (*keys, "preset")
         problems.append(Problem(source.mark(where), dotted(where), what))
         return data
-    return {**presets[name], **data}
+    return _laid_over(presets[name], data)
+
+
+def _laid_over(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
+    """``base`` with the keys of ``top``; a mapping in both is laid over in the same way."""
+    both = {
+        key: _laid_over(base[key], value)
+        if isinstance(value, dict) and isinstance(base.get(key), dict)
+        else value
+        for key, value in top.items()
+    }
+    return {**base, **both}
 
 
 def has(model: Model, need: str) -> bool:
@@ -292,12 +307,15 @@ def _check_fit(
     source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
 ) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
+    unmet = False
     for need in getattr(tracker, "needs", ()):
         if not has(scenario.model, need):
             what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
+            unmet = True
     conflicts = getattr(tracker, "conflicts", None)
-    for key, what in (conflicts(scenario) if conflicts else {}).items():
+    # A filter may ask of the scenario what it needs, so it is only asked if that is there.
+    for key, what in (conflicts(scenario) if conflicts and not unmet else {}).items():
         where = (*keys, *key.split(".")) if key else keys
         problems.append(Problem(source.mark(where), dotted(where), what))
 
@@ -325,7 +343,10 @@ def _grid(
         if not values:
             where = ("grid", path)
             problems.append(Problem(source.mark(where), dotted(where), "has no values"))
-        elif split_path(source, path)[0] not in ("scenario", "filters"):
+        elif any(
+            split_path(source, single)[0] not in ("scenario", "filters")
+            for single in path.split(_TOGETHER)
+        ):
             where = ("grid", path)
             what = "a grid varies scenario.KEY or filters.LABEL.KEY"
             problems.append(Problem(source.key_mark(where), dotted(where), what))

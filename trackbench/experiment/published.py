@@ -18,7 +18,7 @@ from trackbench.keys import Count, Finite, Natural, NonNegative
 
 _NAME = r"[A-Za-z_][\w.-]*(?:\[[^\]]*\])?"
 _PLAIN = rf"(?:{_NAME}\({_NAME}\)|{_NAME}@(?:\d+|last)|{_NAME})"
-_COMPOSED = rf"(?:gain|ratio)\({_PLAIN}, .+\)"
+_COMPOSED = rf"(?:gain|ratio|minus)\({_PLAIN}, .+\)"
 EXPRESSION = re.compile(rf"{_PLAIN}|{_COMPOSED}")
 
 
@@ -47,7 +47,7 @@ class PublishedNumber:
     label: str = ""
     """labels of the filter there, separated by semicolons"""
     expression: str = ""
-    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(rms(rmse), PF)`"""
+    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`"""
     point: str = ""
     """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
     source: str = ""
@@ -79,7 +79,7 @@ class Claim:
     left: str = ""
     """label of the filter that is spoken of"""
     expression: str = ""
-    """what is compared: as for a published number, without `gain` and `ratio`"""
+    """what is compared: as for a published number"""
     relation: Literal["<", ">", "~"] = "<"
     """smaller, larger, or equal within the tolerance"""
     factor: Finite = 1.0
@@ -124,9 +124,16 @@ class Published:
 
 
 def read_published(
-    folder: Path, paths: list[str], experiment: str, labels: list[str], mark: Mark | None = None
+    folder: Path,
+    paths: list[str],
+    experiment: str,
+    labels: list[str] | None = None,
+    mark: Mark | None = None,
 ) -> Published:
-    """The rows for one experiment; raises UserError with every mistake in the files."""
+    """The rows for one experiment; raises UserError with every mistake in the files.
+
+    Rows may name ``labels`` only, if they are given: a run with ``--only`` leaves labels out.
+    """
     found, problems = Published(), []
     for path in paths:
         try:
@@ -154,7 +161,7 @@ def _read(
     name: str,
     text: str,
     experiment: str,
-    labels: list[str],
+    labels: list[str] | None,
     found: Published,
     problems: list[Problem],
 ) -> None:
@@ -216,11 +223,14 @@ def _as_written(cell: str) -> str:
 
 
 def _check(
-    row: PublishedNumber | Claim, source: Source, labels: list[str], problems: list[Problem]
+    row: PublishedNumber | Claim,
+    source: Source,
+    labels: list[str] | None,
+    problems: list[Problem],
 ) -> None:
     """The row's labels exist in the experiment, its expressions can be read."""
     for label in row.labels:
-        if label not in labels:
+        if labels is not None and label not in labels:
             key = "left" if label == getattr(row, "left", None) else "right"
             key = key if isinstance(row, Claim) else "label"
             what = f"{label!r} is not a filter here; {unknown(label, labels)}"

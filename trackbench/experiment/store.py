@@ -1,5 +1,6 @@
 """The files of a results folder, each written whole or not at all."""
 
+import gzip
 import hashlib
 import json
 import platform
@@ -94,13 +95,17 @@ def write_results(
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file that only a run writes."""
-    return {name: _digest(folder / name) for name in RAW if (folder / name).is_file()}
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256 of each file that only a run writes; of the content of one that was gzipped since."""
+    found = {}
+    for name in RAW:
+        path, packed = folder / name, folder / f"{name}.gz"
+        if path.is_file():
+            with path.open("rb") as file:
+                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+        elif packed.is_file():
+            with gzip.open(packed) as unpacked:
+                found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()  # type: ignore[arg-type]
+    return found
 
 
 def as_yaml(data: Any) -> str:

@@ -97,8 +97,8 @@ def unknown(word: str, known: list[str]) -> str:
 
 
 def _problem(item: Any, source: Source, keys: Keys, cls: type[Any]) -> Problem:
-    where = _existing(source, keys, item["loc"])
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
+    where = _existing(source, keys, item["loc"] + getattr(ctx.get("error"), "path", ()))
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         known = list(cls.__dataclass_fields__) if len(where) == len(keys) + 1 else []
         what = f"unknown key; {unknown(str(where[-1]), known)}" if known else "unknown key"
@@ -125,6 +125,10 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
         return f"{shown} is not less than {_show(ctx['lt'])}"
     if kind == "literal_error":
         return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
+    if kind == "union_tag_invalid":
+        return f"{ctx['tag']!r} is not one of {ctx['expected_tags'].replace(chr(39), '')}"
+    if kind == "union_tag_not_found":
+        return f"needs a {ctx['discriminator'].strip(chr(39))}"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")

@@ -43,3 +43,53 @@ class CWNA:
     def jacobian(self, x: Array, k: int) -> Array:
         """F."""
         return self.F
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """x_k = F x_{k-1} + N(0, Q), sampled every T seconds; F and Q (n, n)."""
+
+    T: float
+    F: Array
+    Q: Array
+    components: tuple[str, ...]
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """N(F x, Q)."""
+        return Gaussian(linalg.matvec(self.F, x), self.Q)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """F."""
+        return self.F
+
+
+@dataclass(frozen=True)
+class PositionSensor:
+    """Both positions of a state that begins (px, vx, py, vy), each with standard deviation sigma, m."""
+
+    sigma: float
+    components: tuple[str, ...] = ("x", "y")
+
+    @property
+    def R(self) -> Array:
+        """Noise covariance (2, 2), m^2."""
+        return self.sigma**2 * np.eye(2)
+
+    @staticmethod
+    def H(n: int = 4) -> Array:
+        """Measurement matrix (2, n) for a state of n components."""
+        H = np.zeros((2, n))
+        H[0, 0] = H[1, 2] = 1.0
+        return H
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N(H x, R) for x (n, *batch)."""
+        return Gaussian(x[[0, 2]], self.R)
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """``z - z_pred``."""
+        return z - z_pred
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """H (2, n)."""
+        return self.H(len(x))

@@ -27,8 +27,11 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
         for name in FILES:
             (folder / name).unlink(missing_ok=True)
         return
-    write_csv(folder / "comparison.csv", NUMBER_HEADER, map(_number_row, comparison.numbers))
-    write_csv(folder / "claims.csv", CLAIM_HEADER, map(_claim_row, comparison.claims))
+    for name, header, rows in (
+        ("comparison.csv", NUMBER_HEADER, number_rows(comparison)),
+        ("claims.csv", CLAIM_HEADER, claim_rows(comparison)),
+    ):
+        write_csv(folder / name, header, (row.values() for row in rows))
     write_text(folder / "comparison.md", markdown(results, comparison))
 
 
@@ -36,6 +39,31 @@ def write_paired(results: Results) -> None:
     """Write paired.csv."""
     rows = [[*point.values(), *pair] for point, pairs in paired_rows(results) for pair in pairs]
     write_csv(results.folder / "paired.csv", [*results.grid, *Pair._fields], rows)
+
+
+def number_rows(comparison: Comparison) -> list[dict[str, object]]:
+    """Rows of comparison.csv."""
+    rows = []
+    for compared in comparison.numbers:
+        p, m = compared.published, compared.measured
+        cells = [
+            *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, compared.z],
+            *[compared.verdict, compared.note, p.paper, p.row, compared.label],
+            *[p.expression, m.runs, "" if p.runs is None else p.runs],
+        ]
+        rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))
+    return rows
+
+
+def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
+    """Rows of claims.csv."""
+    rows = []
+    for judged in comparison.claims:
+        paired = "yes" if judged.paired else "no"
+        cells = [judged.claim.claim, judged.verdict, judged.z, paired, judged.note]
+        cells += [judged.claim.paper, judged.claim.source]
+        rows.append(dict(zip(CLAIM_HEADER, cells, strict=True)))
+    return rows
 
 
 def verdict_counts(verdicts: Iterable[str]) -> str:
@@ -84,7 +112,8 @@ def number_tables(comparison: Comparison) -> list[TextTable]:
         p = row.published
         title = f"{p.paper}, {p.table}: published and measured"
         table = tables.setdefault((p.paper, p.table), TextTable(title, heads))
-        name = p.filter if row.label in ("", p.filter) else f"{p.filter}: {row.label}"
+        name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
+        name = name if row.label else p.filter
         metric = f"{p.metric}, {p.row}" if p.row else p.metric
         table.rows.append(
             [
@@ -144,19 +173,3 @@ def _z(z: float) -> str:
     if isnan(z):
         return "–"
     return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
-
-
-def _number_row(row: Compared) -> list[object]:
-    p, m = row.published, row.measured
-    return [
-        *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, row.z, row.verdict, row.note],
-        *[p.paper, p.row, row.label, p.expression, m.runs, p.runs],
-    ]
-
-
-def _claim_row(row: Judged) -> list[object]:
-    paired = "yes" if row.paired else "no"
-    return [
-        *[row.claim.claim, row.verdict, row.z, paired, row.note],
-        *[row.claim.paper, row.claim.source],
-    ]

@@ -16,7 +16,7 @@ from trackbench.evaluation.statistics import STATISTICS, Estimate, influence
 from trackbench.report.results import Results
 
 _STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
-_COMPOSED = re.compile(r"(gain|ratio)\((.+?\)?), (.+)\)")
+_COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
 _STEP = re.compile(r"(.+)@(\d+|last)")
 
 
@@ -52,6 +52,8 @@ class Expressions:
         composed = _COMPOSED.fullmatch(expression)
         if composed:
             kind, inner, other = composed.groups()
+            if kind == "minus":
+                return self.difference((label, inner), (other, inner))
             common = self._found([(label, inner), (other, inner)])
             ratio = quotient(*(self.term(b, inner, common) for b in (label, other)))
             return ratio if kind == "ratio" else _gain(ratio)

@@ -46,9 +46,10 @@ def write_figures(
         if name not in known:
             raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
     written = []
+    forms = [form for form in formats if form != "tex"]
     for name, spec in figures.items():
-        if not only or name in only or spec.kind in only:
-            for form, content in drawn(spec, results, [f for f in formats if f != "tex"]):
+        if forms and (not only or name in only or spec.kind in only):
+            for form, content in drawn(spec, results, forms):
                 path = _made(results.folder / "figures") / f"{name}.{form}"
                 write_bytes(path, content)
                 written.append(path)

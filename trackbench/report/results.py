@@ -1,10 +1,11 @@
 """A results folder, read back."""
 
+import gzip
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
 
@@ -65,9 +66,21 @@ class Results:
     def published(self) -> Published:
         """Published numbers and claims that this experiment is held against."""
         config = self.config
-        return read_published(
-            self.folder, config.get("published", []), config["name"], list(config["filters"])
-        )
+        return read_published(self.folder, config.get("published", []), config["name"])
+
+    @cached_property
+    def scenario(self) -> Any:
+        """The scenario as the config describes it."""
+        problems: list[Problem] = []
+        built = build_kind("scenarios", self.source, ("scenario",), problems)
+        if problems:
+            raise UserError(*sorted(set(problems)))
+        return built
+
+    @property
+    def shaded(self) -> list[tuple[float, float]]:
+        """Start and end times of what a figure over time shades; none unless the scenario says."""
+        return list(getattr(self.scenario, "spans", []))
 
     @property
     def labels(self) -> list[str]:
@@ -78,6 +91,11 @@ class Results:
     def grid(self) -> list[str]:
         """Paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
+
+    @property
+    def grid_heads(self) -> list[str]:
+        """The paths as headings of a table: of paths that vary together, the first one."""
+        return [path.partition(" & ")[0] for path in self.grid]
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
@@ -113,6 +131,12 @@ class Results:
         groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
         return {key: rows["value"].to_numpy(dtype=float) for key, rows in groups}
 
+    def open(self, name: str) -> TextIO:
+        """One of the CSV files as text."""
+        path = self._path(name)
+        opener = gzip.open if path.suffix == ".gz" else open
+        return cast(TextIO, opener(path, "rt", encoding="utf-8", newline=""))
+
     def points(self) -> list[dict[str, Any]]:
         """The grid's points in order; one empty point without a grid."""
         if not self.grid:
@@ -130,8 +154,13 @@ class Results:
         import pandas as pd
 
         return pd.read_csv(
-            self.folder / name, dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
+            self._path(name), dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
         )
+
+    def _path(self, name: str) -> Path:
+        """The file, or what gzip made of it to keep large results in git."""
+        path = self.folder / name
+        return path if path.is_file() else path.with_name(f"{name}.gz")
 
 
 def open_results(folder: Path) -> Results:

@@ -1,8 +1,9 @@
 """Does it reproduce? Published numbers and claims against a results folder.
 
 A number `agrees` when it is within three combined standard errors (theirs from our spread over runs and
-their number of runs) or rounds to the printed digits; it is `near` within 10 %; else it `differs`. A
-claim `holds` or `fails` when its paired z is beyond three, else it is `not decided`.
+their number of runs) or rounds to the printed digits; it is `near` within 10 %; else it `differs`, as it
+does when most runs are lost. A claim `holds` or `fails` when its paired z is beyond three, else it is
+`not decided`.
 """
 
 from collections import defaultdict
@@ -76,6 +77,8 @@ def compare(results: Results) -> Comparison:
 def verdict(number: PublishedNumber, measured: Term) -> tuple[str, float]:
     """Verdict and z of a measured number; a word is decided by whether zero is excluded."""
     value, stderr = measured.estimate
+    if measured.lost > measured.runs > 0:
+        return "differs", inf  # what survives says nothing of the filter
     if not isfinite(value):
         return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
     if isinstance(number.value, str):
@@ -140,14 +143,15 @@ def _numbers(results: Results, number: PublishedNumber) -> Iterator[Compared]:
     for label in number.labels:
         measured = expressions.term(label, number.expression)
         word, z = verdict(number, measured)
-        yield Compared(number, label, measured, z, word, _note(number, measured))
+        yield Compared(number, label, measured, z, word, _note(number, measured, word))
 
 
-def _note(number: PublishedNumber, measured: Term) -> str:
+def _note(number: PublishedNumber, measured: Term, word: str) -> str:
     notes = []
     if measured.lost:
         notes.append(f"{measured.lost} of {measured.runs + measured.lost} runs lost")
-    if not isinstance(number.value, str) and SURE * measured.stderr > 0.5 * abs(number.value):
+    wide = word == "agrees" and not isinstance(number.value, str)
+    if wide and SURE * measured.stderr > 0.5 * abs(float(number.value)):
         notes.append("too few runs to tell")
     return "; ".join([*notes, *filter(None, [number.note])])
 

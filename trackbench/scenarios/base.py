@@ -1,4 +1,11 @@
-"""What a scenario is: it simulates truth and measurements, and knows the model behind them."""
+"""What a scenario is: it simulates truth and measurements, and knows the model behind them.
+
+Optional attributes of a scenario class:
+
+``lost_beyond``  error beyond which a run counts as lost, in the unit of the first quantity of ``errors``
+``run_metrics``  a method of the series (T + 1, M) by name: further numbers per run (M,) by name
+``spans``        start and end times of stretches that a figure over time shades
+"""
 
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol

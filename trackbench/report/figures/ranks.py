@@ -42,6 +42,9 @@ class CriticalDifference:
         for ax, point in zip(axes[:, 0], points, strict=True):
             runs = results.runs(point)
             there = [b for b in labels if (b, self.metric) in runs]
+            if len(there) < 2:
+                ax.set_axis_off()
+                continue
             values = np.stack([runs[b, self.metric] for b in there])
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)

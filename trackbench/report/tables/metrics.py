@@ -43,7 +43,7 @@ class Metrics:
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         labels = [b for b in results.labels if self.filters is None or b in self.filters]
-        table = Table(self.title, [*results.grid, "Filter"], list(self.columns), self.digits)
+        table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         for point in results.points():
             found = _index(results, point)
             keys = [str(v) for v in point.values()]

@@ -1,0 +1,161 @@
+"""Figures and tables of the maneuvering target, from a small experiment with a grid."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import track
+from trackbench import api
+from trackbench.evaluation.block import simulate
+from trackbench.filters.linear import KF
+from trackbench.models.motions import ConstantVelocity
+from trackbench.report import style
+from trackbench.report.results import Results
+
+CONFIG = """
+name: small
+seed: 3
+runs: 12
+scenario:
+  kind: maneuver
+  duration: 200
+  settle: 20
+  legs: [{start: 80, end: 120, ax: 0.4, ay: -0.3}]
+filters:
+  KF: {kind: kf, motion: {kind: cv, q: 0}}
+  Adaptive: {kind: adaptive-kf, preset: seconds, nmf: {q: 0}, mf: {q: 1e-4}}
+  Never: {kind: adaptive-kf, detector: {eta: 1e9}, nmf: {q: 0}, mf: {q: 1e-4}}
+  IMM:
+    kind: imm
+    motions: [{kind: cv, q: 0}, {kind: ca, q: 1e-4}]
+    transition: [[0.99, 0.01], [0.01, 0.99]]
+grid: {"filters.KF.motion.q & filters.Adaptive.nmf.q & filters.Never.nmf.q": [0, 0.01, 1]}
+tables:
+  differences:
+    kind: differences
+    against: KF
+    columns: {Run: rmse_position, Nothing: no_such_metric}
+  claims:
+    kind: claims
+    claims:
+      adaptive: {less: Adaptive, than: KF, metric: rmse_position}
+      backwards: {less: KF, than: Adaptive, metric: rmse_position}
+      same: {less: Never, than: KF, metric: rmse_position}
+  consistency: {kind: consistency}
+figures:
+  truth: {kind: track}
+  tracks: {kind: track, filters: [KF, IMM], runs: 5}
+  mean: {kind: mean-and-std, filters: [KF, IMM]}
+  sweep: {kind: rmse-vs-parameter, title: Sweep}
+"""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    folder = tmp_path_factory.mktemp("maneuver")
+    config = folder / "c.yaml"
+    config.write_text(CONFIG)
+    options = api.Options(out=folder / "out", engine="serial", quiet=True, formats=("png",))
+    done = api.run(config, options)
+    assert not done.failed
+    return done.results
+
+
+def test_every_file_is_there(results: Results) -> None:
+    for name in ("truth", "tracks", "mean", "sweep"):
+        assert (results.folder / f"figures/{name}.png").stat().st_size > 5000
+    for name in ("differences", "claims", "consistency"):
+        assert (results.folder / f"tables/{name}.md").is_file()
+
+
+def drawn(results: Results, name: str) -> "object":
+    return results.parts("figures")[name].draw(results)
+
+
+def test_sweep_draws_the_summary_and_marks_the_least(results: Results) -> None:
+    figure = drawn(results, "sweep")
+    (ax,) = figure.axes
+    frame = results.summary
+    frame = frame[(frame["metric"] == "mean(rmse_position)") & (frame["filter"] == "KF")]
+    line = next(a for a in ax.lines if a.get_label() == "KF")
+    np.testing.assert_allclose(line.get_ydata(), frame["value"])
+    x = line.get_xdata()
+    assert 0.0 < x[0] < 0.01  # zero stands to the left of the least positive value
+    marks = [a for a in ax.lines if a.get_marker() == "o"]
+    assert any(m.get_ydata()[0] == frame["value"].min() for m in marks)
+    imm = next(a for a in ax.lines if a.get_label() == "IMM")
+    assert len(set(imm.get_ydata())) == 1
+    style.close(figure)
+
+
+def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
+    """Recomputed from the tracks of the same twelve runs."""
+    data = simulate(results.scenario, 3, 0, 12)
+    found = track(results.scenario, KF(motion=ConstantVelocity(q=0.0)), 12, seed=3)
+    e = (data.truth - found.mean)[[0, 2]]
+    mean = e.mean(axis=2)
+    std = np.sqrt(np.square(e).mean(axis=2) - mean**2)
+    figure = drawn(results, "mean")
+    for ax, expected in zip(figure.axes, (*mean, *std), strict=True):
+        line = next(a for a in ax.lines if a.get_label() == "KF")
+        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-6, atol=1e-6)
+        assert len([p for p in ax.patches if p.get_label() == "Maneuvers"]) == 1
+    style.close(figure)
+
+
+def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
+    figure = drawn(results, "tracks")
+    truth = results.shown["point0/truth"]
+    for ax, label in zip(figure.axes, ("KF", "IMM"), strict=True):
+        assert ax.get_title() == label
+        lines = [a for a in ax.lines if a.get_label() == "Truth"]
+        np.testing.assert_allclose(lines[0].get_xdata(), truth[0, :, 0] / 1000.0)
+        estimates = [a for a in ax.lines if len(a.get_xdata()) == truth.shape[1]]
+        assert len(estimates) == 5 + 1
+    style.close(figure)
+
+
+def table(results: Results, name: str) -> "object":
+    return results.parts("tables")[name].table(results)
+
+
+def test_claims_are_sorted_into_what_holds_and_what_fails(results: Results) -> None:
+    got = table(results, "claims")
+    assert got.value_headers == ["0", "0.01", "1"]
+    notes = dict(note.rstrip(".").split(": ", 1) for note in got.notes)
+    assert notes["adaptive"].startswith("holds at 0, 0.01")
+    assert notes["backwards"].endswith("fails at 0, 0.01")
+    assert notes["same"] == "undecided at 0, 0.01, 1"  # one filter computed in two ways
+
+
+def test_differences_are_paired(results: Results) -> None:
+    got = table(results, "differences")
+    runs = results.runs(results.points()[0])
+    d = runs["Adaptive", "rmse_position"] - runs["KF", "rmse_position"]
+    row = got.keys.index(["0.0", "Adaptive"])
+    assert got.cells[row][0].estimate.value == pytest.approx(d.mean())
+    assert got.cells[row][0].estimate.stderr == pytest.approx(d.std(ddof=1) / np.sqrt(12))
+    assert got.cells[row][1].runs == 0
+    never = got.keys.index(["1.0", "Never"])
+    assert got.cells[never][0].estimate == (0.0, 0.0)
+
+
+def test_consistency_counts_steps_in_the_band(results: Results) -> None:
+    got = table(results, "consistency")
+    cells = dict(zip(map(tuple, got.keys), got.cells, strict=True))
+    anees, share, anis, _ = (cell.estimate.value for cell in cells["0.0", "KF"])
+    assert anees > 2.0
+    assert share < 0.7
+    assert anis > 0.7
+    good = [cell.estimate.value for cell in cells["0.0", "IMM"]]
+    assert good[3] > 0.85
+    assert "95 % band of ANIS over 12 runs" in got.notes[1]
+
+
+def test_shipped_configs_are_good() -> None:
+    from tests.conftest import EXPERIMENTS
+    from trackbench.experiment.config import load
+
+    for path in sorted(Path(EXPERIMENTS).glob("adaptive-kf*.yaml")):
+        assert load(path).points

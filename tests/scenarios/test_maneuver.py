@@ -1,0 +1,105 @@
+"""The maneuvering target: where the paper's track goes, and how onsets are counted."""
+
+import numpy as np
+import pytest
+
+from trackbench.core.streams import RunStreams
+from trackbench.scenarios.maneuver import Launch, Leg, Maneuver
+from trackbench.scenarios.onsets import Onsets
+
+
+def test_corrected_track_turns_by_ninety_degrees_each_time() -> None:
+    """Section 4: from -y to +x, +y, -x, -y, +x, at 15 m/s."""
+    t = np.array([0.0, 400.0, 600.0, 670.0, 1200.0, 1255.0, 1655.0, 1700.0])
+    _, vx, _, vy = Maneuver().path(t)
+    directions = [(0, -1), (0, -1), (1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (1, 0)]
+    np.testing.assert_allclose(np.stack([vx, vy], axis=1), 15.0 * np.array(directions), atol=1e-9)
+
+
+def test_as_printed_track_does_not() -> None:
+    t = np.array([0.0, 1255.0])
+    _, vx, _, vy = Maneuver(truth="as-printed").path(t)
+    assert (vx[0], vy[0]) == (-15.0, 0.0)
+    assert np.hypot(vx[1], vy[1]) > 20.0
+
+
+def test_path_agrees_with_step_by_step_integration() -> None:
+    scenario = Maneuver()
+    dt = 0.01
+    t = np.arange(0.0, 1700.0, dt)
+    a = np.zeros((2, len(t)))
+    for leg in scenario.turns:
+        during = (t >= leg.start - 1e-9) & (t < leg.end - 1e-9)
+        a[:, during] += np.array([[leg.ax], [leg.ay]])
+    v = np.array([[0.0], [-15.0]]) + np.cumsum(a, axis=1) * dt
+    v = np.hstack([[[0.0], [-15.0]], v])
+    p = np.array([[2000.0], [10_000.0]]) + np.cumsum((v[:, :-1] + v[:, 1:]) / 2, axis=1) * dt
+    end = scenario.path(np.array([1700.0]))
+    np.testing.assert_allclose(end[[0, 2], 0], p[:, -1], rtol=1e-6)
+    np.testing.assert_allclose(end[[1, 3], 0], v[:, -1], atol=1e-8)
+
+
+def test_prior_is_the_two_point_difference_and_consistent() -> None:
+    """NEES of the prior is chi-square with four degrees of freedom."""
+    scenario, runs = Maneuver(duration=10.0, legs=(), score_from=0.0), 4000
+    data = scenario.simulate(RunStreams(3, range(runs)), runs)
+    assert data.truth.shape == (4, 10, runs)
+    assert data.measurements.shape == (2, 9, runs)
+    e = data.prior.mean - data.truth[:, 0]
+    nees = np.einsum("im,ij,jm->m", e, np.linalg.inv(data.prior.cov), e)
+    assert abs(nees.mean() - 4.0) < 4.0 * np.sqrt(8.0 / runs)
+    noise = data.measurements - data.truth[[0, 2], 1:]
+    assert abs(noise.std() / 100.0 - 1.0) < 4.0 / np.sqrt(2.0 * noise.size)
+
+
+def test_windows_cover_turns_and_settled_flight() -> None:
+    windows, t = Maneuver().windows, Maneuver().times
+    assert t[windows[""]].min() == 20.0
+    np.testing.assert_array_equal(t[windows["leg 2"]][[0, -1]], [621.0, 670.0])
+    assert windows["turns"].sum() == 200 + 50 + 200 + 50 + 200
+    assert not (windows["turns"] & windows["quiet"]).any()
+    quiet = t[windows["quiet"]]
+    assert quiet[quiet > 400].min() == 771.0  # 100 s after the second leg, which follows the first
+
+
+def test_a_longer_sampling_time_flies_the_same_path() -> None:
+    fine, coarse = Maneuver(), Maneuver(T=10.0)
+    np.testing.assert_allclose(coarse.path(coarse.times), fine.path(fine.times)[:, 9::10])
+    assert len(coarse.steps) == 170
+
+
+def test_onsets_by_hand() -> None:
+    """Two legs, four runs: met late, met at once, missed, and on from before."""
+    times = np.arange(1.0, 11.0)
+    inside = np.array([(times > 3) & (times <= 6), (times > 8) & (times <= 9)])
+    quiet = (times <= 3) | (times > 9)
+    mode = np.zeros((10, 4))
+    mode[5:7, 0] = 1.0  # on at 6 and 7 s
+    mode[3, 1] = 1.0  # on at 4 s
+    mode[2:9, 3] = 1.0  # on from 3 s, in quiet: a false alarm, and no detection of either leg
+    got = Onsets(times, inside, quiet).metrics(mode, None)
+    np.testing.assert_array_equal(got["delay_s[leg 1]"], [3.0, 1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(got["missed[leg 1]"], [0, 0, 1, 0])
+    np.testing.assert_array_equal(got["already_on[leg 1]"], [0, 0, 0, 1])
+    np.testing.assert_array_equal(got["missed[leg 2]"], [1, 1, 1, 0])
+    # Quiet are 1, 2, 3 and 10 s; run 4 is still on at 9 s, so that 10 s is no chance of an alarm.
+    np.testing.assert_allclose(got["false_alarms_per_1000"], [0, 0, 0, 1000.0 / 3.0])
+
+
+def test_alarms_are_counted_where_the_filter_reports_them() -> None:
+    times = np.arange(1.0, 6.0)
+    alarm = np.array([[np.nan], [1.0], [0.0], [1.0], [0.0]])
+    got = Onsets(times, np.zeros((0, 5), dtype=bool), np.ones(5, dtype=bool)).metrics(
+        np.zeros((5, 1)), alarm
+    )
+    assert got["false_alarms_per_1000"][0] == pytest.approx(400.0)
+
+
+def test_a_leg_shorter_than_the_sampling_time_is_not_scored() -> None:
+    scenario = Maneuver(
+        T=10.0, duration=100.0, launch=Launch(), legs=(Leg(start=42, end=44, ax=1.0, ay=0.0),)
+    )
+    assert "leg 1" not in scenario.windows
+    mode = np.zeros((10, 2))
+    values = {"squared_position": np.ones((10, 2)), "mode": mode}
+    assert "delay_s[leg 1]" not in scenario.run_metrics(values)

@@ -1,0 +1,103 @@
+"""Interacting multiple model filter, of motions of equal or different state sizes."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.mixing import combined, padded, predicted_weights, updated_weights
+from trackbench.filters.linear import LINEAR, extended, linear_step
+from trackbench.keys import MistakenKeyError, Share
+from trackbench.models.base import Model
+from trackbench.models.motions import MotionKey
+from trackbench.registry import register
+
+_ROUNDING = 1e-9  # of a row's sum
+
+
+class Models(NamedTuple):
+    """A Gaussian per model, their weights (r, M), the mixture's NIS (M,), components reported."""
+
+    states: tuple[Gaussian, ...]
+    weights: Array
+    nis: Array
+    reported: int
+
+
+@register("filters", "imm")
+@dataclass(frozen=True, kw_only=True)
+class IMM:
+    """Interacting multiple model filter (Blom & Bar-Shalom 1988) of linear motions.
+
+    The first motion is the quiescent one: ``mode`` reports the weight of all others.
+    """
+
+    motions: tuple[MotionKey, ...]
+    """motions of the models, such as [{kind: cv, q: 0.01}, {kind: ca, q: 0.001}]"""
+    transition: tuple[tuple[Share, ...], ...]
+    """probability of going from model i (row) to model j in one step; rows sum to 1"""
+    initial: tuple[Share, ...] | None = None
+    """probability of each model at the start; default: equal"""
+    mixing: Literal["unbiased", "zero"] = "unbiased"
+    """how a smaller state is filled to mix with a larger: the larger's own moments, or zeros"""
+    needs: ClassVar[tuple[str, ...]] = LINEAR
+
+    def __post_init__(self) -> None:
+        r = len(self.motions)
+        if r < 2:
+            raise MistakenKeyError("an IMM has at least two motions", "motions")
+        if len(self.transition) != r:
+            what = f"{len(self.transition)} rows for {r} motions"
+            raise MistakenKeyError(what, "transition")
+        for i, row in enumerate(self.transition):
+            if len(row) != r:
+                raise MistakenKeyError(f"{len(row)} entries for {r} motions", "transition", i)
+            if abs(sum(row) - 1.0) > _ROUNDING:
+                raise MistakenKeyError(f"the row sums to {sum(row):g}, not to 1", "transition", i)
+        if self.initial is not None and len(self.initial) != r:
+            raise MistakenKeyError(f"{len(self.initial)} entries for {r} motions", "initial")
+        if self.initial is not None and abs(sum(self.initial) - 1.0) > _ROUNDING:
+            raise MistakenKeyError(f"sums to {sum(self.initial):g}, not to 1", "initial")
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
+        """The prior in every model."""
+        r, runs = len(self.motions), prior.mean.shape[1]
+        start = np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
+        states = tuple(extended(prior, motion) for motion in self.motions)
+        weights = np.repeat(start[:, None], runs, axis=1)
+        return Models(states, weights, np.full(runs, np.nan), len(prior.mean))
+
+    def step(self, model: Model, state: Models, z: Array, k: int, rng: Generator) -> Models:
+        """Mix, filter with every model, weigh by the likelihoods."""
+        own: Any = model.motion
+        sensor: Any = model.sensor
+        predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
+        states, log_likelihood, nis = [], [], []
+        for j, motion in enumerate(self.motions):
+            sampled = motion.sampled(own.T)
+            mixed = self._mixed(state.states, mixing[:, j], j)
+            posterior, seen = linear_step(mixed, sampled.F, sampled.Q, z, sensor)
+            states.append(posterior)
+            log_likelihood.append(seen.log_likelihood)
+            nis.append(seen.nis)
+        missing = np.isnan(z).any(axis=0)
+        weights = updated_weights(predicted, np.where(missing, 0.0, np.stack(log_likelihood)))
+        nis_of_all = np.where(missing, np.nan, (predicted * np.stack(nis)).sum(axis=0))
+        return Models(tuple(states), weights, nis_of_all, state.reported)
+
+    def _mixed(self, states: tuple[Gaussian, ...], weights: Array, j: int) -> Gaussian:
+        unbiased = self.mixing == "unbiased"
+        return combined([padded(s, states[j], unbiased) for s in states], weights)
+
+    def estimate(self, state: Models) -> Gaussian:
+        """Moments of the mixture, of the scenario's own components."""
+        n = state.reported
+        own = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
+        return combined(own, state.weights)
+
+    def diagnostics(self, state: Models) -> dict[str, Array]:
+        """``nis``: the models' mean NIS by predicted weight; ``mode``: weight of all but the first."""
+        return {"nis": state.nis, "mode": 1.0 - state.weights[0]}

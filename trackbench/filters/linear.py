@@ -1,0 +1,169 @@
+"""Filters for linear motion and a linear position sensor: Kalman with any motion, alpha-beta."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from trackbench.core import kalman, linalg
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.kalman import Innovation
+from trackbench.keys import MistakenKeyError, OpenShare, Positive
+from trackbench.models.base import Model
+from trackbench.models.linear import PositionSensor
+from trackbench.models.motions import ConstantAcceleration, ConstantVelocity, MotionKey
+from trackbench.registry import register
+
+LINEAR = ("motion.T", "motion.F", "sensor.H")
+"""What a filter of this kind needs of the model."""
+
+
+class Tracked(NamedTuple):
+    """N(mean, cov) of all components, the last NIS (M,), and how many components are reported."""
+
+    posterior: Gaussian
+    nis: Array
+    reported: int
+
+    @property
+    def estimate(self) -> Gaussian:
+        """The scenario's own components."""
+        n = self.reported
+        return Gaussian(self.posterior.mean[:n], self.posterior.cov[:n, :n])
+
+
+def extended(prior: Distribution, motion: Any) -> Gaussian:
+    """The prior (4,) of a motion that may have accelerations: zero, ``initial_std`` each."""
+    if not isinstance(motion, ConstantAcceleration):
+        return Gaussian(prior.mean, prior.cov)
+    n = len(prior.mean)
+    mean = np.concatenate([prior.mean, np.zeros((2, *prior.mean.shape[1:]))])
+    cov = np.zeros((n + 2, n + 2, *prior.cov.shape[2:]))
+    cov[:n, :n] = prior.cov
+    cov[n, n] = cov[n + 1, n + 1] = motion.initial_std**2
+    return Gaussian(mean, cov)
+
+
+def linear_step(
+    state: Gaussian, F: Array, Q: Array, z: Array, sensor: PositionSensor
+) -> tuple[Gaussian, Innovation]:
+    """Predict by F and Q, update with positions z (2, M) (adaptive-kf, eqs. 8-12)."""
+    predicted = kalman.predict(state, F, Q)
+    H = sensor.H(len(F))
+    return kalman.update(predicted, z - linalg.matvec(H, predicted.mean), H, sensor.R)
+
+
+@register("filters", "kf")
+@dataclass(frozen=True, kw_only=True)
+class KF:
+    """Kalman filter of a linear motion and a position sensor (adaptive-kf paper, eqs. 8-12).
+
+    The covariance does not depend on the data, so it and the gain are computed once for all runs.
+    """
+
+    motion: MotionKey | None = None
+    """motion assumed, such as {kind: cv, q: 0.01}; default: the scenario's"""
+    needs: ClassVar[tuple[str, ...]] = LINEAR
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
+        """The prior's moments."""
+        runs = prior.mean.shape[1]
+        posterior = extended(prior, self.motion)
+        return Tracked(posterior, np.full(runs, np.nan), len(prior.mean))
+
+    def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+        """Predict and update."""
+        own: Any = model.motion
+        motion = own if self.motion is None else self.motion.sampled(own.T)
+        sensor: Any = model.sensor
+        posterior, innovation = linear_step(state.posterior, motion.F, motion.Q, z, sensor)
+        return Tracked(posterior, innovation.nis, state.reported)
+
+    def estimate(self, state: Tracked) -> Gaussian:
+        """The posterior of position and velocity."""
+        return state.estimate
+
+    def diagnostics(self, state: Tracked) -> dict[str, Array]:
+        """``nis``: normalised innovation squared, expected n_z."""
+        return {"nis": state.nis}
+
+
+class Smoothed(NamedTuple):
+    """N(mean, cov), the last NIS (M,), and the number n of measurements so far."""
+
+    posterior: Gaussian
+    nis: Array
+    n: int
+
+
+@register("filters", "alpha-beta")
+@dataclass(frozen=True, kw_only=True)
+class AlphaBeta:
+    """Alpha-beta filter: fixed gains, those of a constant-velocity Kalman filter in its steady state.
+
+    Kalata 1984: gains from the tracking index. While the least-squares gains of the first n
+    measurements are larger they are used instead, so that the start is forgotten. The reported
+    covariance is the one these gains give under a random acceleration of variance q.
+    """
+
+    q: Positive
+    """variance of the random acceleration held for T, per axis, (m/s^2)^2"""
+    alpha: OpenShare | None = None
+    """gain of the position; default: from q"""
+    beta: Positive | None = None
+    """gain of the velocity times T; default: from q"""
+    growing: bool = True
+    """whether the start uses least-squares gains"""
+    needs: ClassVar[tuple[str, ...]] = (*LINEAR, "sensor.sigma")
+
+    def __post_init__(self) -> None:
+        if (self.alpha is None) != (self.beta is None):
+            raise ValueError("alpha and beta are given together or not at all")
+        if self.alpha is not None and self.beta is not None and self.beta >= 4 - 2 * self.alpha:
+            raise MistakenKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
+
+    def gains(self, T: float, sigma: float) -> tuple[float, float]:
+        """alpha and beta, from the tracking index ``sqrt(q) T^2 / sigma`` unless given."""
+        if self.alpha is not None and self.beta is not None:
+            return self.alpha, self.beta
+        index = np.sqrt(self.q) * T**2 / sigma
+        r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
+        alpha = 1.0 - r**2
+        return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
+
+    def gain(self, n: int, T: float, sigma: float) -> Array:
+        """K (4, 2) at the n-th measurement."""
+        alpha, beta = self.gains(T, sigma)
+        if self.growing:
+            alpha = max(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
+            beta = max(beta, 6.0 / (n * (n + 1)))
+        return np.asarray(np.kron(np.eye(2), np.array([[alpha], [beta / T]])), dtype=float)
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
+        """The prior, which stands for two measurements."""
+        return Smoothed(Gaussian(prior.mean, prior.cov), np.full(prior.mean.shape[1], np.nan), n=2)
+
+    def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
+        """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""
+        own: Any = model.motion
+        sensor: Any = model.sensor
+        motion, H = ConstantVelocity(q=self.q).sampled(own.T), sensor.H()
+        predicted = kalman.predict(state.posterior, motion.F, motion.Q)
+        nu = z - linalg.matvec(H, predicted.mean)
+        n = state.n + 1
+        K = self.gain(n, own.T, sensor.sigma)
+        mean = predicted.mean + linalg.matvec(K, np.where(np.isnan(nu), 0.0, nu))
+        IKH = linalg.identity_minus(K @ H)
+        cov = linalg.sandwich(IKH, predicted.cov) + linalg.sandwich(K, sensor.R)
+        S = linalg.sandwich(H, predicted.cov) + sensor.R
+        return Smoothed(Gaussian(mean, cov), Innovation(nu, S).nis, n)
+
+    def estimate(self, state: Smoothed) -> Gaussian:
+        """The track and its covariance."""
+        return state.posterior
+
+    def diagnostics(self, state: Smoothed) -> dict[str, Array]:
+        """``nis``: normalised innovation squared, expected n_z."""
+        return {"nis": state.nis}

@@ -1,0 +1,121 @@
+"""Figure kinds of a target in the plane: `track` and `mean-and-std`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from trackbench.core.arrays import Array
+from trackbench.keys import Count
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_AXES = ("x", "y")
+
+
+@register("figures", "track")
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """The true track in the plane and, one panel per filter, estimates of the first runs over it."""
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] = ()
+    """labels, a panel each; none draws the truth alone"""
+    runs: Count = 50
+    """number of runs drawn over each other"""
+    components: tuple[int, int] = (0, 2)
+    """numbers of the state's two positions, from 0"""
+
+    @property
+    def shown_runs(self) -> int:
+        """Runs whose tracks must be kept."""
+        return self.runs if self.filters else 1
+
+    def draw(self, results: Results) -> "Figure":
+        """A panel per filter, equal scales."""
+        panels = max(len(self.filters), 1)
+        figure, axes = style.subplots(1, panels, 4.2, squeeze=False, sharex=True, sharey=True)
+        tracks, turning = results.shown, results.shaded
+        prefix = next(iter(tracks)).rpartition("/")[0] if tracks else ""
+        prefix = f"{prefix.partition('/')[0]}/" if prefix.startswith("point") else ""
+        truth = tracks[f"{prefix}truth"][list(self.components), :, 0] / 1000.0
+        times = tracks[f"{prefix}times"]
+        for i, ax in enumerate(axes[0]):
+            label = self.filters[i] if self.filters else ""
+            if label and f"{prefix}mean/{label}" in tracks:
+                self._estimates(ax, tracks[f"{prefix}mean/{label}"])
+            _truth(ax, truth, times, turning, thin=bool(label))
+            ax.set_aspect("equal")
+            ax.set_xlabel("x (km)")
+            ax.set_title(label, fontsize=9)
+        axes[0][0].set_ylabel("y (km)")
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, list(axes[0]))
+        return figure
+
+    def _estimates(self, ax: "Axes", mean: Array) -> None:
+        x, y = mean[list(self.components), :, : self.runs] / 1000.0
+        shown = x.shape[1]
+        name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
+        opacity = max(0.12, 1.0 / shown)
+        ax.plot(x, y, color=style.COLOURS[0], linewidth=0.6, alpha=opacity, rasterized=True)
+        ax.plot([], [], color=style.COLOURS[0], linewidth=1.0, label=name)
+
+
+def _truth(
+    ax: "Axes", xy: Array, times: Array, turning: list[tuple[float, float]], thin: bool
+) -> None:
+    width = 0.7 if thin else 1.4
+    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width})
+    for start, end in turning:
+        during = (times >= start) & (times <= end)
+        ax.plot(*xy[:, during], label="Maneuvers", color=style.COLOURS[1], linewidth=1.5 * width)
+    ax.plot(*xy[:, 0], "o", color="black", markersize=4, label="Start")
+
+
+@register("figures", "mean-and-std")
+@dataclass(frozen=True, kw_only=True)
+class MeanAndStd:
+    """Mean error and standard deviation over the runs, per axis and step; maneuvers are shaded.
+
+    Adaptive Kalman filter paper, eqs. 13 and 14: truth minus estimate, the opposite sign of `bias` in
+    per_step.csv. The quantities are those the scenario calls x and y.
+    """
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+
+    def draw(self, results: Results) -> "Figure":
+        """Mean error above, standard deviation below; x left, y right."""
+        figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
+        point = results.points()[0]
+        frame = results.at(results.per_step, point)
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
+        for (metric, sign, words), row in zip(rows, axes, strict=True):
+            for quantity, ax in zip(_AXES, row, strict=True):
+                for start, end in results.shaded:
+                    ax.axvspan(start, end, color="#eeeeee", lw=0, zorder=0, label="Maneuvers")
+                chosen = frame[frame["metric"] == f"{metric}_{quantity}"]
+                for i, label in enumerate(labels):
+                    _line(ax, chosen[chosen["filter"] == label], sign, label, style.line(i))
+                ax.set_ylabel(words.format(quantity))
+        for ax in axes[1]:
+            ax.set_xlabel("Time (s)")
+            ax.set_ylim(bottom=0)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, list(axes.flat))
+        return figure
+
+
+def _line(ax: "Axes", rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
+    time, value = rows["time"].to_numpy(), rows["value"].to_numpy()
+    ax.plot(time, sign * value, label=label, **look | {"linewidth": 0.9})

@@ -1,0 +1,113 @@
+"""Figure kind `rmse-vs-parameter`: a metric against a value the experiment's grid varies."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
+
+
+@register("figures", "rmse-vs-parameter")
+@dataclass(frozen=True, kw_only=True)
+class RmseVsParameter:
+    """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
+
+    Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
+    on a logarithmic axis stands at the left, apart.
+    """
+
+    title: str = ""
+    """heading"""
+    parameter: str | None = None
+    """path of the grid that is the horizontal axis; default: the only one"""
+    metric: str = "mean(rmse_position)"
+    """metric of summary.csv"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    x_label: str = ""
+    """label of the horizontal axis, with its unit; default: the path"""
+    y_label: str = "Position RMSE (m)"
+    """label of the vertical axis, with its unit"""
+    log_x: bool = True
+    """logarithmic horizontal axis"""
+    log_y: bool = True
+    """logarithmic vertical axis"""
+
+    def draw(self, results: Results) -> "Figure":
+        """One panel; other paths of the grid are held at their first values."""
+        path = self.parameter or results.grid[0]
+        first = results.points()[0]
+        held = {p: v for p, v in first.items() if p != path}
+        frame = results.at(results.summary, held)
+        frame = frame[frame["metric"] == self.metric]
+        figure, ax = style.subplots(1, 1, 3.6)
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        for i, label in enumerate(labels):
+            rows = frame[frame["filter"] == label].sort_values(path)
+            x, y, stderr = (rows[c].to_numpy(dtype=float) for c in (path, "value", "stderr"))
+            self._line(ax, x, y, stderr, label, style.line(i))
+        if self.log_x:
+            _logarithmic(ax, np.unique(frame[path].to_numpy(dtype=float)))
+        if self.log_y:
+            ax.set_yscale("log")
+            _plain_numbers(ax)
+        ax.set_xlabel(self.x_label or path)
+        ax.set_ylabel(self.y_label)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, ax)
+        return figure
+
+    def _line(
+        self, ax: "Axes", x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
+    ) -> None:
+        shown = _moved_zero(x) if self.log_x else x
+        if len(y) and np.ptp(y) == 0.0:
+            ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
+            return
+        ax.plot(shown, y, label=label, **look)
+        bars = 2.0 * stderr
+        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8)
+        if np.isfinite(y).any():
+            best = int(np.nanargmin(y))
+            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3)
+
+
+def _moved_zero(x: Array) -> Array:
+    positive = x[x > 0.0]
+    return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
+
+
+def _logarithmic(ax: "Axes", values: Array) -> None:
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    ax.set_xscale("log")
+    if values[0] > 0.0:
+        return
+    zero = _moved_zero(values)[0]
+    decades = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
+    ax.xaxis.set_major_locator(FixedLocator([zero, *10.0**decades]))
+    ax.xaxis.set_minor_locator(NullLocator())
+
+    def words(x: float, _: object) -> str:
+        return "0" if np.isclose(x, zero) else rf"$10^{{{round(np.log10(x))}}}$"
+
+    ax.xaxis.set_major_formatter(FuncFormatter(words))
+
+
+def _plain_numbers(ax: "Axes") -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: ""))

@@ -1,0 +1,69 @@
+"""Table kind `consistency`: does a filter's covariance tell the truth about its errors?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import Estimate, anees_band
+from trackbench.registry import register
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+
+
+@register("tables", "consistency")
+@dataclass(frozen=True, kw_only=True)
+class Consistency:
+    """Normalised errors and innovations over the runs at each step, and their chi-square bands.
+
+    ANEES is NEES / n_x and ANIS is NIS / n_z: 1 if consistent. Averaged over M runs at one step they are
+    chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 % of
+    the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
+    """
+
+    title: str = ""
+    """caption"""
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all"""
+    digits: int = 3
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        model = results.scenario.model
+        sizes = {"anees": len(model.motion.components), "nis": len(model.sensor.components)}
+        heads = [
+            "ANEES, median step",
+            "steps in its band",
+            "ANIS, median step",
+            "steps in its band ",
+        ]
+        table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
+        for point in results.points():
+            frame = results.at(results.per_step, point)
+            for label in labels:
+                rows = frame[frame["filter"] == label]
+                cells = []
+                for metric, n in sizes.items():
+                    chosen = rows[rows["metric"] == metric]
+                    value = chosen["value"].to_numpy(dtype=float)
+                    runs = chosen["runs"].to_numpy()
+                    cells += _cells(value if metric == "anees" else value / n, n, runs)
+                table.add([*(str(v) for v in point.values()), label], cells)
+        runs = int(results.config["runs"])
+        for name, n in (("ANEES", sizes["anees"]), ("ANIS", sizes["nis"])):
+            low, high = anees_band(n, runs)
+            table.notes.append(f"95 % band of {name} over {runs} runs: {low:.3f} to {high:.3f}.")
+        return table
+
+
+def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
+    """Median over the steps, and the share of steps inside their bands."""
+    if not len(value):
+        return [Cell.missing(), Cell.missing()]
+    bands = {m: anees_band(n, m) for m in set(runs.tolist())}
+    low, high = np.array([bands[m] for m in runs.tolist()]).T
+    inside = float(((value >= low) & (value <= high)).mean())
+    # Steps depend on each other, so no standard error is claimed.
+    return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]

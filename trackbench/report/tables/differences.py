@@ -1,0 +1,53 @@
+"""Table kind `differences`: every filter against one, run by run on common noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import paired_difference
+from trackbench.registry import register
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+
+
+@register("tables", "differences")
+@dataclass(frozen=True, kw_only=True)
+class Differences:
+    """Mean paired difference to a filter, a row per other filter, a column per metric of per_run.csv.
+
+    Negative: smaller than the filter it is compared with. Runs that either filter lost are left out.
+    """
+
+    title: str = ""
+    """caption"""
+    against: str
+    """label of the filter that is subtracted"""
+    columns: dict[str, str]
+    """header: metric of per_run.csv, such as `rmse_position`"""
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all others"""
+    digits: int = 4
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        heads = [*results.grid_heads, f"Difference to {self.against}"]
+        table = Table(self.title, heads, list(self.columns), self.digits)
+        for point in results.points():
+            runs = results.runs(point)
+            for label in (b for b in labels if b != self.against):
+                cells = [
+                    _cell(runs.get((label, metric)), runs.get((self.against, metric)))
+                    for metric in self.columns.values()
+                ]
+                table.add([*(str(v) for v in point.values()), label], cells)
+        return table
+
+
+def _cell(a: Array | None, b: Array | None) -> Cell:
+    if a is None or b is None:
+        return Cell.missing()
+    both = np.isfinite(a) & np.isfinite(b)
+    return Cell(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))

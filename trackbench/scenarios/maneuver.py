@@ -1,0 +1,203 @@
+"""Scenario `maneuver`: straight flight and turns of constant acceleration, seen by position."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.distributions import Gaussian
+from trackbench.core.streams import Streams
+from trackbench.keys import Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.models.base import Model
+from trackbench.models.linear import PositionSensor
+from trackbench.models.motions import ConstantVelocity
+from trackbench.registry import register
+from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.onsets import Onsets
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A stretch of constant acceleration."""
+
+    start: NonNegative
+    """s"""
+    end: Positive
+    """s"""
+    ax: Finite
+    """m/s^2"""
+    ay: Finite
+    """m/s^2"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """Where the target is at time zero."""
+
+    x: Finite = 2000.0
+    """m"""
+    y: Finite = 10_000.0
+    """m"""
+    vx: Finite = 0.0
+    """m/s"""
+    vy: Finite = -15.0
+    """m/s"""
+
+
+_STRAIGHT = ConstantVelocity(q=0.0)
+
+
+def _legs(*rows: tuple[float, float, float, float]) -> tuple[Leg, ...]:
+    return tuple(Leg(start=s, end=e, ax=ax, ay=ay) for s, e, ax, ay in rows)
+
+
+_FIRST = ((400.0, 600.0, 0.075, 0.075), (620.0, 670.0, -0.3, 0.3), (1000.0, 1200.0, -0.075, -0.075))
+PAPER: dict[str, tuple[Launch, tuple[Leg, ...]]] = {
+    "corrected": (
+        Launch(),
+        _legs(*_FIRST, (1205.0, 1255.0, 0.3, -0.3), (1455.0, 1655.0, 0.075, 0.075)),
+    ),
+    "as-printed": (
+        Launch(vx=-15.0, vy=0.0),
+        _legs(*_FIRST, (1205.0, 1255.0, -0.3, -0.3), (1455.0, 1700.0, 0.075, 0.075)),
+    ),
+}
+
+
+@register("scenarios", "maneuver")
+@dataclass(frozen=True, kw_only=True)
+class Maneuver:
+    """A target that flies straight but for legs of constant acceleration, seen by its position.
+
+    Tang, Sun & Liu, adaptive Kalman filter paper, section 4. The truth is the same in every run, only
+    the measurement noise differs. The first two measurements give every filter its prior, by
+    differencing (the paper does not say how a filter starts): x = z_1, v = (z_1 - z_0) / T.
+    """
+
+    T: Positive = 1.0
+    """sampling time, s"""
+    duration: Positive = 1700.0
+    """time of the last measurement, s"""
+    truth: Literal["corrected", "as-printed"] = "corrected"
+    """the paper's own track, with its misprints corrected or not; used where legs are not given"""
+    launch: Launch | None = None
+    """position and velocity at time zero; default: the paper's"""
+    legs: tuple[Leg, ...] | None = None
+    """turns, in order, no two at once; default: the paper's five; [] is straight flight"""
+    sigma: Positive = 100.0
+    """standard deviation of a measured position, per axis, m"""
+    motion: ConstantVelocity = _STRAIGHT
+    """what a filter without a motion of its own assumes"""
+    score_from: NonNegative = 20.0
+    """errors count from this time, s; the paper's detector starts with the twentieth sample"""
+    settle: NonNegative = 100.0
+    """time after a turn that is neither turn nor quiet, s"""
+    lost_beyond: Positive | None = None
+    """error beyond which a run counts as lost, m; default: none, so that divergence is seen"""
+
+    def __post_init__(self) -> None:
+        _check_legs(self.turns, self.duration)
+        if self.duration < 3 * self.T:
+            raise MistakenKeyError(f"{self.duration:g} s hold fewer than three samples", "duration")
+        if self.score_from >= self.duration:
+            raise MistakenKeyError(f"no sample after {self.score_from:g} s", "score_from")
+
+    @property
+    def turns(self) -> tuple[Leg, ...]:
+        """The legs that are flown."""
+        return PAPER[self.truth][1] if self.legs is None else self.legs
+
+    @property
+    def model(self) -> Model:
+        """Constant velocity, and the sensor."""
+        return Model(self.motion.sampled(self.T), PositionSensor(self.sigma))
+
+    @property
+    def steps(self) -> Index:
+        """From the second measurement (the prior's) to the last."""
+        return np.arange(1, int(round(self.duration / self.T, 9)) + 1)
+
+    @property
+    def times(self) -> Array:
+        """Sampling times, s."""
+        return np.asarray(self.steps * self.T, dtype=float)
+
+    @property
+    def windows(self) -> dict[str, Mask]:
+        """All that is scored; ``turns``, each ``leg n``, and ``quiet``: settled straight flight."""
+        scored, inside = self.times >= self.score_from, self._inside
+        out = {"": scored}
+        if self.turns:
+            out["turns"] = scored & inside.any(axis=0)
+        out |= {f"leg {n}": scored & during for n, during in enumerate(inside, 1)}
+        out["quiet"] = scored & self._quiet
+        return {name: mask for name, mask in out.items() if mask.any()}
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end of each turn, s: what a figure shades."""
+        return [(leg.start, leg.end) for leg in self.turns]
+
+    @property
+    def _inside(self) -> Mask:
+        t = self.times
+        during = [(t > leg.start) & (t <= leg.end) for leg in self.turns]
+        return np.array(during, dtype=np.bool_).reshape(len(during), len(t))
+
+    @property
+    def _quiet(self) -> Mask:
+        t, quiet = self.times, np.ones(len(self.times), dtype=np.bool_)
+        for leg in self.turns:
+            quiet &= (t <= leg.start) | (t > leg.end + self.settle)
+        return quiet
+
+    def path(self, t: Array) -> Array:
+        """Exact state (4, len(t)) at times t: each leg adds its acceleration's two integrals."""
+        start = self.launch or PAPER[self.truth][0]
+        px, py = start.x + start.vx * t, start.y + start.vy * t
+        vx, vy = np.full_like(t, start.vx), np.full_like(t, start.vy)
+        for leg in self.turns:
+            since, after = np.maximum(t - leg.start, 0.0), np.maximum(t - leg.end, 0.0)
+            speed, distance = since - after, (since**2 - after**2) / 2
+            px, py = px + leg.ax * distance, py + leg.ay * distance
+            vx, vy = vx + leg.ax * speed, vy + leg.ay * speed
+        return np.stack([px, vx, py, vy])
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Noisy positions along the path; the prior by two-point differencing."""
+        path = self.path(np.concatenate([[0.0], self.times]))
+        noise = rng.standard_normal((2, path.shape[1], runs))
+        z = path[[0, 2], :, None] + self.sigma * noise
+        velocity = (z[:, 1] - z[:, 0]) / self.T
+        mean = np.stack([z[0, 1], velocity[0], z[1, 1], velocity[1]])
+        axis = self.sigma**2 * np.array([[1.0, 1.0 / self.T], [1.0 / self.T, 2.0 / self.T**2]])
+        prior = Gaussian(mean, np.asarray(np.kron(np.eye(2), axis), dtype=float))
+        truth = np.broadcast_to(path[:, 1:, None], (4, len(self.steps), runs))
+        return Simulation(truth, z[:, 2:], prior)
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Vectors of position (m) and velocity (m/s), and the position's two components."""
+        e = mean - truth
+        return {"position": e[[0, 2]], "velocity": e[[1, 3]], "x": e[:1], "y": e[2:3]}
+
+    def run_metrics(self, values: dict[str, Array]) -> dict[str, Array]:
+        """Peak position error, and how a filter that switches meets the onsets of the turns."""
+        scored = self.times >= self.score_from
+        out = {"peak_position": np.sqrt(values["squared_position"][scored].max(axis=0))}
+        if "mode" in values:
+            onsets = Onsets(self.times, self._inside, scored & self._quiet)
+            out |= onsets.metrics(values["mode"], values.get("alarm"))
+        return out
+
+
+def _check_legs(legs: tuple[Leg, ...], duration: float) -> None:
+    for n, leg in enumerate(legs):
+        if leg.end <= leg.start:
+            raise MistakenKeyError(f"leg {n + 1} ends before it starts", "legs", n, "end")
+        if leg.end > duration:
+            what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {duration:g} s"
+            raise MistakenKeyError(what, "legs", n, "end")
+        if n and leg.start < legs[n - 1].end:
+            what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
+            raise MistakenKeyError(what, "legs", n, "start")
