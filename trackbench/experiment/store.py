@@ -104,7 +104,7 @@ def digests(folder: Path) -> dict[str, str]:
                 found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif packed.is_file():
             with gzip.open(packed) as unpacked:
-                found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()  # type: ignore[arg-type]
+                found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()
     return found
 
 
