@@ -5,7 +5,7 @@ class attribute: ``not_kalman = "looks at no measurement"``.
 """
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -121,14 +121,19 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
     return {kind: check_filter(cls) for kind, cls in own.items()}
 
 
-def check_filter(cls: type[Any]) -> list[Finding]:
-    """Hold a filter class, with its default keys, against the contract."""
+def check_filter(
+    cls: type[Any], tracker: Any = None, scenarios: Sequence[Any] = ()
+) -> list[Finding]:
+    """Hold a filter class against the contract: with its default keys, or as it is given.
+
+    ``scenarios`` are further ones to run it on, if it does not run on the linear one.
+    """
     try:
-        tracker = _made(cls)
+        tracker = _made(cls) if tracker is None else tracker
     except BrokenError as error:
         return [Finding("can be made without any key", "bad", str(error))]
     found = [Finding("can be made without any key", "good")]
-    scenario, why_not = _playground(tracker)
+    scenario, why_not = _playground(tracker, scenarios)
     if scenario is None:
         return [*found, Finding("everything else", "left out", why_not)]
     checks: dict[str, Callable[[Any, Any], None]] = {
@@ -183,10 +188,10 @@ def _has_default(field: Any) -> bool:
     return field.default is not MISSING or field.default_factory is not MISSING
 
 
-def _playground(tracker: Any) -> tuple[Any, str]:
+def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
-    for scenario in (Linear(), Merwe(T=8, R=0.1)):
+    for scenario in (Linear(), Merwe(T=8, R=0.1), *scenarios):
         lacking = [n for n in getattr(tracker, "needs", ()) if not has(scenario.model, n)]
         conflicts = getattr(tracker, "conflicts", None)
         mistakes = list(conflicts(scenario).values()) if conflicts and not lacking else []

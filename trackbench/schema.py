@@ -55,14 +55,29 @@ def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
         _replace(properties, key, {"$ref": _ref(part)})
         own["required"] = [*own.get("required", []), key]
     if getattr(cls, "presets", None):
+        # A preset may give any key, and a key of a mapping in it may be changed alone.
+        own, inner = _without_required(own), _without_required(inner)
+        properties = own["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
     own["properties"] = {"kind": {"const": kind}, **properties}
-    preset = {key for keys in getattr(cls, "presets", {}).values() for key in keys}
-    own["required"] = ["kind", *(key for key in own.get("required", []) if key not in preset)]
+    own["required"] = ["kind", *own.get("required", [])]
     own["title"] = kind
     own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     return {name: own, **inner}
+
+
+def _without_required(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_without_required(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    renamed = {"oneOf": "anyOf"}  # without a required kind, several may fit
+    return {
+        renamed.get(key, key): _without_required(part)
+        for key, part in schema.items()
+        if key not in ("required", "discriminator") or not isinstance(part, list | dict)
+    }
 
 
 def _replace(properties: dict[str, Any], key: str, by: dict[str, Any]) -> None:

@@ -49,7 +49,7 @@ def run_changes(results: Results, runs: int) -> list[str]:
     runs = min(runs, results.config["runs"])
     with tempfile.TemporaryDirectory() as temporary:
         again = Path(temporary) / "again"
-        options = api.Options(runs=runs, out=again, quiet=True, formats=())
+        options = api.Options(runs=runs, out=again, fresh=True, quiet=True, formats=())
         api.run(folder / "config.yaml", options)
         now = _rows(Results(again), runs)
     stored = _rows(results, runs)

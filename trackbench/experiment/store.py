@@ -103,7 +103,8 @@ def digests(folder: Path) -> dict[str, str]:
             with path.open("rb") as file:
                 found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif packed.is_file():
-            found[name] = hashlib.sha256(gzip.decompress(packed.read_bytes())).hexdigest()
+            with gzip.open(packed) as unpacked:
+                found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()
     return found
 
 

@@ -57,7 +57,11 @@ class Sweep:
         own = [
             label
             for label in self.results.labels
-            if any(path.startswith(f"filters.{label}.") for path in self.paths)
+            if any(
+                part.startswith(f"filters.{label}.")
+                for path in self.paths
+                for part in path.split(" & ")
+            )
         ]
         return own or self.results.labels
 

@@ -1,0 +1,77 @@
+"""From Python: the same code path as the command line."""
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+import trackbench
+from tests.test_cli import trackbench as command
+from trackbench import registry
+from trackbench.experiment.problems import UserError
+
+CONFIG = """
+name: a
+runs: 8
+block: 2
+scenario: {kind: merwe, T: 5}
+filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "a.yaml").write_text(CONFIG)
+    return tmp_path / "a.yaml"
+
+
+def test_run_and_load(config: Path, tmp_path: Path) -> None:
+    report = trackbench.run(config, runs=6, workers=2, out=tmp_path / "api", quiet=True)
+    assert set(report.per_run["filter"]) == {"PF", "UKF"}
+    assert report.per_run["run"].max() == 5
+    loaded = trackbench.load(tmp_path / "api")
+    assert loaded.summary.equals(report.summary)
+    done = command("run", "a.yaml", "--runs", "6", "--out", "cli", cwd=tmp_path)
+    assert done.returncode == 0
+    for name in ("per_run.csv", "per_step.csv", "summary.csv"):
+        assert (tmp_path / "cli" / name).read_bytes() == (tmp_path / "api" / name).read_bytes()
+
+
+def test_load_of_something_else(tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        trackbench.load(tmp_path)
+
+
+def test_there_is_nothing_else() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'walk'"):
+        _ = trackbench.walk
+
+
+def test_a_script_without_its_guard_is_told_so(config: Path, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text("import trackbench\ntrackbench.run('a.yaml', workers=2, fresh=True)\n")
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert 'put the call under `if __name__ == "__main__":`' in done.stderr
+
+
+def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "my_package.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from trackbench.filters.kalman import UKF\n"
+        "from trackbench.registry import register\n\n\n"
+        '@register("filters", "from-a-package")\n'
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Mine(UKF):\n"
+        '    """The UKF again."""\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    entry = EntryPoint("from-a-package", "my_package", "trackbench.filters")
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [entry] if "filters" in group else []
+    )
+    monkeypatch.setattr(registry, "_scanned", set())
+    assert "from-a-package" in registry.kinds("filters")
