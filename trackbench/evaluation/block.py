@@ -15,6 +15,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.evaluation.derived import derived
 from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
@@ -122,7 +123,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     scenario, tracker = task.scenario, task.filter
     model, rng = scenario.model, block_stream(task.seed, task.index)
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
-    mean, nees, cov, noted = [], [], [], []
+    mean, nees, cov, noted, others = [], [], [], [], []
     clock = _Clock()
     with clock:
         state = tracker.init(model, data.prior, rng)
@@ -135,13 +136,15 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
             noted.append(note(state))
         mean.append(found.mean)
         nees.append(linalg.mahalanobis(found.mean - data.truth[:, i], found.cov))
+        others.append(derived(scenario, tracker, state, found, data.truth[:, i]))
         if covariances:
             every = np.broadcast_to(
                 with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
             )
             cov.append(every[..., :covariances])
     kept = np.stack(cov, axis=2) if cov else None
-    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, _stacked(noted), clock.cpu_s)
+    notes = _stacked(noted) | {name: np.stack([o[name] for o in others]) for name in others[0]}
+    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, notes, clock.cpu_s)
 
 
 class _Clock:

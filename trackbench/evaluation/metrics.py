@@ -69,7 +69,9 @@ def per_run_metrics(
                 out[joined("distance", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
             elif name in counts:
                 out[name + suffix] = np.nansum(rows[mask], axis=0)
-            elif head != "error":
+            elif head == "error":
+                out[joined("bias", quantity) + suffix] = _mean(rows[mask])
+            else:
                 out[name + suffix] = _mean(rows[mask])
     more = getattr(scenario, "run_metrics", None)
     out |= more(values) if more else {}

@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 
 import trackbench
+from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.summary import step_rows, summary_rows
@@ -126,12 +127,12 @@ def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
 
 def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
     steps, times = scenario.steps.tolist(), scenario.times.tolist()
-    for row in step_rows(result, len(scenario.model.motion.components)):
+    for row in step_rows(result, sizes(scenario)):
         yield steps[row.position], times[row.position], *_plain(row[1:])
 
 
 def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    for row in summary_rows(result, len(scenario.model.motion.components)):
+    for row in summary_rows(result, sizes(scenario), scenario.windows):
         yield _plain(row)
 
 
