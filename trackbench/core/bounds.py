@@ -8,9 +8,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array
 
 
-def posterior_cramer_rao(
-    initial: Array, F: Array, Q: Array, information: Iterable[Array]
-) -> Array:
+def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
     """Lower bounds (n, n, T + 1) on the mean squared error matrix at the start and at each step.
 
     ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]`` for a linear motion with Gaussian noise (their

@@ -68,9 +68,7 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     square = where.r**2 + where.range_variance
     even = 0.5 * (square * np.expm1(s) + np.exp(s) * v)
     odd = 0.5 * (square * np.expm1(-s) + np.exp(-s) * v) * np.exp(-2.0 * where.azimuth_variance)
-    return Gaussian(
-        position(np.exp(0.5 * s) * z.r, z.a), rotated(even + odd, even - odd, where.a)
-    )
+    return Gaussian(position(np.exp(0.5 * s) * z.r, z.a), rotated(even + odd, even - odd, where.a))
 
 
 def position(r: Array, a: Array) -> Array:

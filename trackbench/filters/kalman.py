@@ -25,7 +25,9 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _KalmanFilter:
+class GaussianFilter:
+    """Keys and hooks shared by the filters that carry one Gaussian."""
+
     Q: Positive | None = None
     """process noise variance assumed on every component; default: the model's"""
     R: Positive | None = None
@@ -68,7 +70,7 @@ class _KalmanFilter:
 
 @register("filters", "ekf")
 @dataclass(frozen=True, kw_only=True)
-class EKF(_KalmanFilter):
+class EKF(GaussianFilter):
     """Extended Kalman filter: first-order linearisation at the mean (Anderson & Moore 1979)."""
 
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
@@ -84,7 +86,7 @@ class EKF(_KalmanFilter):
 
 @register("filters", "ukf")
 @dataclass(frozen=True, kw_only=True)
-class UKF(_KalmanFilter):
+class UKF(GaussianFilter):
     """Unscented Kalman filter with noise-augmented sigma points.
 
     Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3.2.

@@ -47,7 +47,7 @@ class TwoPoint:
         return self.mean
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Two-point differencing of converted measurements (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3)."""
+        """Two-point differencing of converted scans (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3)."""
         one = convert(conversion, self.sensor.reading(self.first))
         two = convert(conversion, self.sensor.reading(self.second))
         n, runs = 4, self.first.shape[1]

@@ -56,9 +56,7 @@ class Banana:
     def __post_init__(self) -> None:
         first, last = self._window
         if not 2 <= first <= last <= self.scans:
-            raise ValueError(
-                f"rmse_window [{first}, {last}] is not within scans 2 to {self.scans}"
-            )
+            raise ValueError(f"rmse_window [{first}, {last}] is not within scans 2 to {self.scans}")
 
     @property
     def _window(self) -> tuple[int, int]:
@@ -85,7 +83,7 @@ class Banana:
     @property
     def times(self) -> Array:
         """Time since the first scan, s."""
-        return (self.steps - 1) * self.T
+        return np.asarray((self.steps - 1) * self.T)
 
     @property
     def windows(self) -> dict[str, Mask]:
