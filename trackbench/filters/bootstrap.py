@@ -20,17 +20,23 @@ from trackbench.registry import register
 
 
 class Cloud(NamedTuple):
-    """Particles to go on from; those of the estimate, with it; runs without weight; steps done."""
+    """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
+
+    ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does.
+    """
 
     particles: Particles
     weighted: Particles
     estimate: Gaussian
     dead: Mask
     age: int
+    P: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ParticleFilter:
+class ParticleFilter:
+    """Keys and hooks shared by the filters that carry a cloud."""
+
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
     resampling: Scheme = "systematic"
@@ -75,7 +81,7 @@ class _ParticleFilter:
 
 @register("filters", "pf")
 @dataclass(frozen=True, kw_only=True)
-class PF(_ParticleFilter):
+class PF(ParticleFilter):
     """Bootstrap (SIR) particle filter: prior proposal, weights from the likelihood.
 
     Gordon, Salmond & Smith 1993; hdepf paper, eqs. 6-8.
@@ -112,7 +118,7 @@ class PF(_ParticleFilter):
 
 @register("filters", "rpf")
 @dataclass(frozen=True, kw_only=True)
-class RPF(_ParticleFilter):
+class RPF(ParticleFilter):
     """Regularised particle filter: resamples from a kernel density of the posterior.
 
     Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
@@ -136,7 +142,7 @@ class RPF(_ParticleFilter):
 
 @register("filters", "apf")
 @dataclass(frozen=True, kw_only=True)
-class APF(_ParticleFilter):
+class APF(ParticleFilter):
     """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
 
     Pitt & Shephard 1999.

@@ -73,6 +73,11 @@ class TwoPoint:
         one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
         return position(*one), position(*two)
 
+    def azimuths(self, scan: Array, rng: Streams, *trailing: int) -> Array:
+        """Draws (M, *trailing) of the azimuth at a scan (2, M), not wrapped."""
+        noise = rng.standard_normal((scan.shape[1], *trailing))
+        return with_trailing(scan[1], noise.ndim, leading=0) + self.sensor.sigma_azimuth * noise
+
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
         """Draws of (range, azimuth) given a scan (2, M)."""
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
