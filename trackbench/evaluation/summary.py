@@ -97,6 +97,23 @@ def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRo
                 yield StepRow(i, f"median({name})", *median(row), len(row))
 
 
+def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> Iterator[SummaryRow]:
+    """A scenario's lower bounds on every RMSE (T + 1,), over each window as `summary_rows` has them."""
+    for window, mask in windows.items():
+        for quantity, bound in bounds.items():
+            metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
+            rms = float(np.sqrt(np.square(bound[mask]).mean()))
+            yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
+            yield SummaryRow(f"time-mean({metric})", float(bound[mask].mean()), float("nan"), 0, 0)
+
+
+def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
+    """A scenario's lower bounds at every step, as `step_rows` has the RMSE."""
+    for quantity, bound in bounds.items():
+        for i, value in enumerate(bound.tolist()):
+            yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+
+
 def _step_metrics(
     head: str,
     quantity: str,

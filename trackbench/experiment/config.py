@@ -48,6 +48,8 @@ class Settings:
     """filters by label, each like the scenario"""
     reference: Label | None = None
     """label of the filter whose estimates the others' distances are measured to"""
+    bound: Label | None = None
+    """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
@@ -147,6 +149,9 @@ def _point(
     filters = {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
     if scenario is None:
         return None
+    if source.data.get("bound") is not None and not hasattr(scenario, "bounds"):
+        what = f"scenario {scenario.kind} has no lower bounds"
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
     for label, tracker in filters.items():
         if tracker is not None:
             _check_fit(source, ("filters", label), tracker, scenario, problems)
@@ -233,6 +238,9 @@ def _labels(
     for label in only or []:
         if label not in known:
             problems.append(Problem(Mark(f"--only {label}"), "", unknown(label, known)))
+    if settings.bound in known:
+        what = f"{settings.bound!r} is already the label of a filter"
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
     if settings.reference is not None and settings.reference not in known:
         what = f"{settings.reference!r} is not a filter here; {unknown(settings.reference, known)}"
         problems.append(Problem(source.mark(("reference",)), "reference", what))
@@ -285,7 +293,7 @@ def _check_named_filters(
     for name, part in parts.items():
         group = "tables" if name in settings.tables else "figures"
         for i, label in enumerate(getattr(part, "filters", None) or ()):
-            if label not in settings.filters:
+            if label not in (*settings.filters, settings.bound):
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(where), dotted(where), what))

@@ -21,7 +21,13 @@ import trackbench
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.statistics import mean
-from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.evaluation.summary import (
+    StepRow,
+    bound_steps,
+    bound_summary,
+    step_rows,
+    summary_rows,
+)
 from trackbench.experiment.config import Experiment
 from trackbench.experiment.runner import Outcome
 
@@ -50,7 +56,8 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
         "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
     }
     for name, (header, rows) in frames.items():
-        write_csv(folder / name, paths + header, _by_filter(experiment, outcome, rows))
+        every = [*_by_filter(experiment, outcome, rows), *_bounds(experiment, name)]
+        write_csv(folder / name, paths + header, every)
     _write_tracks(folder / "shown.npz", experiment, outcome, only=experiment.shown_runs)
     if tracks:
         _write_tracks(folder / "tracks.npz", experiment, outcome, only=None)
@@ -119,6 +126,25 @@ def _by_filter(experiment: Experiment, outcome: Outcome, rows: Any) -> Iterator[
             yield [*prefix, *row]
 
 
+def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
+    """The scenario's own lower bounds, as if of one more filter."""
+    label = experiment.settings.bound
+    for point in experiment.points if label else []:
+        scenario: Any = point.scenario
+        prefix = [*point.values.values(), label]
+        if name == "summary.csv":
+            for summary in bound_summary(scenario.bounds(), scenario.windows):
+                yield [*prefix, *summary]
+        if name == "per_step.csv":
+            for step in bound_steps(scenario.bounds()):
+                yield [*prefix, *_timed(step, scenario)]
+
+
+def _timed(row: StepRow, scenario: Any) -> Row:
+    k, t = scenario.steps[row.position], scenario.times[row.position]
+    return _plain([k, t, *row[1:]])
+
+
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
     for metric, values in result.per_run.items():
         for run, value in enumerate(values.tolist()):
@@ -126,9 +152,8 @@ def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
 
 
 def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    steps, times = scenario.steps.tolist(), scenario.times.tolist()
     for row in step_rows(result, sizes(scenario)):
-        yield steps[row.position], times[row.position], *_plain(row[1:])
+        yield _timed(row, scenario)
 
 
 def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
