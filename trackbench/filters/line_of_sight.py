@@ -57,7 +57,7 @@ class LineOfSight(ParticleFilter):
         sensor, age = model.sensor, state.age + 1
         x, P = _moved(model.motion, state, rng)
         r, a = sensor.polar(x)
-        K, S, P = _corrected(P, sensor.sigma_range**2, np.isnan(z).any(axis=0))
+        K, S, P = _corrected(P, sensor.sigma_range**2, np.isnan(z[0] + z[1]))
         nu_r = np.nan_to_num(z[0])[:, None] - r
         nu_a = wrapped(z[1][:, None] - a)
         log_lik = np.square(nu_r) / S[:, None] + np.square(nu_a / sensor.sigma_azimuth)
@@ -119,15 +119,18 @@ def _corrected(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, 
 
 
 def _mixture(cloud: Particles, P: Array) -> Gaussian:
-    """Moments of the particles with the covariance P along each one's line of sight."""
+    """Moments of the particles with the covariance P along the mean line of sight.
+
+    That the particles' own lines differ turns P by their spread of angle, which moves the covariance by
+    less than sigma_range^2 / r^2 of what the cloud itself has across.
+    """
     moments = cloud.moments()
-    mean, cov = moments.mean, moments.cov
-    u = cloud.x[0::2] / np.sqrt(np.square(cloud.x[0::2]).sum(axis=0))
+    u = moments.mean[0::2] / np.sqrt(np.square(moments.mean[0::2]).sum(axis=0))
+    cov = moments.cov.copy()
     for i in range(2):
         for j in range(2):
-            spread = np.einsum("mn,mn,mn->m", cloud.w, u[i], u[j])
-            cov[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] += spread * P
-    return Gaussian(mean, cov)
+            cov[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] += u[i] * u[j] * P
+    return Gaussian(moments.mean, cov)
 
 
 def _to_frame(sensor: Any, x: Array) -> Array:
