@@ -43,8 +43,9 @@ def select(values: Array, index: Index) -> Array:
 def systematic(w: Array, rng: Streams, size: int) -> Index:
     """One uniform per run: offspring i is the number of j with C_{i-1} < (j + u) / size <= C_i.
 
-    That is ``floor(size C_i + 1 - u)`` less the same for i - 1, in fixed-point integers: their cumulative
-    sum over all runs laid end to end is one pass, four times as fast as float sums row by row.
+    That is ``floor(size C_i + 1 - u)`` less the same for i - 1, in fixed-point integers:
+    their cumulative sum over all runs laid end to end is one pass, four times as fast as float sums row
+    by row.
     """
     runs, N = w.shape
     u = rng.random((runs, 1))

@@ -89,6 +89,11 @@ class Experiment:
         """How many runs' whole tracks the figures need."""
         return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
 
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether a figure needs those tracks' covariances too."""
+        return any(getattr(f, "shown_covariances", False) for f in self.figures.values())
+
 
 def load(
     path: Path,

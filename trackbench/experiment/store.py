@@ -173,7 +173,7 @@ def _plain(row: Row) -> list[Any]:
 
 
 def _write_tracks(path: Path, experiment: Experiment, outcome: Outcome, only: int | None) -> None:
-    """``truth``, ``measurements``, ``mean/<filter>`` and, for all runs, ``cov/<filter>``."""
+    """``truth``, ``measurements``, ``mean/<filter>`` and, if kept, ``cov/<filter>``."""
     arrays: dict[str, Any] = {}
     for (i, label), result in outcome.results.items():
         if result.tracks is None:
@@ -185,8 +185,8 @@ def _write_tracks(path: Path, experiment: Experiment, outcome: Outcome, only: in
         arrays[f"{point}truth"] = truth[..., :only]
         arrays[f"{point}measurements"] = seen[..., :only]
         arrays[f"{point}mean/{label}"] = mean_[..., :only]
-        if only is None and cov is not None:
-            arrays[f"{point}cov/{label}"] = cov
+        if cov is not None:
+            arrays[f"{point}cov/{label}"] = cov[..., :only]
     if arrays:
         out = io.BytesIO()
         np.savez_compressed(out, **arrays)
