@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
-from trackbench.keys import Count, Finite, Positive
+from trackbench.keys import Count, Positive
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.results import Results
@@ -62,8 +62,8 @@ class Banana:
             for i, conversion in enumerate(self.conversions):
                 self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
             ax.set_title(f"{range_km:g} km")
-            ax.set_xlabel("Across the line of sight (km)")
-            ax.locator_params(axis="x", nbins=5)
+            ax.locator_params(axis="x", nbins=4)
+        figure.supxlabel("Across the line of sight (km)", fontsize=9)
         axes[0][0].set_ylabel("Along it, less the range (m)")
         if self.title:
             figure.suptitle(self.title, fontsize=9)
@@ -92,7 +92,7 @@ class Posterior:
     """number of the step, as the horizontal axes of other figures count it"""
     point: Count = 1
     """number of the grid's point, from 1"""
-    half_width_m: Finite = 20.0
+    half_height_m: Positive = 20.0
     """half the height of the panel, m"""
 
     @property
@@ -128,7 +128,7 @@ class Posterior:
             ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
-        ax.set_ylim(-self.half_width_m, self.half_width_m)
+        ax.set_ylim(-self.half_height_m, self.half_height_m)
         ax.set_title(self.title)
         style.legend_outside(figure, ax)
         return figure

@@ -105,14 +105,14 @@ class Dots:
         """A column of panels per metric."""
         points = results.points()
         labels = [b for b in results.labels if self.filters is None or b in self.filters]
-        height = (0.5 + 0.2 * len(labels)) * len(points) + 0.4
+        height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
         for row, point in zip(axes, points, strict=True):
             frame = results.at(results.summary, point)
             where = ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items())
-            row[0].set_ylabel(where.replace(" = ", "\n= "))
+            row[len(row) // 2].set_title(where)
             for ax, metric in zip(row, self.columns.values(), strict=True):
                 found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
                 for i, label in enumerate(labels):
@@ -121,7 +121,7 @@ class Dots:
                     ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
                 if metric in self.expected:
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)
-                ax.locator_params(axis="x", nbins=4)
+                ax.locator_params(axis="x", nbins=2)
             row[0].set_yticks(range(len(labels)), labels)
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
