@@ -12,10 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
-from trackbench.evaluation.derived import derived
+from trackbench.evaluation.derived import derived, normalised_error
 from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
@@ -135,7 +134,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
                 found = tracker.estimate(state)
             noted.append(note(state))
         mean.append(found.mean)
-        nees.append(linalg.mahalanobis(found.mean - data.truth[:, i], found.cov))
+        nees.append(normalised_error(found, data.truth[:, i]))
         others.append(derived(scenario, tracker, state, found, data.truth[:, i]))
         if covariances:
             every = np.broadcast_to(

@@ -22,9 +22,8 @@ def derived(
     out: dict[str, Array] = {}
     for name, part in marginals(scenario).items():
         at = list(part)
-        out[f"nees_{name}"] = linalg.mahalanobis(
-            found.mean[at] - truth[at], found.cov[np.ix_(at, at)]
-        )
+        part_found = Gaussian(found.mean[at], found.cov[np.ix_(at, at)])
+        out[f"nees_{name}"] = normalised_error(part_found, truth[at])
     observables = getattr(scenario, "observables", None)
     expectation = getattr(tracker, "expectation", None)
     if observables is not None and expectation is not None:
@@ -33,6 +32,16 @@ def derived(
             error = value - exact[name]
             out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
     return out
+
+
+def normalised_error(found: Gaussian, truth: Array) -> Array:
+    """Normalised estimation error squared (M,).
+
+    Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
+    """
+    nees = linalg.mahalanobis(found.mean - truth, found.cov)
+    known = np.isfinite(found.mean).all(axis=0) & np.isfinite(found.cov).all(axis=(0, 1))
+    return np.where(np.isnan(nees) & known, np.inf, nees)
 
 
 def marginals(scenario: Scenario) -> dict[str, tuple[int, ...]]:

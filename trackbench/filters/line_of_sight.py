@@ -56,13 +56,16 @@ class LineOfSight(ParticleFilter):
         """Move across the line of sight, weight by both components, correct along it, resample."""
         sensor, age = model.sensor, state.age + 1
         x, P = _moved(model.motion, state, rng)
+        missing = np.isnan(z[0] + z[1])
         r, a = sensor.polar(x)
-        K, S, P = _corrected(P, sensor.sigma_range**2, np.isnan(z[0] + z[1]))
-        nu_r = np.nan_to_num(z[0])[:, None] - r
-        nu_a = wrapped(z[1][:, None] - a)
-        log_lik = np.square(nu_r) / S[:, None] + np.square(nu_a / sensor.sigma_azimuth)
-        log_lik = np.where(np.isnan(nu_a), 0.0, -0.5 * log_lik)
-        w, dead = particles.normalise(log_lik + np.log(state.particles.w))
+        K, S, P = _corrected(P, sensor.sigma_range**2, missing)
+        nu_r = z[0][:, None] - r
+        log_w = np.log(state.particles.w)
+        log_w -= np.square(nu_r) * (0.5 / S)[:, None]
+        log_w -= np.square(wrapped(z[1][:, None] - a)) * (0.5 / sensor.sigma_azimuth**2)
+        if missing.any():
+            nu_r[missing], log_w[missing] = 0.0, np.log(state.particles.w[missing])
+        w, dead = particles.normalise(log_w)
         along = nu_r / r
         for axis in (0, 2):
             u = along * x[axis]

@@ -41,6 +41,8 @@ class Anees(Curves):
             band = anees_band(self.n_x, int(frame["runs"].max()), self.level)
             name = f"{100 * self.level:g} % band"
             ax.axhspan(*band, label=name, color="black", alpha=0.15, linewidth=0)
+            if not self.log:
+                ax.set_ylim(bottom=0)
         style.legend_outside(figure, [ax for ax, _ in panels])
         return figure
 
