@@ -46,6 +46,15 @@ class GaussianSum:
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
+    def __post_init__(self) -> None:
+        if self._width >= 1.0:
+            raise ValueError(f"split = {self.split} over +-{self.span} is coarser than the azimuth")
+
+    @property
+    def _width(self) -> float:
+        """Standard deviation of a component, and distance to the next, in the azimuth's."""
+        return 2.0 * self.span / (self.split - 1)
+
     @property
     def N(self) -> int:
         """Components at the start: what a block's width follows from."""
@@ -56,11 +65,7 @@ class GaussianSum:
         assert isinstance(prior, TwoPoint)
         s, runs = model.sensor.sigma_azimuth, prior.first.shape[1]
         nodes = np.linspace(-self.span, self.span, self.split)
-        width = nodes[1] - nodes[0]
-        if width >= 1.0:
-            raise ValueError(
-                f"{self.split} components over +-{self.span} are wider than the azimuth"
-            )
+        width = self._width
         log_w = -0.5 * np.square(nodes) / (1.0 - width**2)  # the mixture has the azimuth's variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         narrow = RangeAzimuth(model.sensor.sigma_range, width * s)
