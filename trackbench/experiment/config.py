@@ -304,7 +304,7 @@ def _check_named_filters(
                 problems.append(Problem(source.mark(where), dotted(where), what))
         for key in ("floor", "baseline"):
             label = getattr(part, key, None)
-            if label is not None and label not in settings.filters:
+            if label is not None and label not in (*settings.filters, settings.bound):
                 place = (group, name, key)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(place), dotted(place), what))

@@ -46,6 +46,8 @@ def _pairs(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pai
     found = []
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
+        if not both.any():  # a filter that does not estimate the quantity
+            continue
         difference = paired_difference(values[a][both], values[b][both])
         runs, z = int(both.sum()), z_score(difference)
         p = p_value(z, runs)
