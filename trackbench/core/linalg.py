@@ -68,6 +68,9 @@ def cholesky(P: Array) -> Array:
     scaling of their own.
     """
     n = P.shape[0]
+    if n == 1:
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(P)
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):

@@ -51,7 +51,9 @@ def systematic(w: Array, rng: Streams) -> Index:
     edges += start
     edges >>= _BITS
     edges[:, -1] = np.arange(N, runs * N + 1, N)
-    return np.diff(edges.ravel(), prepend=0).reshape(runs, N)
+    counts = edges.copy()
+    counts.ravel()[1:] -= edges.ravel()[:-1]
+    return counts
 
 
 def stratified(w: Array, rng: Streams) -> Index:
