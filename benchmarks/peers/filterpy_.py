@@ -3,7 +3,12 @@
 from typing import Any
 
 import numpy as np
-from filterpy.kalman import IMMEstimator, KalmanFilter
+from filterpy.kalman import (
+    IMMEstimator,
+    KalmanFilter,
+    MerweScaledSigmaPoints,
+    UnscentedKalmanFilter,
+)
 from filterpy.monte_carlo import systematic_resample
 
 from trackbench.core.arrays import Array
@@ -91,3 +96,55 @@ def imm(
             mixed.update(z[:, t, m])
             out[:, t, m] = mixed.x[:, 0]
     return out
+
+
+def merwe_upf(scenario: Merwe, z: Array, N: int) -> Array:
+    """Unscented particle filter, an `UnscentedKalmanFilter` per particle; z (1, T, M).
+
+    The gamma noise enters the prediction by its mean and variance; the weight is likelihood times
+    transition density over proposal density.
+    """
+    rng = np.random.default_rng(1)
+    s, out = scenario, np.empty_like(z)
+    mean, variance = s.gamma_shape / s.gamma_rate, s.gamma_shape / s.gamma_rate**2
+    for m in range(z.shape[2]):
+        ukfs = [_ukf(scenario, variance) for _ in range(N)]
+        x = np.full(N, s.x1)
+        for t, k in enumerate(s.steps[1:]):
+            drive = 1.0 + np.sin(s.w * np.pi * k)
+            old, log_w = x.copy(), np.empty(N)
+            for i, ukf in enumerate(ukfs):
+                ukf.x = np.array([old[i]])
+                ukf.predict(drive=drive + mean)
+                ukf.update(z[:, t, m], quadratic=k <= s.switch)
+                P = ukf.P[0, 0]
+                x[i] = ukf.x[0] + np.sqrt(P) * rng.standard_normal()
+                log_q = -0.5 * (x[i] - ukf.x[0]) ** 2 / P - 0.5 * np.log(P)
+                v = x[i] - drive - s.phi1 * old[i]
+                log_prior = (s.gamma_shape - 1) * np.log(v) - s.gamma_rate * v if v > 0 else -np.inf
+                h = s.phi2 * x[i] ** 2 if k <= s.switch else s.phi3 * x[i] - 2.0
+                log_w[i] = log_prior - 0.5 * (z[0, t, m] - h) ** 2 / s.R - log_q
+            top = log_w.max()
+            w = np.exp(log_w - top) if np.isfinite(top) else np.ones(N)
+            w /= w.sum()
+            out[0, t, m] = w @ x
+            chosen = systematic_resample(w)
+            x = x[chosen]
+            for ukf, P in zip(ukfs, [ukfs[i].P.copy() for i in chosen], strict=True):
+                ukf.P = P
+    return out
+
+
+def _ukf(scenario: Merwe, variance: float) -> Any:
+    s = scenario
+    ukf = UnscentedKalmanFilter(
+        dim_x=1,
+        dim_z=1,
+        dt=1.0,
+        fx=lambda x, dt, drive: drive + s.phi1 * x,
+        hx=lambda x, quadratic: s.phi2 * x**2 if quadratic else s.phi3 * x - 2.0,
+        points=MerweScaledSigmaPoints(1, alpha=1.0, beta=0.0, kappa=2.0),
+    )
+    ukf.Q, ukf.R = np.array([[variance]]), np.array([[s.R]])
+    ukf.P = np.zeros((1, 1)) + 1e-12
+    return ukf

@@ -144,7 +144,7 @@ class Gamma:
         log_norm = self.shape * np.log(self.rate) - lgamma(self.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = (self.shape - 1.0) * np.log(v) - self.rate * v + log_norm
-        return np.where(v > 0.0, inside, np.where(np.isnan(v), np.nan, -np.inf))
+        return np.where(v <= 0.0, -np.inf, inside)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ WeightReading = Literal["log", "naive", "floor"]
 
 _LOG_SMALLEST = float(np.log(5e-324))  # below it exp() is zero in float64
 _LOG_FLOOR = float(np.log(1e-99))
-_CLIP = -700.0  # exp() of less underflows, at six times the cost
+CLIP = -700.0  # exp() of less underflows, at six times the cost
 _SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
@@ -78,7 +78,7 @@ def normalise(log_w: Array) -> Weights:
     if dead.any():
         top = np.where(dead, 0.0, top)
     shifted = log_w - top[:, None]
-    np.maximum(shifted, _CLIP, out=shifted)
+    np.maximum(shifted, CLIP, out=shifted)
     w = np.exp(shifted, out=shifted)
     w *= 1.0 / np.einsum("mn->m", w)[:, None]
     return Weights(w, dead)
