@@ -51,9 +51,10 @@ def systematic(w: Array, rng: Streams) -> Index:
     edges += start
     edges >>= _BITS
     edges[:, -1] = np.arange(N, runs * N + 1, N)
-    counts = edges.copy()
-    counts.ravel()[1:] -= edges.ravel()[:-1]
-    return counts
+    counts, flat = np.empty(runs * N, dtype=np.intp), edges.ravel()
+    counts[0] = flat[0]
+    np.subtract(flat[1:], flat[:-1], out=counts[1:])
+    return counts.reshape(runs, N)
 
 
 def stratified(w: Array, rng: Streams) -> Index:
