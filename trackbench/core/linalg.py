@@ -1,13 +1,15 @@
 """Algebra of small matrices over trailing batch axes.
 
 Matrices are ``(n, m)`` (constant) or ``(n, m, *batch)``, vectors ``(n, *batch)``. Sums run over the few
-components in Python and over the batch in numpy. A constant matrix is applied without its zeros and
-ones, so ``F x`` of a constant-velocity model is two multiply-adds.
+components in Python and over the batch in numpy. A constant matrix is applied to a cloud without its
+zeros and ones, so ``F x`` of a constant-velocity model is two multiply-adds.
 """
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+
+_FEW = 32  # matrices; so few are factored faster one by one than component by component
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -71,6 +73,12 @@ def cholesky(P: Array) -> Array:
     if n == 1:
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
+    if P[0, 0].size <= _FEW:
+        try:
+            stacked = np.linalg.cholesky(np.moveaxis(P, (0, 1), (-2, -1)))
+            return np.asarray(np.moveaxis(stacked, (-2, -1), (0, 1)), dtype=float)
+        except np.linalg.LinAlgError:
+            pass  # one of them is not positive definite: find out which
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
@@ -98,12 +106,25 @@ def inverse(S: Array) -> Array:
     """``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
     if S.shape[0] == 1:
         return np.asarray(1.0 / S)
+    if S.shape[0] == 2:
+        return _inverse_of_two(S)
     n = S.shape[0]
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
     # L[:, :, None] lets every column of the identity be one more batch axis of the solve.
     L = cholesky(S)
     L_inverse = solve_lower(L[:, :, None], np.broadcast_to(eye, S.shape))
     return matmul(transpose(L_inverse), L_inverse)
+
+
+def _inverse_of_two(S: Array) -> Array:
+    """By Schur's complement of the first variance, which keeps the digits that a determinant loses."""
+    a, b = S[0, 0], S[1, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = b / a
+        rest = S[1, 1] - ratio * b
+        d = 1.0 / np.where((rest > 0.0) & (a > 0.0), rest, np.nan)
+    off = -ratio * d
+    return np.array([[1.0 / a - ratio * off, off], [off, d]])
 
 
 def mahalanobis(e: Array, P: Array) -> Array:
@@ -118,6 +139,8 @@ def log_determinant(P: Array) -> Array:
 
 
 def _constant_product(A: Array, B: Array) -> Array:
+    if B.ndim == 2:
+        return np.asarray(A @ B)
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A):
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
