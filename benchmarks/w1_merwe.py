@@ -67,10 +67,12 @@ def _many_runs() -> Workload:
         {
             "trackbench": ours(scenario, tracker, MANY),
             "trackbench with metrics": ours(scenario, tracker, MANY, whole=True),
+            "trackbench, block: 2000": ours(scenario, tracker, MANY, width=MANY),
             "floor": floor(10, MANY, steps(scenario), gammas=1),
         },
         bars=[
             Bar("trackbench", "floor", 3.0, at_most=True),
             Bar("trackbench with metrics", "floor", 3.0, at_most=True),
+            Bar("trackbench, block: 2000", "floor", 3.0, at_most=True),
         ],
     )

@@ -34,13 +34,11 @@ def _workload(runs: int) -> Workload:
     F, Q, R = sampled.F, sampled.Q, scenario.model.sensor.R
     work = Workload(
         f"W3 M={runs}",
-        f"Kalman filter, constant velocity, {runs} runs x {T} steps",
+        f"Kalman filter, constant velocity, {runs} runs in one block x {T} steps",
         "filter-step",
         {
-            "trackbench": ours(scenario, tracker, runs, width=min(runs, 500)),
-            "trackbench with metrics": ours(
-                scenario, tracker, runs, whole=True, width=min(runs, 500)
-            ),
+            "trackbench": ours(scenario, tracker, runs, width=runs),
+            "trackbench with metrics": ours(scenario, tracker, runs, whole=True, width=runs),
         },
         truth=seen.truth[:, 1:],
         position=POSITION,

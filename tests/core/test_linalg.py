@@ -81,3 +81,10 @@ def test_few_and_many_matrices_are_factored_alike(
     np.testing.assert_allclose(
         _stacked(inverse[..., good]), np.linalg.inv(_stacked(P[..., good])), rtol=1e-7, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_a_matrix_per_run_transforms_its_cloud(n: int, rng: np.random.Generator) -> None:
+    A, x = rng.standard_normal((n, n, 3)), rng.standard_normal((n, 3, 7))
+    expected = np.einsum("ijm,jmk->imk", A, x)
+    np.testing.assert_allclose(linalg.transform(A, x), expected, rtol=1e-12, atol=1e-14)

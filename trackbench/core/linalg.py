@@ -19,6 +19,15 @@ def matvec(A: Array, x: Array) -> Array:
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
 
 
+def transform(A: Array, x: Array) -> Array:
+    """``A x`` for a matrix per run A (n, n, M) and its whole cloud x (n, M, N); shape (n, M, N)."""
+    if len(A) == 1:
+        return np.asarray(A[0, :, :, None] * x)
+    out = np.empty_like(x)
+    np.matmul(A.transpose(2, 0, 1), x.transpose(1, 0, 2), out=out.transpose(1, 0, 2))
+    return out
+
+
 def matmul(A: Array, B: Array) -> Array:
     """``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if A.ndim == 2:
@@ -75,8 +84,9 @@ def cholesky(P: Array) -> Array:
             return np.sqrt(P)
     if P[0, 0].size <= _FEW:
         try:
-            stacked = np.linalg.cholesky(np.moveaxis(P, (0, 1), (-2, -1)))
-            return np.asarray(np.moveaxis(stacked, (-2, -1), (0, 1)), dtype=float)
+            batch = P.ndim - 2
+            stacked = np.linalg.cholesky(P.transpose(*range(2, P.ndim), 0, 1))
+            return np.asarray(stacked.transpose(batch, batch + 1, *range(batch)))
         except np.linalg.LinAlgError:
             pass  # one of them is not positive definite: find out which
     L = np.zeros_like(P)
@@ -97,8 +107,11 @@ def solve_lower(L: Array, b: Array) -> Array:
         return b * (1.0 / L[0])
     rows: list[Array] = []
     for i in range(L.shape[0]):
-        rest = b[i] - sum(L[i, j] * rows[j] for j in range(i)) if i else b[i]
-        rows.append(rest / L[i, i])
+        rest = b[i]
+        for j in range(i):
+            if L.ndim > 2 or L[i, j] != 0.0:
+                rest = rest - L[i, j] * rows[j]
+        rows.append(rest * (1.0 / L[i, i]))
     return np.stack(rows)
 
 

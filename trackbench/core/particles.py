@@ -27,7 +27,7 @@ class Particles(NamedTuple):
     @property
     def mean(self) -> Array:
         """Weighted mean (n, M)."""
-        return np.einsum("imn,mn->im", self.x, self.w)
+        return np.vecdot(self.x, self.w)
 
     def moments(self) -> Gaussian:
         """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
@@ -38,7 +38,7 @@ class Particles(NamedTuple):
         for i in range(n):
             weighted = e[i] * self.w
             for j in range(i + 1):
-                cov[i, j] = cov[j, i] = np.einsum("mn,mn->m", weighted, e[j])
+                cov[i, j] = cov[j, i] = np.vecdot(weighted, e[j])
         return Gaussian(mean, cov)
 
 
