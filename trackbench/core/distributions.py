@@ -117,11 +117,10 @@ class Gamma:
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
         """Variates of the given size; an integer shape is a sum of exponentials, twice as fast."""
         if self.shape <= 4 and self.shape == int(self.shape):
-            u = rng.random((int(self.shape), *size))
-            np.subtract(1.0, u, out=u)  # in (0, 1]: its logarithm is finite
-            product = u[0]
-            for row in u[1:]:
-                product *= row
+            product = 1.0 - rng.random(size)  # in (0, 1]: its logarithm is finite
+            for _ in range(int(self.shape) - 1):
+                u = rng.random(size)
+                product *= np.subtract(1.0, u, out=u)
             np.log(product, out=product)
             product *= -1.0 / self.rate
             return product
