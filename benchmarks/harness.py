@@ -70,7 +70,7 @@ class Workload:
 
 
 class Line(NamedTuple):
-    """An entrant's medians: seconds per unit of work, and the mean RMSE with its standard error."""
+    """An entrant's medians: seconds per unit of work, and the mean RMSE of the common runs."""
 
     name: str
     per_unit: float
@@ -96,10 +96,12 @@ def measure(workload: Workload, rounds: int) -> list[Line]:
     for _ in range(rounds + 1):
         for name, entrant in workload.entrants.items():
             seen[name].append(entrant())
-    return [_line(workload, name, outcomes) for name, outcomes in seen.items()]
+    means = [outcomes[-1].mean for outcomes in seen.values()]
+    common = min((mean.shape[-1] for mean in means if mean is not None), default=0)
+    return [_line(workload, name, outcomes, common) for name, outcomes in seen.items()]
 
 
-def _line(workload: Workload, name: str, outcomes: list[Outcome]) -> Line:
+def _line(workload: Workload, name: str, outcomes: list[Outcome], runs: int) -> Line:
     per_unit = [o.seconds / o.work for o in outcomes[1:]]
     quarters = statistics.quantiles(per_unit, n=4)
     median = statistics.median(per_unit)
@@ -107,8 +109,7 @@ def _line(workload: Workload, name: str, outcomes: list[Outcome]) -> Line:
     if mean is None or workload.truth is None:
         return Line(name, median, quarters[2] - quarters[0], np.nan, np.nan)
     at = list(workload.position)
-    runs = mean.shape[-1]
-    e = mean[at] - workload.truth[at][..., :runs]
+    e = (mean[at] - workload.truth[at][..., : mean.shape[-1]])[..., :runs]
     rmse = np.sqrt(np.square(e).sum(axis=0).mean(axis=0))
     stderr = rmse.std(ddof=1) / np.sqrt(runs)
     return Line(name, median, quarters[2] - quarters[0], float(rmse.mean()), float(stderr))
