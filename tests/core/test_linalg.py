@@ -61,3 +61,30 @@ def test_cholesky_keeps_its_digits_at_condition_1e10(rng: np.random.Generator) -
     P = scale[:, None, None] * C * scale[None, :, None]
     L = linalg.cholesky(P)
     np.testing.assert_allclose(linalg.matmul(L, linalg.transpose(L)), P, rtol=1e-11)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("batch", [3, 200])
+def test_few_and_many_matrices_are_factored_alike(
+    n: int, batch: int, rng: np.random.Generator
+) -> None:
+    P = np.stack([random_covariance(rng, n) for _ in range(batch)], axis=-1)
+    P[..., 1] = -P[..., 1]
+    good = np.arange(batch) != 1
+    L, inverse = linalg.cholesky(P), linalg.inverse(P)
+    assert np.isnan(L[..., 1]).any()
+    if n > 1:
+        assert np.isnan(inverse[..., 1]).any()
+    np.testing.assert_allclose(
+        _stacked(L[..., good]), np.linalg.cholesky(_stacked(P[..., good])), rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        _stacked(inverse[..., good]), np.linalg.inv(_stacked(P[..., good])), rtol=1e-7, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_a_matrix_per_run_transforms_its_cloud(n: int, rng: np.random.Generator) -> None:
+    A, x = rng.standard_normal((n, n, 3)), rng.standard_normal((n, 3, 7))
+    expected = np.einsum("ijm,jmk->imk", A, x)
+    np.testing.assert_allclose(linalg.transform(A, x), expected, rtol=1e-12, atol=1e-14)

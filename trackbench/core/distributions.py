@@ -16,6 +16,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.streams import Streams
 
 LOG_2PI = float(np.log(2.0 * np.pi))
+_SQRT_2 = float(np.sqrt(2.0))
 
 
 class Distribution(Protocol):
@@ -82,15 +83,13 @@ class Gaussian:
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
     """Log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     L = linalg.cholesky(cov) if root is None else root
-    white = linalg.solve_lower(L, e)
-    log_scale = np.log(linalg.diagonal(L)).sum(axis=0) + 0.5 * len(e) * LOG_2PI
-    np.square(white, out=white)
-    log_density = white[0]
-    for row in white[1:]:
-        log_density += row
-    log_density *= -0.5
-    log_density -= log_scale
-    return log_density
+    halves = linalg.solve_lower(_SQRT_2 * L, e)
+    np.square(halves, out=halves)  # now they sum to e' P^-1 e / 2
+    total = halves[0]
+    for row in halves[1:]:
+        total += row
+    log_scale = sum(np.log(L[i, i]) for i in range(len(e))) + 0.5 * len(e) * LOG_2PI
+    return np.subtract(-log_scale, total, out=total)
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,10 @@ class Gamma:
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
         """Variates of the given size; an integer shape is a sum of exponentials, twice as fast."""
         if self.shape <= 4 and self.shape == int(self.shape):
-            u = rng.random((int(self.shape), *size))
-            np.subtract(1.0, u, out=u)  # in (0, 1]: its logarithm is finite
-            product = u[0]
-            for row in u[1:]:
-                product *= row
+            product = 1.0 - rng.random(size)  # in (0, 1]: its logarithm is finite
+            for _ in range(int(self.shape) - 1):
+                u = rng.random(size)
+                product *= np.subtract(1.0, u, out=u)
             np.log(product, out=product)
             product *= -1.0 / self.rate
             return product
@@ -145,7 +143,7 @@ class Gamma:
         log_norm = self.shape * np.log(self.rate) - lgamma(self.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = (self.shape - 1.0) * np.log(v) - self.rate * v + log_norm
-        return np.where(v > 0.0, inside, np.where(np.isnan(v), np.nan, -np.inf))
+        return np.where(v <= 0.0, -np.inf, inside)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.particles import CLIP
 from trackbench.core.resampling import select
 from trackbench.core.streams import Streams
 
@@ -45,7 +46,7 @@ class Evolution:
         fit = log_fitness(x)
         lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
         best_x, best_fit = x, fit
-        accepted, temperature = np.zeros(x.shape[1]), self.T0
+        accepted, temperature = np.zeros(fit.shape), self.T0
         for _ in range(self.G):
             trial = crossover(x, mutate(x, self.F, rng), self.CR, rng)
             if self.clip_to_cloud:
@@ -56,9 +57,9 @@ class Evolution:
             if self.keep_best:
                 better = fit > best_fit
                 best_x, best_fit = np.where(better, x, best_x), np.where(better, fit, best_fit)
-            accepted += take.mean(axis=-1)
+            accepted += take
             temperature *= self.rho
-        acceptance = accepted / max(self.G, 1)
+        acceptance = accepted.mean(axis=-1) / max(self.G, 1)
         return (
             Evolved(best_x, best_fit, acceptance) if self.keep_best else Evolved(x, fit, acceptance)
         )
@@ -94,8 +95,9 @@ def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
 def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
     """Accept every gain, and a loss with probability ``exp(gain / temperature)``."""
     u = rng.random(gain.shape)
-    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        return np.asarray((gain > 0.0) | (u < np.exp(np.minimum(gain / temperature, 0.0))))
+    with np.errstate(over="ignore", invalid="ignore"):
+        exponent = np.maximum(np.minimum(gain / temperature, 0.0), CLIP)
+        return np.asarray((gain > 0.0) | (u < np.exp(exponent)))
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
@@ -106,4 +108,9 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
     step2 = 1 + (u[1] * (N - 2)).astype(np.intp)
     step2 += step2 >= step1  # the N - 2 steps that are neither 0 nor step1
     start = np.arange(runs)[:, None] * N
-    return start + (i + step1) % N, start + (i + step2) % N
+    return start + _wrapped(i + step1, N), start + _wrapped(i + step2, N)
+
+
+def _wrapped(i: Index, N: int) -> Index:
+    """``i % N`` for 0 <= i < 2 N, without the division."""
+    return i - N * (i >= N)

@@ -1,13 +1,15 @@
 """Algebra of small matrices over trailing batch axes.
 
 Matrices are ``(n, m)`` (constant) or ``(n, m, *batch)``, vectors ``(n, *batch)``. Sums run over the few
-components in Python and over the batch in numpy. A constant matrix is applied without its zeros and
-ones, so ``F x`` of a constant-velocity model is two multiply-adds.
+components in Python and over the batch in numpy. A constant matrix is applied to a cloud without its
+zeros and ones, so ``F x`` of a constant-velocity model is two multiply-adds.
 """
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+
+_FEW = 32  # matrices; so few are factored faster one by one than component by component
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -17,13 +19,12 @@ def matvec(A: Array, x: Array) -> Array:
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
 
 
-def lower_product(L: Array, x: Array) -> Array:
-    """``L x`` for lower triangular L (n, n, *batch) and x (n, *batch): half of `matvec`'s work."""
-    out = np.empty(x.shape)
-    for i, row in enumerate(out):
-        np.multiply(L[i, 0], x[0], out=row)
-        for j in range(1, i + 1):
-            row += L[i, j] * x[j]
+def transform(A: Array, x: Array) -> Array:
+    """``A x`` for a matrix per run A (n, n, M) and its whole cloud x (n, M, N); shape (n, M, N)."""
+    if len(A) == 1:
+        return np.asarray(A[0, :, :, None] * x)
+    out = np.empty_like(x)
+    np.matmul(A.transpose(2, 0, 1), x.transpose(1, 0, 2), out=out.transpose(1, 0, 2))
     return out
 
 
@@ -78,6 +79,16 @@ def cholesky(P: Array) -> Array:
     scaling of their own.
     """
     n = P.shape[0]
+    if n == 1:
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(P)
+    if P[0, 0].size <= _FEW:
+        try:
+            batch = P.ndim - 2
+            stacked = np.linalg.cholesky(P.transpose(*range(2, P.ndim), 0, 1))
+            return np.asarray(stacked.transpose(batch, batch + 1, *range(batch)))
+        except np.linalg.LinAlgError:
+            pass  # one of them is not positive definite: find out which
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
@@ -96,8 +107,11 @@ def solve_lower(L: Array, b: Array) -> Array:
         return b * (1.0 / L[0])
     rows: list[Array] = []
     for i in range(L.shape[0]):
-        rest = b[i] - sum(L[i, j] * rows[j] for j in range(i)) if i else b[i]
-        rows.append(rest / L[i, i])
+        rest = b[i]
+        for j in range(i):
+            if L.ndim > 2 or L[i, j] != 0.0:
+                rest = rest - L[i, j] * rows[j]
+        rows.append(rest * (1.0 / L[i, i]))
     return np.stack(rows)
 
 
@@ -105,12 +119,25 @@ def inverse(S: Array) -> Array:
     """``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
     if S.shape[0] == 1:
         return np.asarray(1.0 / S)
+    if S.shape[0] == 2:
+        return _inverse_of_two(S)
     n = S.shape[0]
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
     # L[:, :, None] lets every column of the identity be one more batch axis of the solve.
     L = cholesky(S)
     L_inverse = solve_lower(L[:, :, None], np.broadcast_to(eye, S.shape))
     return matmul(transpose(L_inverse), L_inverse)
+
+
+def _inverse_of_two(S: Array) -> Array:
+    """By Schur's complement of the first variance, which keeps the digits that a determinant loses."""
+    a, b = S[0, 0], S[1, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = b / a
+        rest = S[1, 1] - ratio * b
+        d = 1.0 / np.where((rest > 0.0) & (a > 0.0), rest, np.nan)
+    off = -ratio * d
+    return np.array([[1.0 / a - ratio * off, off], [off, d]])
 
 
 def mahalanobis(e: Array, P: Array) -> Array:
@@ -125,6 +152,8 @@ def log_determinant(P: Array) -> Array:
 
 
 def _constant_product(A: Array, B: Array) -> Array:
+    if B.ndim == 2:
+        return np.asarray(A @ B)
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A):
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]

@@ -15,7 +15,8 @@ WeightReading = Literal["log", "naive", "floor"]
 
 _LOG_SMALLEST = float(np.log(5e-324))  # below it exp() is zero in float64
 _LOG_FLOOR = float(np.log(1e-99))
-_CLIP = -700.0  # exp() of less underflows, at six times the cost
+CLIP = -700.0  # exp() of less underflows, at six times the cost
+_SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
 class Particles(NamedTuple):
@@ -27,7 +28,7 @@ class Particles(NamedTuple):
     @property
     def mean(self) -> Array:
         """Weighted mean (n, M)."""
-        return np.einsum("imn,mn->im", self.x, self.w)
+        return np.vecdot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Weighted means (M,) of functions g of the cloud, each (M, N)."""
@@ -42,7 +43,7 @@ class Particles(NamedTuple):
         for i in range(n):
             weighted = e[i] * self.w
             for j in range(i + 1):
-                cov[i, j] = cov[j, i] = np.einsum("mn,mn->m", weighted, e[j])
+                cov[i, j] = cov[j, i] = np.vecdot(weighted, e[j])
         return Gaussian(mean, cov)
 
 
@@ -54,8 +55,8 @@ class Weights(NamedTuple):
 
 
 def uniform(runs: int, N: int) -> Array:
-    """Equal weights (M, N)."""
-    return np.full((runs, N), 1.0 / N)
+    """Equal weights (M, N), as a read-only view of one number."""
+    return np.broadcast_to(np.float64(1.0 / N), (runs, N))
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
@@ -77,15 +78,22 @@ def normalise(log_w: Array) -> Weights:
     A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
     +inf among them becomes NaN as a whole: it has left the numbers, and its estimate must say so.
     """
-    top = log_w.max(axis=-1, keepdims=True)
-    dead = np.isneginf(top[..., 0])
+    top = _row_maxima(log_w)
+    dead = top == -np.inf
     if dead.any():
-        top = np.where(dead[..., None], 0.0, top)
-    shifted = log_w - top
-    np.maximum(shifted, _CLIP, out=shifted)
+        top = np.where(dead, 0.0, top)
+    shifted = log_w - top[:, None]
+    np.maximum(shifted, CLIP, out=shifted)
     w = np.exp(shifted, out=shifted)
     w *= 1.0 / np.einsum("mn->m", w)[:, None]
     return Weights(w, dead)
+
+
+def _row_maxima(a: Array) -> Array:
+    """Largest entry of each row (M,); numpy reduces short rows one by one, six times as slowly."""
+    if a.shape[-1] < _SHORT:
+        return np.asarray(np.ascontiguousarray(a.T).max(axis=0))
+    return np.asarray(a.max(axis=-1))
 
 
 def effective_sample_size(w: Array) -> Array:

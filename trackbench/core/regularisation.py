@@ -42,8 +42,7 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
         return e
     u = rng.random((2, *shape[1:]))
     rest = -2.0 * np.log((1.0 - u[0]) * (1.0 - u[1]))
-    norm = np.sqrt(np.square(e).sum(axis=0) + rest)
-    e /= norm
+    e /= np.sqrt(np.einsum("i...,i...->...", e, e) + rest)
     return e
 
 
@@ -56,6 +55,6 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
     A = linalg.cholesky(cov)
     A = np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
     e = kernel_draws(kernel, x.shape, rng)
-    moved = linalg.lower_product((scale * bandwidth(n, N, kernel) * A)[..., None], e)
+    moved = linalg.transform(scale * bandwidth(n, N, kernel) * A, e)
     moved += x
     return moved

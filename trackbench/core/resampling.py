@@ -59,7 +59,10 @@ def systematic(w: Array, rng: Streams, size: int) -> Index:
     edges += start
     edges >>= _BITS
     edges[:, -1] = np.arange(size, runs * size + 1, size)
-    return np.diff(edges.ravel(), prepend=0).reshape(runs, N)
+    counts, flat = np.empty(runs * N, dtype=np.intp), edges.ravel()
+    counts[0] = flat[0]
+    np.subtract(flat[1:], flat[:-1], out=counts[1:])
+    return counts.reshape(runs, N)
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:

@@ -92,6 +92,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
     The second costs next to nothing, and is what a later batch of more runs needs.
     """
+    _keep_freed_memory()
     data = simulate(task.scenario, task.seed, task.first_run, task.width)
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
         covariances = task.shown_of(task.width) if task.keep_covariance else 0
@@ -139,6 +140,16 @@ def _trimmed(
         cpu_s=result.cpu_s,
         width=task.width,
     )
+
+
+@lru_cache(maxsize=1)
+def _keep_freed_memory() -> None:
+    """Let the arrays of one step reuse the memory of the last, which can halve the time of a step.
+
+    The GNU allocator gives freed memory back to the system, to fetch it again page by page a moment
+    later, unless it has once freed a larger block (up to 32 MiB). This one is never touched.
+    """
+    np.empty(31 << 20, dtype=np.uint8)
 
 
 @lru_cache(maxsize=2)

@@ -61,5 +61,5 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     predicted = sensor.measurement(x, k)
     z = with_trailing(z, predicted.mean.ndim - 1)
     value = zero_mean_log_prob(sensor.innovation(z, predicted.mean), predicted.cov)
-    missing = np.isnan(z).any(axis=0)
-    return np.where(missing, 0.0, value) if missing.any() else value
+    missing = np.isnan(z)
+    return np.where(missing.any(axis=0), 0.0, value) if missing.any() else value

@@ -1,0 +1,50 @@
+"""The floor: the random numbers an algorithm cannot do without, and one ``exp`` per particle-step.
+
+In blocks of the product's own size and from its own kind of stream, with nothing else done.
+"""
+
+import time
+from math import ceil
+
+import numpy as np
+
+from benchmarks.harness import Entrant, Outcome
+from trackbench.core.streams import block_stream
+
+PARTICLES_AT_A_TIME = 32_768
+
+
+def floor(
+    N: int,
+    runs: int,
+    steps: int,
+    *,
+    gammas: int = 0,
+    normals: int = 0,
+    uniforms: int = 0,
+    exps: int = 1,
+) -> Entrant:
+    """Variates per particle-step: Gamma(3) as -log(u1 u2 u3), normals, uniforms; and exponentials."""
+    width = max(1, min(500, PARTICLES_AT_A_TIME // N, runs))
+    blocks = ceil(runs / width)
+
+    def entrant() -> Outcome:
+        rng = block_stream(1, 0)
+        w = np.full((width, N), -1.0)
+        started = time.process_time()
+        for _ in range(steps * blocks):
+            for _ in range(gammas):
+                u = rng.random((3, width, N))
+                u[0] *= u[1]
+                u[0] *= u[2]
+                np.log(u[0], out=u[0])
+            if normals:
+                rng.standard_normal((normals, width, N))
+            if uniforms:
+                rng.random((uniforms, width, N))
+            for _ in range(exps):
+                np.exp(w)
+        seconds = time.process_time() - started
+        return Outcome(seconds, float(blocks * width * N * steps))
+
+    return entrant

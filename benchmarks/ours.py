@@ -1,0 +1,65 @@
+"""Trackbench as an entrant: blocks computed as the runner computes them."""
+
+import time
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import Entrant, Outcome, Skip
+from trackbench.core.arrays import Array
+from trackbench.evaluation.block import BlockResult, BlockTask, run_block, simulate
+from trackbench.experiment.plan import block_width, particle_count
+from trackbench.registry import kinds
+from trackbench.scenarios.base import Simulation
+
+SEED = 1
+
+
+def make(group: Any, kind: str, **keys: Any) -> Any:
+    """A filter or scenario by its kind; skips the workload if this version does not have it."""
+    cls = kinds(group).get(kind)
+    if cls is None:
+        raise Skip(f"no {group[:-1]} of kind {kind!r} in this version")
+    return cls(**keys)
+
+
+def data(scenario: Any, runs: int) -> Simulation:
+    """The data that everybody gets."""
+    return simulate(scenario, SEED, 0, runs)
+
+
+def steps(scenario: Any) -> int:
+    """Filter steps per run."""
+    return len(scenario.steps) - 1
+
+
+def ours(
+    scenario: Any, tracker: Any, runs: int, whole: bool = False, width: int | None = None
+) -> Entrant:
+    """The filter alone (CPU time as `timing.csv` reports it), or the block with its metrics.
+
+    The data are simulated beforehand in both cases.
+    """
+    width = min(width or block_width(tracker), runs)
+    blocks = ceil(runs / width)
+    work = float(runs * particle_count(tracker) * steps(scenario))
+
+    def entrant() -> Outcome:
+        seconds, found = 0.0, []
+        for block in range(blocks):
+            task = BlockTask(scenario, tracker, SEED, block, width, width, shown=runs)
+            simulate(scenario, SEED, task.first_run, width)
+            started = time.process_time()
+            result = run_block(task)
+            spent = time.process_time() - started
+            seconds += spent if whole else result.cpu_s
+            found.append(_mean(result))
+        return Outcome(seconds, work, np.concatenate(found, axis=-1)[..., :runs])
+
+    return entrant
+
+
+def _mean(result: BlockResult) -> Array:
+    assert result.tracks is not None
+    return result.tracks.mean[:, 1:]

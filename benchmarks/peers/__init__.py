@@ -1,0 +1,1 @@
+"""The other implementations, each as its own documentation shows; one file per package."""

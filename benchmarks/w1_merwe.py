@@ -1,0 +1,78 @@
+"""W1: the bootstrap filter on the scalar model of the hdepf paper, 200 runs of 50 steps."""
+
+from collections.abc import Callable
+from importlib import import_module
+
+from benchmarks.floors import floor
+from benchmarks.harness import Bar, Entrant, Workload, timed
+from benchmarks.ours import data, make, ours, steps
+
+RUNS = 200
+MANY = 2000
+SLOW = {10: 20, 100: 20, 1000: 10}  # runs that a loop per run is timed on
+BARS = {  # at least so many times as long as we
+    "particles": {10: 100.0, 100: 5.0, 1000: 5.0},
+    "Stone Soup": {10: 20.0, 100: 20.0, 1000: 20.0},
+    "filterpy": {10: 1.0, 100: 1.0, 1000: 1.0},
+}
+PEERS = {"particles": "particles_", "Stone Soup": "stonesoup_", "filterpy": "filterpy_"}
+
+
+def workloads() -> list[Workload]:
+    """Three sizes of the cloud, each against the peers and the floor; N = 10 with many runs too."""
+    return [_against_peers(N) for N in (10, 100, 1000)] + [_many_runs()]
+
+
+def _against_peers(N: int) -> Workload:
+    scenario, tracker = make("scenarios", "merwe"), make("filters", "pf", N=N)
+    seen = data(scenario, RUNS)
+    z, T = seen.measurements, steps(scenario)
+    work = Workload(
+        f"W1 N={N}",
+        f"Bootstrap filter, Merwe model, N = {N}, {RUNS} runs x {T} steps",
+        "particle-step",
+        {
+            "trackbench": ours(scenario, tracker, RUNS),
+            "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
+            "floor": floor(N, RUNS, T, gammas=1),
+        },
+        truth=seen.truth[:, 1:],
+    )
+    few = z[..., : SLOW[N]]
+    units = float(few.shape[2] * N * T)
+
+    def peer(module: str) -> Callable[[], Entrant]:
+        def load() -> Entrant:
+            found = import_module(f"benchmarks.peers.{module}")
+            return timed(lambda: found.merwe_pf(scenario, few, N), units)
+
+        return load
+
+    work.add("numpy, a loop over runs", peer("plain"))
+    for name, module in PEERS.items():
+        work.add(name, peer(module))
+        work.bars.append(Bar(name, "trackbench", BARS[name][N]))
+    if N >= 100:
+        work.bars.append(Bar("trackbench", "floor", 1.6, at_most=True))
+        work.bars.append(Bar("trackbench with metrics", "floor", 1.6, at_most=True))
+    return work
+
+
+def _many_runs() -> Workload:
+    scenario, tracker = make("scenarios", "merwe"), make("filters", "pf", N=10)
+    return Workload(
+        "W1 many runs",
+        f"Bootstrap filter, Merwe model, N = 10, {MANY} runs x {steps(scenario)} steps",
+        "particle-step",
+        {
+            "trackbench": ours(scenario, tracker, MANY),
+            "trackbench with metrics": ours(scenario, tracker, MANY, whole=True),
+            "trackbench, block: 2000": ours(scenario, tracker, MANY, width=MANY),
+            "floor": floor(10, MANY, steps(scenario), gammas=1),
+        },
+        bars=[
+            Bar("trackbench", "floor", 3.0, at_most=True),
+            Bar("trackbench with metrics", "floor", 3.0, at_most=True),
+            Bar("trackbench, block: 2000", "floor", 3.0, at_most=True),
+        ],
+    )

@@ -1,0 +1,90 @@
+"""W2: bootstrap and regularised particle filters of a banana-shaped posterior, N = 10000, 100 scans."""
+
+from importlib import import_module
+
+from benchmarks.floors import floor
+from benchmarks.harness import Bar, Entrant, Workload, timed
+from benchmarks.ours import data, make, ours, steps
+from trackbench.core.streams import block_stream
+
+RUNS, N = 6, 10_000
+FEW = 2  # runs that a loop over runs is timed on
+POSITION = (0, 2)
+
+
+def workloads() -> list[Workload]:
+    """PF against the peers and the floor, RPF against the floor."""
+    return [_bootstrap(), _regularised()]
+
+
+def _bootstrap() -> Workload:
+    scenario, tracker = make("scenarios", "banana"), make("filters", "pf", N=N)
+    seen, model, T = data(scenario, RUNS), scenario.model, steps(scenario)
+    z, times = seen.measurements, scenario.times
+    start = seen.prior.sample(block_stream(1, 0), N)
+    clouds = [start[:, m] for m in range(FEW)]
+    F, Q, R = model.motion.F, model.motion.Q, model.sensor.R
+    work = Workload(
+        "W2 PF",
+        f"Bootstrap filter, banana, N = {N}, {RUNS} runs x {T} steps",
+        "particle-step",
+        {
+            "trackbench": ours(scenario, tracker, RUNS),
+            "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
+            "floor": floor(N, RUNS, T, normals=4),
+        },
+        bars=[
+            Bar("trackbench", "floor", 2.0, at_most=True),
+            Bar("trackbench with metrics", "floor", 2.0, at_most=True),
+            Bar("Stone Soup", "trackbench", 5.0),
+            Bar("filterpy", "trackbench", 5.0),
+            Bar("particles", "trackbench", 1.0),
+            Bar("JAX by hand", "trackbench", 1.0),
+        ],
+        truth=seen.truth[:, 1:],
+        position=POSITION,
+    )
+    units = float(FEW * N * T)
+
+    def stonesoup() -> Entrant:
+        peer = import_module("benchmarks.peers.stonesoup_")
+        return timed(lambda: peer.banana_pf(scenario.q, R, clouds, z, times), units)
+
+    def filterpy() -> Entrant:
+        peer = import_module("benchmarks.peers.filterpy_")
+        return timed(lambda: peer.banana_pf(F, Q, R, clouds, z), units)
+
+    def particles() -> Entrant:
+        peer = import_module("benchmarks.peers.particles_")
+        return timed(lambda: peer.banana_pf(F, Q, R, clouds, z), units)
+
+    def jax() -> Entrant:
+        peer = import_module("benchmarks.peers.jax_")
+        return timed(lambda: peer.banana_pf(F, Q, R, start, z), float(RUNS * N * T))
+
+    work.add("Stone Soup", stonesoup)
+    work.add("filterpy", filterpy)
+    work.add("particles", particles)
+    work.add("JAX by hand", jax)
+    return work
+
+
+def _regularised() -> Workload:
+    scenario, tracker = make("scenarios", "banana"), make("filters", "rpf", N=N)
+    T = steps(scenario)
+    return Workload(
+        "W2 RPF",
+        f"Regularised particle filter, banana, N = {N}, {RUNS} runs x {T} steps",
+        "particle-step",
+        {
+            "trackbench": ours(scenario, tracker, RUNS),
+            "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
+            "floor": floor(N, RUNS, T, normals=8, uniforms=2),
+        },
+        bars=[
+            Bar("trackbench", "floor", 1.7, at_most=True),
+            Bar("trackbench with metrics", "floor", 1.7, at_most=True),
+        ],
+        truth=data(scenario, RUNS).truth[:, 1:],
+        position=POSITION,
+    )

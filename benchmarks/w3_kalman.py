@@ -1,0 +1,78 @@
+"""W3: the Kalman filter of a constant-velocity target, 1700 samples, 50 and 1000 runs."""
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import Bar, Entrant, Skip, Workload, timed
+from benchmarks.ours import data, make, ours, steps
+
+q = 0.01  # m^2/s^3
+FEW = 2  # runs that a loop over runs is timed on
+POSITION = (0, 2)
+
+
+def motion(density: float) -> Any:
+    """Continuous white noise acceleration, the motion that all packages have."""
+    try:
+        return import_module("trackbench.models.motions").WhiteAcceleration(q=density)
+    except ImportError as error:
+        raise Skip("this version has no motions to choose from") from error
+
+
+def workloads() -> list[Workload]:
+    """Few runs and many."""
+    return [_workload(50), _workload(1000)]
+
+
+def _workload(runs: int) -> Workload:
+    scenario, tracker = make("scenarios", "maneuver"), make("filters", "kf", motion=motion(q))
+    seen, T = data(scenario, runs), steps(scenario)
+    z, mean, cov = seen.measurements, seen.prior.mean, seen.prior.cov
+    sampled = motion(q).sampled(scenario.T)
+    F, Q, R = sampled.F, sampled.Q, scenario.model.sensor.R
+    work = Workload(
+        f"W3 M={runs}",
+        f"Kalman filter, constant velocity, {runs} runs in one block x {T} steps",
+        "filter-step",
+        {
+            "trackbench": ours(scenario, tracker, runs, width=runs),
+            "trackbench with metrics": ours(scenario, tracker, runs, whole=True, width=runs),
+        },
+        truth=seen.truth[:, 1:],
+        position=POSITION,
+    )
+    many = runs == 1000
+    work.bars = [
+        Bar("filterpy", "trackbench", 100.0 if many else 1.0),
+        Bar("Stone Soup", "trackbench", 1.0),
+        Bar("JAX by hand", "trackbench", 1.0),
+        Bar("dynamax", "trackbench", 1.0),
+    ]
+    few, units = np.ascontiguousarray(z[..., :FEW]), float(FEW * T)
+
+    def filterpy() -> Entrant:
+        peer = import_module("benchmarks.peers.filterpy_")
+        return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, few), units)
+
+    def stonesoup() -> Entrant:
+        peer = import_module("benchmarks.peers.stonesoup_")
+        return timed(lambda: peer.kalman_cv(q, R, mean, cov, few, scenario.times), units)
+
+    def jax() -> Entrant:
+        peer = import_module("benchmarks.peers.jax_")
+        return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, z), float(runs * T))
+
+    def dynamax() -> Entrant:
+        peer = import_module("benchmarks.peers.dynamax_")
+        return timed(lambda: peer.kalman_cv(F, Q, R, mean, cov, z), float(runs * T))
+
+    for name, load in (
+        ("filterpy", filterpy),
+        ("Stone Soup", stonesoup),
+        ("JAX by hand", jax),
+        ("dynamax", dynamax),
+    ):
+        work.add(name, load)
+    return work

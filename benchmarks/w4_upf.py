@@ -1,0 +1,38 @@
+"""W4: the unscented particle filter on the scalar model of the hdepf paper, N = 10."""
+
+from importlib import import_module
+
+from benchmarks.floors import floor
+from benchmarks.harness import Bar, Entrant, Workload, timed
+from benchmarks.ours import data, make, ours, steps
+
+RUNS, N = 200, 10
+FEW, FEWER = 10, 2  # runs that an entrant with a loop over runs is timed on
+
+
+def workloads() -> list[Workload]:
+    """Against the same code one run at a time, and a filterpy UKF per particle."""
+    scenario, tracker = make("scenarios", "merwe"), make("filters", "upf", N=N)
+    seen = data(scenario, RUNS)
+    T = steps(scenario)
+    work = Workload(
+        "W4",
+        f"Unscented particle filter, Merwe model, N = {N}, {RUNS} runs x {T} steps",
+        "particle-step",
+        {
+            "trackbench": ours(scenario, tracker, RUNS),
+            "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
+            "floor": floor(N, RUNS, T, normals=1),
+            "trackbench, one run at a time": ours(scenario, tracker, FEW, width=1),
+        },
+        bars=[Bar("filterpy, a UKF per particle", "trackbench", 1.0)],
+        truth=seen.truth[:, 1:],
+    )
+
+    def filterpy() -> Entrant:
+        peer = import_module("benchmarks.peers.filterpy_")
+        few = seen.measurements[..., :FEWER]
+        return timed(lambda: peer.merwe_upf(scenario, few, N), float(FEWER * N * T))
+
+    work.add("filterpy, a UKF per particle", filterpy)
+    return [work]

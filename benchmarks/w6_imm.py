@@ -1,0 +1,44 @@
+"""W6: an interacting multiple model filter of two motions on the maneuvering target's track."""
+
+from importlib import import_module
+
+import numpy as np
+
+from benchmarks.harness import Bar, Entrant, Workload, timed
+from benchmarks.ours import data, make, ours, steps
+from benchmarks.w3_kalman import motion
+
+RUNS, FEW = 50, 2
+DENSITIES = (0.001, 0.5)  # m^2/s^3, quiet and turning
+STAY = ((0.98, 0.02), (0.02, 0.98))
+
+
+def workloads() -> list[Workload]:
+    """Against filterpy's IMM of the same two motions."""
+    scenario = make("scenarios", "maneuver")
+    motions = tuple(motion(density) for density in DENSITIES)
+    tracker = make("filters", "imm", motions=motions, transition=STAY)
+    seen, T = data(scenario, RUNS), steps(scenario)
+    work = Workload(
+        "W6",
+        f"IMM of two motions, maneuvering target, {RUNS} runs x {T} steps",
+        "filter-step",
+        {
+            "trackbench": ours(scenario, tracker, RUNS, width=RUNS),
+            "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True, width=RUNS),
+        },
+        bars=[Bar("filterpy", "trackbench", 1.0)],
+        truth=seen.truth[:, 1:],
+        position=(0, 2),
+    )
+
+    def filterpy() -> Entrant:
+        peer = import_module("benchmarks.peers.filterpy_")
+        sampled = [m.sampled(scenario.T) for m in motions]
+        models = [(s.F, s.Q) for s in sampled]
+        mean, cov, R = seen.prior.mean, seen.prior.cov, scenario.model.sensor.R
+        z = seen.measurements[..., :FEW]
+        return timed(lambda: peer.imm(models, np.array(STAY), R, mean, cov, z), float(FEW * T))
+
+    work.add("filterpy", filterpy)
+    return [work]

@@ -1,0 +1,42 @@
+"""W8: start-up: how long the small commands take."""
+
+import tempfile
+from pathlib import Path
+
+from benchmarks.harness import Limit, Workload
+from benchmarks.processes import FRESH, command
+
+EVERY_CORE = True
+TINY = """name: tiny
+seed: 1
+runs: 10
+scenario: {kind: merwe}
+filters:
+  PF: {kind: pf, N: 10}
+"""
+
+
+def workloads() -> list[Workload]:
+    """Help, list, check, and a run of ten runs of one filter."""
+    folder = Path(tempfile.mkdtemp(prefix="bench-"))
+    (folder / "tiny.yaml").write_text(TINY)
+    tiny = ("run", str(folder / "tiny.yaml"), "--out", str(folder / "out"), *FRESH)
+    return [
+        Workload(
+            "W8",
+            "Start-up",
+            "process",
+            {
+                "--help": command("--help"),
+                "list": command("list"),
+                "check": command("check", "experiments/hdepf.yaml"),
+                "run of a tiny experiment": command(*tiny),
+            },
+            limits=[
+                Limit("--help", 0.25),
+                Limit("list", 0.25),
+                Limit("check", 0.6),
+                Limit("run of a tiny experiment", 1.5),
+            ],
+        )
+    ]
