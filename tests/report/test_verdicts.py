@@ -13,6 +13,7 @@ from trackbench import api
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.expressions import Expressions, Term
+from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts import compare, verdict
 
@@ -187,6 +188,15 @@ def cpu_of_children():
     return used.ru_utime + used.ru_stime
 
 
+def test_pairs_need_common_runs():
+    nan_first, nan_last = np.array([nan, 1.0, nan]), np.array([1.0, nan, nan])
+    ones = np.ones(3)
+    values = {"a": nan_first, "b": nan_last, "c": ones}
+    found = pairs_of("rmse", ["a", "b", "c"], values)
+    assert [(p.filter_a, p.filter_b, p.runs) for p in found] == [("a", "c", 1), ("b", "c", 1)]
+    assert pairs_of("rmse", ["a", "b"], values) == []
+
+
 def test_a_bad_published_file_is_said_with_its_line(folder):
     path = folder / "published" / "numbers.csv"
     text = path.read_text().replace("9.9,1,400", "nine,1,-4").replace("rmse@5", "rmse at 5")
@@ -229,3 +239,16 @@ def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
     assert verdicts["PF (N=50)"] == verdicts["No data"] == "not measured"
     assert verdicts["PF"] != "not measured"
     assert found.claims[0].verdict == "not measured"
+
+
+def test_a_claim_without_a_standard_error_is_not_decided(folder, tmp_path):
+    config = tmp_path / "small" / "config.yaml"
+    claims = folder / "published" / "claims.csv"
+    claims.write_text(
+        claims.read_text() + "p,PF is faster,small,PF,cpu_s_per_run,<,1,PF (N=50),,text\n"
+    )
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", runs=100, formats=())
+    judged = api.run(config, options).comparison.claims[-1]  # one block: one time, no spread
+    assert judged.verdict == "not decided"
+    assert isnan(judged.z)
+    assert "no standard error" in judged.note

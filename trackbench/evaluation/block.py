@@ -103,22 +103,21 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         finite = np.asarray(np.isfinite(result.mean).all(axis=(0, 1)))
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
         per_run = per_run_metrics(task.scenario, values, counts, finite)
-        return {
-            used: _trimmed(task, data, result, values, per_run, used)
-            for used in {task.used, task.width}
-        }
+        whole = _Whole(data, result, values, per_run)
+        return {used: _trimmed(task, whole, used) for used in {task.used, task.width}}
 
 
-def _trimmed(
-    task: BlockTask,
-    data: Simulation,
-    result: Estimates,
-    values: dict[str, Array],
-    per_run: dict[str, Array],
-    used: int,
-) -> BlockResult:
-    values = {name: rows[:, :used] for name, rows in values.items()}
-    per_run = {name: numbers[:used] for name, numbers in per_run.items()}
+class _Whole(NamedTuple):
+    data: Simulation
+    result: Estimates
+    values: dict[str, Array]
+    per_run: dict[str, Array]
+
+
+def _trimmed(task: BlockTask, whole: _Whole, used: int) -> BlockResult:
+    data, result = whole.data, whole.result
+    values = {name: rows[:, :used] for name, rows in whole.values.items()}
+    per_run = {name: numbers[:used] for name, numbers in whole.per_run.items()}
     tracks, shown = None, task.shown_of(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]

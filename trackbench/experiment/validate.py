@@ -30,10 +30,6 @@ _TYPES = {
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
     """Strict validator of a dataclass: unknown keys are mistakes, attribute docstrings are help."""
-    # Set here and not on every class, so that a filter stays a plain dataclass.
-    if "__pydantic_config__" not in cls.__dict__:
-        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-        setattr(cls, "__pydantic_config__", config)  # noqa: B010
     return _adapter(cast(Any, cls))
 
 
@@ -60,7 +56,22 @@ def _is_file(hint: Any) -> bool:
 
 @cache
 def _adapter(cls: Any) -> TypeAdapter[Any]:
+    _configure(cls)
     return TypeAdapter(cls)
+
+
+def _configure(hint: Any) -> None:
+    """Strictness and help for a dataclass and every dataclass within it.
+
+    Set here and not on each class, so that a filter stays a plain dataclass.
+    """
+    if isinstance(hint, type) and is_dataclass(hint) and "__pydantic_config__" not in hint.__dict__:
+        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+        setattr(hint, "__pydantic_config__", config)  # noqa: B010
+        for inner in get_type_hints(hint, include_extras=True).values():
+            _configure(inner)
+    for inner in get_args(hint):
+        _configure(inner)
 
 
 def build(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:

@@ -37,18 +37,22 @@ def paired_rows(results: Results) -> Iterator[tuple[dict[str, Any], list[Pair]]]
         rows: list[Pair] = []
         for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
             labels = [label for label in results.labels if (label, metric) in runs]
-            rows += _pairs(metric, labels, {label: runs[label, metric] for label in labels})
+            rows += pairs_of(metric, labels, {label: runs[label, metric] for label in labels})
         yield point, rows
 
 
 @np.errstate(all="ignore")
-def _pairs(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
+def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
+    """Every two of the labels whose values per run (M,) have runs in common."""
     found = []
     labels = [label for label in labels if np.isfinite(values[label]).any()]
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
+        runs = int(both.sum())
+        if not runs:
+            continue
         difference = paired_difference(values[a][both], values[b][both])
-        runs, z = int(both.sum()), z_score(difference)
+        z = z_score(difference)
         p = p_value(z, runs)
         found.append(Pair(a, b, metric, *difference, z, p, p, runs))
     adjusted = holm(np.array([pair.p for pair in found]))

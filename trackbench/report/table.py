@@ -83,6 +83,8 @@ class Table:
 
 def rounded(value: float, stderr: float, digits: int) -> str:
     """Value and standard error to the same decimal place, the error with two digits."""
+    if not isfinite(value):
+        return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)
     if isfinite(stderr) and stderr > 0:
         decimals = min(decimals, 1 - _exponent(stderr)) if value else 1 - _exponent(stderr)

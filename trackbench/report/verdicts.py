@@ -57,6 +57,15 @@ class Ranked(NamedTuple):
     tau: float
 
 
+class _Score(NamedTuple):
+    """One comparison: z in the claim's favour, how far off, on common runs or not, in words."""
+
+    z: float
+    off: float
+    paired: bool
+    why: str
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Everything that is published about one experiment, with verdicts."""
@@ -99,11 +108,12 @@ def judge(results: Results, claim: Claim) -> Judged:
         return Judged(claim, nan, False, NOT_MEASURED, claim.note)
     expressions = Expressions(results, point_of(results, claim.point))
     found = [_score(expressions, claim, right) for right in claim.rights or [""]]
-    z, paired, why = min(found, key=lambda score: -inf if isnan(score[0]) else score[0])
+    weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
+    z, paired = weakest.z, weakest.paired
     word = "holds" if z >= SURE else "fails" if z <= -SURE else "not decided"
-    if isnan(z):
+    if isnan(weakest.off):
         word = NOT_MEASURED
-    return Judged(claim, z, paired, word, "; ".join(filter(None, [why, claim.note])))
+    return Judged(claim, z, paired, word, "; ".join(filter(None, [weakest.why, claim.note])))
 
 
 def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
@@ -156,24 +166,27 @@ def _note(number: PublishedNumber, measured: Term, word: str) -> str:
     return "; ".join([*notes, *filter(None, [number.note])])
 
 
-def _score(expressions: Expressions, claim: Claim, right: str) -> tuple[float, bool, str]:
-    """z of one comparison, positive in the claim's favour; whether it is paired; its numbers."""
+def _score(expressions: Expressions, claim: Claim, right: str) -> _Score:
+    """The claim against one filter of its right side, or against its factor if there is none."""
     left = (claim.left, claim.expression)
     a = expressions.term(*left)
-    spoken = f"{claim.left} {a.value:.4g}" + (f" ({a.lost} runs lost)" if a.lost else "")
+    why = f"{claim.left} {a.value:.4g}" + (f" ({a.lost} runs lost)" if a.lost else "")
     if not right:
-        z = z_score(Estimate(a.value - claim.factor, a.stderr))
-        return _signed(claim.relation, z), True, f"{spoken}, {claim.factor:g}"
+        off = Estimate(a.value - claim.factor, a.stderr)
+        return _Score(_signed(claim, off), off.value, True, f"{why}, {claim.factor:g}")
     other = (right, claim.right_expression or claim.expression)
     b = expressions.term(*other)
-    off = expressions.difference(left, other, claim.factor)
+    difference = expressions.difference(left, other, claim.factor)
+    off, paired = difference.estimate, difference.influences is not None
     if claim.relation == "~":
         room = claim.tolerance * abs(claim.factor * b.value)
         z = z_score(Estimate(room - abs(off.value), off.stderr))
     else:
-        z = _signed(claim.relation, z_score(off.estimate))
-    return z, off.influences is not None, f"{spoken}, {right} {b.value:.4g}"
+        z = _signed(claim, off)
+    why = f"{why}, {right} {b.value:.4g}"
+    return _Score(z, off.value, paired, why + ("; no standard error" if isnan(off.stderr) else ""))
 
 
-def _signed(relation: str, z: float) -> float:
-    return -z if relation == "<" else z
+def _signed(claim: Claim, off: Estimate) -> float:
+    z = z_score(off)
+    return -z if claim.relation == "<" else z
