@@ -22,10 +22,10 @@ FLOORS = {
     "report": 5,
     "api": 6,
     "catalogue": 6,
-    "verification": 6,
     "contract": 6,
     "scaffold": 6,
     "schema": 6,
+    "verification": 6,
     "cli": 6,
     "__main__": 6,
 }

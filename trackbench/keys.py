@@ -16,15 +16,6 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
 
-
-class MistakenKeyError(ValueError):
-    """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
-
-    def __init__(self, what: str, *path: str | int) -> None:
-        super().__init__(what)
-        self.path = path
-
-
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]
 """A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
@@ -45,3 +36,11 @@ class DataError(ValueError):
     def __init__(self, *places: Place) -> None:
         super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
         self.places = places
+
+
+class MistakenKeyError(ValueError):
+    """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
+
+    def __init__(self, what: str, *path: str | int) -> None:
+        super().__init__(what)
+        self.path = path

@@ -61,8 +61,7 @@ def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
     own["properties"] = {"kind": {"const": kind}, **properties}
-    preset = {key for keys in getattr(cls, "presets", {}).values() for key in keys}
-    own["required"] = ["kind", *(key for key in own.get("required", []) if key not in preset)]
+    own["required"] = ["kind", *own.get("required", [])]
     own["title"] = kind
     own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     return {name: own, **inner}

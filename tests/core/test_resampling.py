@@ -23,7 +23,7 @@ def test_counts_are_exact(scheme: Scheme, runs: int, N: int, seed: int, spread: 
     w[rng.random((runs, N)) < 0.3] = 0.0
     w[:, rng.integers(N)] += 1e-3
     w /= w.sum(axis=1, keepdims=True)
-    counts = SCHEMES[scheme](w, rng)
+    counts = SCHEMES[scheme](w, rng, N)
     assert (counts.sum(axis=1) == N).all()
     assert (counts >= 0).all()
     assert (counts[w == 0.0] == 0).all()
@@ -37,7 +37,7 @@ def test_counts_are_exact(scheme: Scheme, runs: int, N: int, seed: int, spread: 
 def test_unbiased(scheme: Scheme, rng: np.random.Generator) -> None:
     w = np.array([0.05, 0.4, 0.0, 0.25, 0.3])
     runs, N = 40_000, len(w)
-    counts = SCHEMES[scheme](np.tile(w, (runs, 1)), rng)
+    counts = SCHEMES[scheme](np.tile(w, (runs, 1)), rng, N)
     standard_error = counts.std(axis=0) / np.sqrt(runs) + 1e-12
     assert (np.abs(counts.mean(axis=0) - N * w) < 4 * standard_error).all()
     if scheme == "multinomial":

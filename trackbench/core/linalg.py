@@ -17,6 +17,16 @@ def matvec(A: Array, x: Array) -> Array:
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
 
 
+def lower_product(L: Array, x: Array) -> Array:
+    """``L x`` for lower triangular L (n, n, *batch) and x (n, *batch): half of `matvec`'s work."""
+    out = np.empty(x.shape)
+    for i, row in enumerate(out):
+        np.multiply(L[i, 0], x[0], out=row)
+        for j in range(1, i + 1):
+            row += L[i, j] * x[j]
+    return out
+
+
 def matmul(A: Array, B: Array) -> Array:
     """``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if A.ndim == 2:

@@ -3,6 +3,7 @@
 A cloud is x (n, M, N) with log-weights (M, N): N particles in each of M runs.
 """
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -27,6 +28,10 @@ class Particles(NamedTuple):
     def mean(self) -> Array:
         """Weighted mean (n, M)."""
         return np.einsum("imn,mn->im", self.x, self.w)
+
+    def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
+        """Weighted means (M,) of functions g of the cloud, each (M, N)."""
+        return {name: np.einsum("mn,mn->m", self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
         """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""

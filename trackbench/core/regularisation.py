@@ -56,4 +56,6 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
     A = linalg.cholesky(cov)
     A = np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
     e = kernel_draws(kernel, x.shape, rng)
-    return x + (scale * bandwidth(n, N, kernel)) * linalg.matvec(A[..., None], e)
+    moved = linalg.lower_product((scale * bandwidth(n, N, kernel) * A)[..., None], e)
+    moved += x
+    return moved

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.evaluation.derived import derived, normalised_error
 from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
@@ -100,24 +100,32 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
         counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
-        finite = np.asarray(np.isfinite(result.mean).all(axis=(0, 1)))
+        finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
         per_run = per_run_metrics(task.scenario, values, counts, finite)
-        whole = _Whole(data, result, values, per_run)
-        return {used: _trimmed(task, whole, used) for used in {task.used, task.width}}
+        return {
+            used: _trimmed(task, data, result, values, per_run, used)
+            for used in {task.used, task.width}
+        }
 
 
-class _Whole(NamedTuple):
-    data: Simulation
-    result: Estimates
-    values: dict[str, Array]
-    per_run: dict[str, Array]
+def _stayed_finite(mean: Array) -> Mask:
+    """Which runs (M,) have every component at every step that the filter estimates in any run."""
+    there = np.isfinite(mean)
+    estimated = there.any(axis=(1, 2))  # a converted measurement, say, has no velocity
+    return np.asarray(there[estimated].all(axis=(0, 1)) & estimated.any())
 
 
-def _trimmed(task: BlockTask, whole: _Whole, used: int) -> BlockResult:
-    data, result = whole.data, whole.result
-    values = {name: rows[:, :used] for name, rows in whole.values.items()}
-    per_run = {name: numbers[:used] for name, numbers in whole.per_run.items()}
+def _trimmed(
+    task: BlockTask,
+    data: Simulation,
+    result: Estimates,
+    values: dict[str, Array],
+    per_run: dict[str, Array],
+    used: int,
+) -> BlockResult:
+    values = {name: rows[:, :used] for name, rows in values.items()}
+    per_run = {name: numbers[:used] for name, numbers in per_run.items()}
     tracks, shown = None, task.shown_of(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]
@@ -148,7 +156,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     scenario, tracker = task.scenario, task.filter
     model, rng = scenario.model, block_stream(task.seed, task.index)
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
-    mean, nees, cov, noted = [], [], [], []
+    mean, nees, cov, noted, others = [], [], [], [], []
     clock = _Clock()
     with clock:
         state = tracker.init(model, data.prior, rng)
@@ -160,14 +168,16 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
                 found = tracker.estimate(state)
             noted.append(note(state))
         mean.append(found.mean)
-        nees.append(linalg.mahalanobis(found.mean - data.truth[:, i], found.cov))
+        nees.append(normalised_error(found, data.truth[:, i]))
+        others.append(derived(scenario, tracker, state, found, data.truth[:, i]))
         if covariances:
             every = np.broadcast_to(
                 with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
             )
             cov.append(every[..., :covariances])
     kept = np.stack(cov, axis=2) if cov else None
-    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, _stacked(noted), clock.cpu_s)
+    notes = _stacked(noted) | {name: np.stack([o[name] for o in others]) for name in others[0]}
+    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, notes, clock.cpu_s)
 
 
 class _Clock:

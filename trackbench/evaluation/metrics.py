@@ -2,10 +2,12 @@
 
 A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
 names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalised error squared,
+``outside`` whether that is more than it is once in a million times for a consistent filter,
 ``distance_<quantity>`` the squared distance to the reference filter's estimate.
 """
 
 from collections.abc import Collection
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +50,7 @@ def series(
             if len(error) == 1:
                 out[joined("error", quantity)] = error[0]
         out["nees"] = nees
+        out["outside"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
         for quantity, error in scenario.errors(mean, exact).items():
             out[joined("distance", quantity)] = np.square(error).sum(axis=0)
@@ -74,7 +77,9 @@ def per_run_metrics(
                 out[joined("distance", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
             elif name in counts:
                 out[name + suffix] = np.nansum(rows[mask], axis=0)
-            elif head != "error":
+            elif head == "error":
+                out[joined("bias", quantity) + suffix] = _mean(rows[mask])
+            else:
                 out[name + suffix] = _mean(rows[mask])
     more = getattr(scenario, "run_metrics", None)
     out |= more(values) if more else {}
@@ -101,6 +106,14 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
     return StepSums(
         kept.sum(axis=1), np.square(kept).sum(axis=1), counted.sum(axis=1).astype(float)
     )
+
+
+@cache
+def _gate(n_x: int) -> float:
+    """The chi-square value that is exceeded with probability 1e-6."""
+    from scipy.special import chdtri
+
+    return float(chdtri(n_x, 1e-6))
 
 
 def _mean(rows: Array) -> Array:

@@ -1,11 +1,11 @@
 """Rows of the result tables from one filter's merged results."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, joined
 from trackbench.evaluation.statistics import (
@@ -38,8 +38,15 @@ class StepRow(NamedTuple):
     runs: int
 
 
-def summary_rows(result: FilterResult, n_x: int) -> Iterator[SummaryRow]:
-    """``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``."""
+def summary_rows(
+    result: FilterResult, sizes: Mapping[str, int], windows: Mapping[str, Mask]
+) -> Iterator[SummaryRow]:
+    """``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
+
+    ``sizes`` is the number of components by the name of each NEES. ``time-mean(rmse)`` is the mean over
+    a window's steps of the RMSE over runs; its standard error is at most the one given, the mean of the
+    steps' own, because errors that are correlated in time cannot add up to more.
+    """
     lost = int((result.per_run["lost"] != FOUND).sum())
     for metric, values in result.per_run.items():
         if metric == "lost":
@@ -47,13 +54,34 @@ def summary_rows(result: FilterResult, n_x: int) -> Iterator[SummaryRow]:
         found = values[~np.isnan(values)]
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
-        if metric.partition("[")[0] == "nees":
+        if metric.startswith("nees"):
             value, stderr = mean(found)
-            suffix = metric[len("nees") :]
-            yield SummaryRow(f"anees{suffix}", value / n_x, stderr / n_x, len(found), lost)
+            n = sizes[metric.partition("[")[0].partition("_")[2]]
+            yield SummaryRow(f"a{metric}", value / n, stderr / n, len(found), lost)
+    yield from _time_means(result, windows, lost)
 
 
-def step_rows(result: FilterResult, n_x: int) -> Iterator[StepRow]:
+def _time_means(
+    result: FilterResult, windows: Mapping[str, Mask], lost: int
+) -> Iterator[SummaryRow]:
+    for name, (total, squares, number) in result.steps.items():
+        head, _, quantity = name.partition("_")
+        if head != "squared":
+            continue
+        for window, mask in windows.items():
+            steps = [
+                root(mean_from_sums(t, s, c))
+                for t, s, c in zip(total[mask], squares[mask], number[mask], strict=True)
+                if c
+            ]
+            if steps:
+                metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
+                value, stderr = np.mean(steps, axis=0).tolist()
+                runs = int(number[mask].max())
+                yield SummaryRow(f"time-mean({metric})", value, stderr, runs, lost)
+
+
+def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
     """``rmse`` (hdepf eq. 16), ``bias`` and ``std`` (adaptive-kf eqs. 13, 14), means of the rest."""
     for name, (total, squares, number) in result.steps.items():
         head, _, quantity = name.partition("_")
@@ -61,7 +89,7 @@ def step_rows(result: FilterResult, n_x: int) -> Iterator[StepRow]:
             if c == 0:
                 continue
             average = mean_from_sums(t, s, c)
-            for metric, estimate in _step_metrics(head, quantity, name, average, t, s, c, n_x):
+            for metric, estimate in _step_metrics(head, quantity, name, average, t, s, c, sizes):
                 yield StepRow(i, metric, *estimate, int(c))
     for name, rows in result.kept.items():
         for i, row in enumerate(_found(rows)):
@@ -69,8 +97,32 @@ def step_rows(result: FilterResult, n_x: int) -> Iterator[StepRow]:
                 yield StepRow(i, f"median({name})", *median(row), len(row))
 
 
+def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> Iterator[SummaryRow]:
+    """A scenario's lower bounds on every RMSE (T + 1,), over each window as `summary_rows` has them."""
+    for window, mask in windows.items():
+        for quantity, bound in bounds.items():
+            metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
+            rms = float(np.sqrt(np.square(bound[mask]).mean()))
+            yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
+            yield SummaryRow(f"time-mean({metric})", float(bound[mask].mean()), float("nan"), 0, 0)
+
+
+def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
+    """A scenario's lower bounds at every step, as `step_rows` has the RMSE."""
+    for quantity, bound in bounds.items():
+        for i, value in enumerate(bound.tolist()):
+            yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
+
+
 def _step_metrics(
-    head: str, quantity: str, name: str, average: Estimate, t: float, s: float, c: float, n_x: int
+    head: str,
+    quantity: str,
+    name: str,
+    average: Estimate,
+    t: float,
+    s: float,
+    c: float,
+    sizes: Mapping[str, int],
 ) -> Iterator[tuple[str, Estimate]]:
     if head in ("squared", "distance"):
         metric = "rmse" if head == "squared" else "distance"
@@ -79,8 +131,9 @@ def _step_metrics(
         yield joined("bias", quantity), average
         std = float(np.sqrt(max(s / c - (t / c) ** 2, 0.0)))
         yield joined("std", quantity), Estimate(std, std / np.sqrt(2.0 * c))
-    elif name == "nees":
-        yield "anees", Estimate(average.value / n_x, average.stderr / n_x)
+    elif head == "nees":
+        n = sizes[quantity]
+        yield f"a{name}", Estimate(average.value / n, average.stderr / n)
     else:
         yield name, average
 

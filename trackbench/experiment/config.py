@@ -57,6 +57,8 @@ class Settings:
     """filters by label, each like the scenario"""
     reference: Label | None = None
     """label of the filter whose estimates the others' distances are measured to"""
+    bound: Label | None = None
+    """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
@@ -96,6 +98,11 @@ class Experiment:
     def shown_runs(self) -> int:
         """How many runs' whole tracks the figures need."""
         return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
+
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether a figure needs those tracks' covariances too."""
+        return any(getattr(f, "shown_covariances", False) for f in self.figures.values())
 
     def title_of(self, key: tuple[int, str]) -> str:
         """A filter at a grid point, for people."""
@@ -192,6 +199,9 @@ def _point(
     filters = {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
     if scenario is None:
         return None
+    if source.data.get("bound") is not None and not hasattr(scenario, "bounds"):
+        what = f"scenario {scenario.kind} has no lower bounds"
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
     for label, tracker in filters.items():
         if tracker is not None:
             _check_fit(source, ("filters", label), tracker, scenario, problems)
@@ -329,6 +339,9 @@ def _labels(
     for label in only or []:
         if label not in known:
             problems.append(Problem(Mark(f"--only {label}"), "", unknown(label, known)))
+    if settings.bound in known:
+        what = f"{settings.bound!r} is already the label of a filter"
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
     if settings.reference is not None and settings.reference not in known:
         what = f"{settings.reference!r} is not a filter here; {unknown(settings.reference, known)}"
         problems.append(Problem(source.mark(("reference",)), "reference", what))
@@ -386,13 +399,13 @@ def _check_named_filters(
     for name, part in parts.items():
         group = "tables" if name in settings.tables else "figures"
         for i, label in enumerate(getattr(part, "filters", None) or ()):
-            if label not in settings.filters:
+            if label not in (*settings.filters, settings.bound):
                 where = (group, name, "filters", i)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
         for key in ("floor", "baseline"):
             label = getattr(part, key, None)
-            if label is not None and label not in settings.filters:
+            if label is not None and label not in (*settings.filters, settings.bound):
                 place = (group, name, key)
                 what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
                 problems.append(Problem(source.mark(place), dotted(place), what))

@@ -56,7 +56,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
                     used=min(width, settings.runs - block * width),
                     reference=None if label == settings.reference else reference,
                     shown=shown,
-                    keep_covariance=save_tracks,
+                    keep_covariance=save_tracks or experiment.shown_covariances,
                     keep_steps=tuple(settings.medians),
                 )
                 for block in range(ceil(settings.runs / width))

@@ -16,10 +16,17 @@ import numpy as np
 import yaml
 
 import trackbench
+from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.statistics import mean
-from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.evaluation.summary import (
+    StepRow,
+    bound_steps,
+    bound_summary,
+    step_rows,
+    summary_rows,
+)
 from trackbench.experiment.config import Experiment
 from trackbench.experiment.digest import code_digest
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
@@ -86,6 +93,8 @@ def write_results(
                 writers[name].writerows(_prefixed(experiment, key, rows, result))
             for collection in kept.values():
                 collection.add(key, result)
+        for name, writer in writers.items():
+            writer.writerows(_bounds(experiment, name))
     for name, collection in kept.items():
         collection.write(folder / name)
     manifest = _manifest(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
@@ -137,6 +146,25 @@ def _write_published(folder: Path, files: dict[str, str]) -> None:
         write_text(folder / name, text)
 
 
+def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
+    """The scenario's own lower bounds, as if of one more filter."""
+    label = experiment.settings.bound
+    for point in experiment.points if label else []:
+        scenario: Any = point.scenario
+        prefix = [*point.values.values(), label]
+        if name == "summary.csv":
+            for summary in bound_summary(scenario.bounds(), scenario.windows):
+                yield [*prefix, *summary]
+        if name == "per_step.csv":
+            for step in bound_steps(scenario.bounds()):
+                yield [*prefix, *_timed(step, scenario)]
+
+
+def _timed(row: StepRow, scenario: Any) -> Row:
+    k, t = scenario.steps[row.position], scenario.times[row.position]
+    return _plain([k, t, *row[1:]])
+
+
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
     for metric, values in result.per_run.items():
         for run, value in enumerate(values.tolist()):
@@ -144,13 +172,12 @@ def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
 
 
 def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    steps, times = scenario.steps.tolist(), scenario.times.tolist()
-    for row in step_rows(result, len(scenario.model.motion.components)):
-        yield steps[row.position], times[row.position], *_plain(row[1:])
+    for row in step_rows(result, sizes(scenario)):
+        yield _timed(row, scenario)
 
 
 def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    for row in summary_rows(result, len(scenario.model.motion.components)):
+    for row in summary_rows(result, sizes(scenario), scenario.windows):
         yield _plain(row)
 
 

@@ -13,7 +13,7 @@ from trackbench.experiment.plan import Key
 
 
 class Kept:
-    """``truth``, ``measurements``, ``mean/<filter>`` and, of all runs, ``cov/<filter>``.
+    """``truth``, ``measurements``, ``mean/<filter>`` and, where it was kept, ``cov/<filter>``.
 
     ``only`` is the number of first runs, None for all. Names of a grid's points start with
     ``point<i>/``.
@@ -39,8 +39,8 @@ class Kept:
             f"{point}measurements": seen[..., : self.only],
             f"{point}mean/{label}": mean[..., : self.only],
         }
-        if self.only is None and cov is not None:
-            self.arrays[f"{point}cov/{label}"] = cov
+        if cov is not None:
+            self.arrays[f"{point}cov/{label}"] = cov[..., : self.only]
 
     def write(self, path: Path) -> None:
         """Write the file, if there is anything in it."""

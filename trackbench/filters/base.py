@@ -4,6 +4,8 @@ Optional attributes of a filter class:
 
 ``needs``        capabilities of the model it cannot do without, as ``motion.jacobian``
 ``presets``      named sets of keys, chosen in a config by ``preset: NAME``
+``expectation``  posterior means of functions of the state, which may differ from their values at
+                 the mean: ``expectation(state, g) -> {name: (M,)}`` for ``g(x) -> {name: (...)}``
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
 ``held``         memory per run in points of a cloud, if it is not N; for the runner's estimate
 ``counts``       names of diagnostics that are summed over the steps instead

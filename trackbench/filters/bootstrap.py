@@ -1,5 +1,6 @@
 """Particle filters that propose from the transition: SIR, regularised, auxiliary."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -13,38 +14,54 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
-from trackbench.keys import NonNegative
+from trackbench.keys import Count, Natural, NonNegative
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
 
 class Cloud(NamedTuple):
-    """Particles to go on from, the estimate made of this step, and which runs had no weight."""
+    """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
+
+    ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does.
+    """
 
     particles: Particles
+    weighted: Particles
     estimate: Gaussian
     dead: Mask
+    age: int
+    P: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ParticleFilter:
+class ParticleFilter:
+    """Keys and hooks shared by the filters that carry a cloud."""
+
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
     resampling: Scheme = "systematic"
     """resampling scheme"""
     weights: WeightReading = "log"
     """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    boost: Count = 1
+    """factor on N during the first steps"""
+    boost_scans: Natural = 0
+    """how many steps the cloud is boosted for"""
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """N draws from the prior in each run."""
-        x = prior.sample(rng, self.N)
-        cloud = Particles(x, particles.uniform(x.shape[1], self.N))
-        return Cloud(cloud, cloud.moments(), np.zeros(x.shape[1], dtype=np.bool_))
+        """Draws from the prior in each run."""
+        x = prior.sample(rng, self._size(0))
+        cloud = Particles(x, particles.uniform(*x.shape[1:]))
+        return Cloud(cloud, cloud, cloud.moments(), np.zeros(x.shape[1], dtype=np.bool_), 0)
 
     def estimate(self, state: Cloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.estimate
+
+    def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
+        """Posterior means (M,) of functions of the state."""
+        return state.weighted.expectation(g)
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights."""
@@ -53,14 +70,18 @@ class _ParticleFilter:
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
-    def _resampled(self, cloud: Particles, rng: Generator) -> Particles:
-        index = ancestors(cloud.w, rng, self.resampling)
-        return Particles(select(cloud.x, index), particles.uniform(*cloud.w.shape))
+    def _size(self, age: int) -> int:
+        """Number of particles after so many steps."""
+        return self.N * (self.boost if age < self.boost_scans else 1)
+
+    def _resampled(self, cloud: Particles, rng: Generator, size: int) -> Particles:
+        index = ancestors(cloud.w, rng, self.resampling, size)
+        return Particles(select(cloud.x, index), particles.uniform(*index.shape))
 
 
 @register("filters", "pf")
 @dataclass(frozen=True, kw_only=True)
-class PF(_ParticleFilter):
+class PF(ParticleFilter):
     """Bootstrap (SIR) particle filter: prior proposal, weights from the likelihood.
 
     Gordon, Salmond & Smith 1993; hdepf paper, eqs. 6-8.
@@ -80,15 +101,15 @@ class PF(_ParticleFilter):
                 log_w = log_w + np.log(state.particles.w)
         w, dead = particles.normalise(log_w)
         weighted = Particles(x, w)
-        resampled = self._resample_if_needed(weighted, rng)
+        resampled = self._resample_if_needed(weighted, rng, self._size(state.age + 1))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return Cloud(resampled, source.moments(), dead)
+        return Cloud(resampled, source, source.moments(), dead, state.age + 1)
 
-    def _resample_if_needed(self, cloud: Particles, rng: Generator) -> Particles:
-        resampled = self._resampled(cloud, rng)
-        if self.ess_threshold == 1.0:
+    def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
+        resampled = self._resampled(cloud, rng, size)
+        if self.ess_threshold == 1.0 or size != cloud.w.shape[1]:
             return resampled
-        rich = particles.effective_sample_size(cloud.w) >= self.ess_threshold * self.N
+        rich = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
         return Particles(
             np.where(rich[:, None], cloud.x, resampled.x),
             np.where(rich[:, None], cloud.w, resampled.w),
@@ -97,7 +118,7 @@ class PF(_ParticleFilter):
 
 @register("filters", "rpf")
 @dataclass(frozen=True, kw_only=True)
-class RPF(_ParticleFilter):
+class RPF(ParticleFilter):
     """Regularised particle filter: resamples from a kernel density of the posterior.
 
     Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
@@ -114,14 +135,14 @@ class RPF(_ParticleFilter):
         w, dead = particles.normalise(self._log_likelihood(model, z, x, k))
         weighted = Particles(x, w)
         moments = weighted.moments()
-        resampled = self._resampled(weighted, rng)
+        resampled = self._resampled(weighted, rng, self._size(state.age + 1))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        return Cloud(Particles(x, resampled.w), moments, dead)
+        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1)
 
 
 @register("filters", "apf")
 @dataclass(frozen=True, kw_only=True)
-class APF(_ParticleFilter):
+class APF(ParticleFilter):
     """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
 
     Pitt & Shephard 1999.
@@ -139,12 +160,13 @@ class APF(_ParticleFilter):
             chosen = particles.normalise(first + np.log(cloud.w))
         # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
         first = np.where(chosen.dead[:, None], 0.0, first)
-        index = resampling.ancestors(chosen.w, rng, self.resampling)
+        size = self._size(state.age + 1)
+        index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, dead = particles.normalise(second)
         moved = Particles(x, w)
-        return Cloud(moved, moved.moments(), dead)
+        return Cloud(moved, moved, moved.moments(), dead, state.age + 1)
 
     def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
         moved = model.motion.transition(x, k)

@@ -1,17 +1,19 @@
 """Extended and unscented Kalman filters alone."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.unscented import Unscented
 from trackbench.keys import Finite, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.gaussian import Assumed, extended_step, unscented_step
+from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
 
@@ -23,7 +25,9 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _KalmanFilter:
+class GaussianFilter:
+    """Keys and hooks shared by the filters that carry one Gaussian."""
+
     Q: Positive | None = None
     """process noise variance assumed on every component; default: the model's"""
     R: Positive | None = None
@@ -32,9 +36,20 @@ class _KalmanFilter:
     """initial variance assumed on every component; default: the prior's"""
     noise_mean: bool = True
     """whether the prediction adds the mean of the process noise"""
+    start: Conversion | None = None
+    """conversion of the two scans that a radar's filter starts from; default: the prior's moments"""
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """A start from converted scans needs a radar."""
+        if self.start is None or hasattr(scenario.model.sensor, "reading"):
+            return {}
+        return {"start": f"scenario {scenario.kind} has no range and azimuth to convert"}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """The prior's moments."""
+        """The prior's moments, or the two-point start."""
+        if self.start is not None:
+            assert isinstance(prior, TwoPoint)
+            prior = prior.gaussian(self.start)
         n, runs = prior.mean.shape
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
         cov = np.broadcast_to(with_trailing(cov, 1, leading=2), (n, n, runs))
@@ -55,7 +70,7 @@ class _KalmanFilter:
 
 @register("filters", "ekf")
 @dataclass(frozen=True, kw_only=True)
-class EKF(_KalmanFilter):
+class EKF(GaussianFilter):
     """Extended Kalman filter: first-order linearisation at the mean (Anderson & Moore 1979)."""
 
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
@@ -71,7 +86,7 @@ class EKF(_KalmanFilter):
 
 @register("filters", "ukf")
 @dataclass(frozen=True, kw_only=True)
-class UKF(_KalmanFilter):
+class UKF(GaussianFilter):
     """Unscented Kalman filter with noise-augmented sigma points.
 
     Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3.2.

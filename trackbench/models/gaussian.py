@@ -42,15 +42,19 @@ def _either(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 
+def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed) -> Gaussian:
+    """The prediction of x_k, the motion linearised at the mean."""
+    assert isinstance(model.motion, DifferentiableMotion)
+    moved = assumed.transition(model, state.mean, k)
+    return kalman.predict(state, model.motion.jacobian(state.mean, k), moved.cov, moved.mean)
+
+
 def extended_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
 ) -> tuple[Gaussian, Innovation]:
     """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
-    assert isinstance(model.motion, DifferentiableMotion)
     assert isinstance(model.sensor, DifferentiableSensor)
-    moved = assumed.transition(model, state.mean, k)
-    F = model.motion.jacobian(state.mean, k)
-    predicted = kalman.predict(state, F, moved.cov, moved.mean)
+    predicted = extended_prediction(model, state, k, assumed)
     seen = assumed.measurement(model, predicted.mean, k)
     nu = model.sensor.innovation(with_trailing(z, seen.mean.ndim - 1), seen.mean)
     return kalman.update(predicted, nu, model.sensor.jacobian(predicted.mean, k), seen.cov)

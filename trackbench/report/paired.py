@@ -45,7 +45,6 @@ def paired_rows(results: Results) -> Iterator[tuple[dict[str, Any], list[Pair]]]
 def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
     """Every two of the labels whose values per run (M,) have runs in common."""
     found = []
-    labels = [label for label in labels if np.isfinite(values[label]).any()]
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])
         runs = int(both.sum())

@@ -84,8 +84,9 @@ class Results:
 
     @property
     def labels(self) -> list[str]:
-        """Filter labels in the config's order."""
-        return list(self.config["filters"])
+        """Filter labels in the config's order, and the lower bound's last."""
+        bound = self.config.get("bound")
+        return [*self.config["filters"], *([bound] if bound else [])]
 
     @property
     def grid(self) -> list[str]:

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Curves:
+class Curves:
+    """Keys shared by the kinds that draw a line per filter in a panel per grid point."""
+
     title: str = ""
     """heading"""
     filters: tuple[str, ...] | None = None
@@ -60,7 +62,7 @@ class _Curves:
 
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
-class RmseVsTime(_Curves):
+class RmseVsTime(Curves):
     """A metric of per_step.csv over time, with bands of two standard errors."""
 
     metric: str = "rmse"
@@ -89,7 +91,7 @@ class RmseVsTime(_Curves):
 
 @register("figures", "rmse-per-run")
 @dataclass(frozen=True, kw_only=True)
-class RmsePerRun(_Curves):
+class RmsePerRun(Curves):
     """A metric of per_run.csv for each Monte Carlo run."""
 
     x_label: str = "Run m"
@@ -114,7 +116,7 @@ class RmsePerRun(_Curves):
 
 @register("figures", "estimates")
 @dataclass(frozen=True, kw_only=True)
-class Estimates(_Curves):
+class Estimates(Curves):
     """Truth and every filter's estimate of one component in one run."""
 
     run: Count = 1

@@ -10,6 +10,7 @@ from annotated_types import Interval
 from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.evaluation.statistics import Estimate, relative_gain
 from trackbench.registry import register
+from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
@@ -32,7 +33,7 @@ class Metrics:
     title: str = ""
     """caption"""
     columns: dict[str, str]
-    """header: metric of summary.csv, or `cpu_s_per_run` of timing.csv"""
+    """header: metric of summary.csv, `cpu_s_per_run`, or an expression, `ratio(cpu_s_per_run, RPF)`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
     digits: Annotated[int, Interval(ge=1, le=15)] = 4
@@ -45,10 +46,13 @@ class Metrics:
         labels = [b for b in results.labels if self.filters is None or b in self.filters]
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         for point in results.points():
-            found = _index(results, point)
+            found, expressions = _index(results, point), Expressions(results, point)
             keys = [str(v) for v in point.values()]
             for label in labels:
-                cells = [found.get((label, m), Cell.missing()) for m in self.columns.values()]
+                cells = [
+                    found.get((label, m)) or _evaluated(expressions, label, m)
+                    for m in self.columns.values()
+                ]
                 table.add([*keys, label], cells)
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
@@ -75,6 +79,12 @@ class Metrics:
             both = both[np.isfinite(both).all(axis=1)]
             value, stderr = relative_gain(both[:, 0], both[:, 1])
             yield Cell(Estimate(100 * value, 100 * stderr), runs=len(both), lost=0)
+
+
+def _evaluated(expressions: Expressions, label: str, expression: str) -> Cell:
+    """A cell of an expression that is no row of summary.csv, such as a ratio to another filter."""
+    term = expressions.term(label, expression)
+    return Cell(term.estimate, term.runs, term.lost)
 
 
 def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:

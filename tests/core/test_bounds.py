@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from tests.conftest import random_covariance
+from trackbench.core import kalman
+from trackbench.core.bounds import posterior_cramer_rao
+from trackbench.core.distributions import Gaussian
+from trackbench.models.linear import CWNA
+from trackbench.scenarios.banana import Banana
+
+
+def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Generator) -> None:
+    motion, H, R = CWNA(0.5, 0.3), rng.standard_normal((2, 4)), random_covariance(rng, 2)
+    P = random_covariance(rng, 4)
+    information = [H.T @ np.linalg.inv(R) @ H] * 20
+    bounds = posterior_cramer_rao(P, motion.F, motion.Q, information)
+    state = Gaussian(np.zeros((4, 1)), P[..., None])
+    for k in range(21):
+        np.testing.assert_allclose(bounds[..., k], state.cov[..., 0], rtol=1e-7)
+        predicted = kalman.predict(state, motion.F, motion.Q)
+        state, _ = kalman.update(predicted, np.zeros((2, 1)), H, R)
+
+
+def test_bound_without_process_noise_is_least_squares() -> None:
+    """Without noise the bound is the inverse of the summed information, carried along."""
+    scenario = Banana(q=0.0, scans=30, range_km=100.0)
+    x, F = scenario._path(), scenario.model.motion.F
+    R_inverse = np.diag([1 / 0.2**2, 1 / 2e-3**2])
+    J = np.zeros((4, 4))
+    for k in range(30):
+        back = np.linalg.matrix_power(np.linalg.inv(F), 29 - k)
+        H = scenario.model.sensor.jacobian(x[:, k], 0) @ back
+        J += H.T @ R_inverse @ H
+    exact = np.linalg.inv(J)
+    bounds = scenario.bounds()
+    assert bounds["position"][-1] == pytest.approx(np.sqrt(exact[0, 0] + exact[2, 2]), rel=1e-4)
+    assert bounds["velocity"][-1] == pytest.approx(np.sqrt(exact[1, 1] + exact[3, 3]), rel=1e-4)

@@ -1,0 +1,184 @@
+"""The long-range target: what holds of each filter, at reduced size (full size: experiments/README)."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter, per_run, track
+from trackbench.core.streams import block_stream
+from trackbench.evaluation.block import simulate
+from trackbench.scenarios.banana import Banana
+
+FAR = Banana(velocity_cross=1000.0)
+GAUSSIAN: list[tuple[str, dict[str, Any]]] = [
+    ("cmkf", {"conversion": "ccm"}),
+    ("cmkf", {"conversion": "ucm"}),
+    ("cmkf", {"conversion": "mucm"}),
+    ("cmkf", {"conversion": "ducm"}),
+    ("ekf", {}),
+    ("iekf", {}),
+    ("ukf", {}),
+    ("mcaekf", {}),
+    ("gaussian-sum", {"split": 25}),
+]
+CLOUDS: list[tuple[str, dict[str, Any]]] = [
+    ("rpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
+    ("mpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
+    ("los-rbpf", {"N": 2000}),
+]
+
+
+def anees(kind: str, runs: int = 200, scenario: Banana = FAR, **keys: Any) -> np.ndarray:
+    """ANEES per scan, from the second on."""
+    return track(scenario, make_filter(kind, **keys), runs).nees.mean(axis=1) / 4
+
+
+@cache
+def metric(name: str, kind: str, runs: int = 30, **keys: Any) -> np.ndarray:
+    return per_run(FAR, make_filter(kind, **keys), runs, name)
+
+
+def test_ekf_diverges_and_mcaekf_does_not() -> None:
+    assert anees("ekf")[-1] > 1000
+    assert anees("mcaekf", start="ccm")[-1] > 20
+
+
+def test_mcaekf_stays_near_consistency_after_the_second_scan() -> None:
+    found = track(FAR, make_filter("mcaekf"), 500).nees / 4
+    stderr = found.std(axis=1) / np.sqrt(500)
+    assert (found.mean(axis=1) > 0.7 - 3 * stderr)[1:].all()
+    assert (found.mean(axis=1) < 1.8 + 3 * stderr)[1:].all()
+
+
+def test_ducm_is_the_most_consistent_conversion_at_the_end() -> None:
+    off = {c: abs(np.log(anees("cmkf", conversion=c)[-1])) for c in ("ccm", "ucm", "mucm", "ducm")}
+    assert min(off, key=lambda c: off[c]) == "ducm"
+    assert off["ccm"] > np.log(100)
+
+
+@pytest.mark.parametrize(("kind", "keys"), CLOUDS)
+def test_particle_filters_are_consistent_in_the_median(kind: str, keys: dict[str, Any]) -> None:
+    """Median NEES / n_x between 0.3 and 1.5: no scan is outside by its own rank interval."""
+    runs = 40
+    ranked = np.sort(track(FAR, make_filter(kind, **keys), runs).nees, axis=1) / 4
+    off = int(3 * np.sqrt(runs) / 2)  # three standard deviations of the median's rank
+    assert (ranked[:, runs // 2 + off] > 0.3).all()
+    assert (ranked[:, runs // 2 - off] < 1.5).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        ("pf", {"N": 3000}),
+        ("mpf", {"N": 3000, "regularise": "none"}),
+        ("mpf", {"N": 3000, "regularise": "position"}),
+    ],
+)
+def test_without_joint_jitter_the_cloud_leaves_the_target(kind: str, keys: dict[str, Any]) -> None:
+    nees = track(FAR, make_filter(kind, **keys), 30).nees[-1]
+    assert np.median(nees) > 20  # a consistent filter's is 3.4
+
+
+def test_mpf_has_the_velocity_error_of_rpf() -> None:
+    a = metric("rmse_velocity", "mpf", N=4000)
+    b = metric("rmse_velocity", "rpf", N=5000)
+    ratio = np.sqrt(np.square(a).mean() / np.square(b).mean())
+    assert abs(ratio - 1) < 0.03
+
+
+def test_marginalising_the_range_beats_marginalising_nothing() -> None:
+    a = np.square(metric("rmse_position", "los-rbpf", runs=60, N=2000))
+    b = np.square(metric("rmse_position", "rpf", runs=60, N=2000))
+    gain = b - a
+    assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
+
+
+@pytest.mark.parametrize(("kind", "keys"), [*GAUSSIAN[5:], *CLOUDS])
+def test_none_is_below_the_bound(kind: str, keys: dict[str, Any]) -> None:
+    """Squared position error against the squared bound, scan by scan, in standard errors."""
+    runs, bound = 60, FAR.bounds()["position"]
+    mean = track(FAR, make_filter(kind, **keys), runs).mean
+    error = FAR.errors(mean, simulate(FAR, 1, 0, runs).truth)["position"]
+    squares = np.square(error).sum(axis=0)
+    z = (squares.mean(axis=1) - bound**2) / (squares.std(axis=1) / np.sqrt(runs))
+    assert z.min() > -4  # the least of 99, correlated
+
+
+@pytest.mark.parametrize(("kind", "keys"), [*GAUSSIAN, *CLOUDS])
+def test_the_azimuth_cut_is_nowhere(kind: str, keys: dict[str, Any]) -> None:
+    """The same runs turned by 130 degrees, across +-180, give the same errors."""
+    scenario = {"range_km": 500.0, "velocity_cross": 3000.0, "scans": 20, "q": 1e-9}
+    tracker = make_filter(kind, **keys)
+    here = per_run(Banana(azimuth_deg=50.0, **scenario), tracker, 20, "rmse_azimuth_deg")
+    there = per_run(Banana(azimuth_deg=179.95, **scenario), tracker, 20, "rmse_azimuth_deg")
+    tolerance = 1e-3 if kind in ("cmkf", "ekf", "iekf", "mcaekf") else 0.5
+    np.testing.assert_allclose(there, here, rtol=tolerance)
+
+
+@pytest.mark.parametrize(("kind", "keys"), [GAUSSIAN[3], *GAUSSIAN[6:], *CLOUDS])
+def test_a_target_at_ten_thousand_kilometres(kind: str, keys: dict[str, Any]) -> None:
+    scenario = Banana(range_km=1e4, velocity_cross=1000.0, scans=30)
+    found = per_run(scenario, make_filter(kind, **keys), 20, "rmse_position")
+    assert np.isfinite(found).all()
+    assert np.sqrt(np.square(found).mean()) < 1e7 * 2e-3  # better than a single azimuth
+
+
+@pytest.mark.parametrize(("kind", "keys"), [*GAUSSIAN, *CLOUDS])
+def test_a_gap_is_predicted_over(kind: str, keys: dict[str, Any]) -> None:
+    scenario = Banana(range_km=100.0, velocity_cross=100.0, scans=10)
+    data, tracker = simulate(scenario, 3, 0, 4), make_filter(kind, **keys)
+    z = data.measurements.copy()
+    z[:, 4, :2] = np.nan
+    rng = block_stream(1, 0)
+    state = tracker.init(scenario.model, data.prior, rng)
+    for i in range(z.shape[1]):
+        before = tracker.estimate(state)
+        state = tracker.step(scenario.model, state, z[:, i], i + 3, rng)
+        after = tracker.estimate(state)
+        assert np.isfinite(after.mean).all()
+        if i == 4:
+            spread = np.sqrt(before.cov[0, 0] + before.cov[2, 2])[:2]
+            moved = (after.mean - scenario.model.motion.F @ before.mean)[::2, :2]
+            assert (np.abs(moved) < 0.3 * spread).all()
+
+
+def test_readings_that_make_another_filter() -> None:
+    """One iteration is the EKF; no sagitta is the EKF."""
+    ekf = track(FAR, make_filter("ekf"), 20).mean
+    once = track(FAR, make_filter("iekf", iterations=1), 20).mean
+    np.testing.assert_allclose(once, ekf, rtol=1e-9)
+    near = Banana(range_km=50.0, velocity_cross=300.0)
+    sharp = track(near, make_filter("mcaekf", kappa=1e9), 20).mean
+    np.testing.assert_allclose(
+        sharp, track(near, make_filter("ekf"), 20).mean, rtol=1e-9, atol=1e-8
+    )
+
+
+def test_every_filter_agrees_where_nothing_is_curved() -> None:
+    """Close by with a sharp azimuth all are the Kalman filter, and the bound."""
+    scenario = Banana(range_km=10.0, velocity_cross=20.0, sigma_azimuth_mrad=0.02, scans=30)
+    runs, last = 100, {}
+    for kind, keys in [*GAUSSIAN[1:], *CLOUDS]:
+        mean = track(scenario, make_filter(kind, **keys), runs).mean[..., -1, :]
+        truth = simulate(scenario, 1, 0, runs).truth[:, -1]
+        last[kind, str(keys)] = np.square(mean - truth)[::2].sum(axis=0)
+    best = last["iekf", "{}"]
+    bound = scenario.bounds()["position"][-1] ** 2
+    assert abs(best.mean() - bound) < 4 * best.std() / np.sqrt(runs)
+    for name, squares in last.items():
+        difference = squares - best
+        tolerance = 0.05 * best.mean() + 4 * difference.std() / np.sqrt(runs)
+        assert abs(difference.mean()) < tolerance, name
+
+
+def test_shrinking_a_boosted_cloud_keeps_its_law() -> None:
+    """Boosted or not, the filter estimates the same posterior."""
+    near = Banana(range_km=50.0, velocity_cross=100.0, scans=15)
+    a = track(near, make_filter("rpf", N=2000), 20).mean[..., -1, :]
+    b = track(near, make_filter("rpf", N=2000, boost=4, boost_scans=5), 20)
+    spread = np.abs(a - b.mean[..., -1, :])[::2]
+    assert np.median(spread) < 0.3 * np.median(
+        np.abs(b.mean[::2, -1] - near.bounds()["position"][-1])
+    )

@@ -1,0 +1,111 @@
+"""The scenario itself, and what a config may not ask of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.experiment.test_bad_input import mistakes
+from trackbench.core.streams import RunStreams
+from trackbench.scenarios.banana import Banana
+
+GOOD = """name: x
+runs: 10
+bound: PCRLB
+scenario: {kind: banana}
+filters:
+  RPF:
+    kind: rpf
+    N: 10
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "kind: banana",
+            "kind: banana, sigma_azimuth_mrad: 0",
+            "4:46: scenario.sigma_azimuth_mrad: 0 is not greater than 0",
+        ),
+        (
+            "kind: banana",
+            "kind: banana, range_km: 0",
+            "4:36: scenario.range_km: 0 is not greater than 0",
+        ),
+        ("kind: banana", "kind: banana, scans: 0", "4:33: scenario.scans: 0 is less than 3"),
+        (
+            "kind: banana",
+            "kind: banana, rmse_window: [2, 101]",
+            "4:11: scenario: rmse_window [2, 101] is not within scans 2 to 100",
+        ),
+        ("N: 10", "N: 1", "8:8: filters.RPF.N: 1 is less than 2"),
+        (
+            "    kind: rpf\n    N: 10",
+            "    kind: cmkf\n    conversion: foo",
+            "8:17: filters.RPF.conversion: 'foo' is not one of ccm, ucm, mucm or ducm",
+        ),
+        (
+            "    kind: rpf\n    N: 10",
+            "    kind: ekf\n    start: foo",
+            "8:12: filters.RPF.start: 'foo' is not one of ccm, ucm, mucm or ducm",
+        ),
+        ("bound: PCRLB", "bound: RPF", "3:8: bound: 'RPF' is already the label of a filter"),
+        ("kind: banana", "kind: merwe", "3:8: bound: scenario merwe has no lower bounds"),
+        (
+            "kind: banana}\nfilters:\n  RPF:\n    kind: rpf",
+            "kind: banana, q: 0}\nfilters:\n  RPF:\n    kind: mpf",
+            "7:5: filters.RPF: mpf needs process noise: q must be greater than 0",
+        ),
+        (
+            "PCRLB\nscenario: {kind: banana}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
+            "~\nscenario: {kind: merwe}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
+            "8:12: filters.RPF.start: scenario merwe has no range and azimuth to convert",
+        ),
+    ],
+)
+def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    text = GOOD.replace(old, new)
+    assert text != GOOD
+    assert mistakes(tmp_path, text) == [expected]
+
+
+def test_the_printed_position() -> None:
+    """(1050, 2500) km gives the printed range and azimuth."""
+    scenario = Banana()
+    truth = scenario.simulate(RunStreams(0, range(3)), 3).truth
+    start = scenario._start
+    np.testing.assert_allclose(start[[0, 2]], [1.05e6, 2.5e6], rtol=2e-6)
+    assert start[[1, 3]] @ start[[0, 2]] == pytest.approx(0.0, abs=1e-3 * 2.7e6)
+    assert np.hypot(*start[[1, 3]]) == pytest.approx(5000.0)
+    assert truth.shape == (4, 99, 3)
+
+
+def test_errors_by_name(rng: np.random.Generator) -> None:
+    scenario = Banana(azimuth_deg=180.0)
+    truth = scenario._start[:, None]
+    u = np.array([[-1.0], [0.0]])
+    w = np.array([[0.0], [-1.0]])
+    mean = truth.copy()
+    mean[0::2] += 3.0 * u + 4.0 * w
+    errors = scenario.errors(mean, truth)
+    assert np.sqrt(np.square(errors["position"]).sum()) == pytest.approx(5.0)
+    assert errors["radial"][0, 0] == pytest.approx(3.0)
+    assert errors["cross"][0, 0] == pytest.approx(4.0)
+    assert errors["range"][0, 0] == pytest.approx(3.0, abs=1e-5)
+    assert errors["azimuth_deg"][0, 0] == pytest.approx(np.rad2deg(4.0 / 2.7e6), rel=0.01)
+
+
+def test_noise_of_a_simulation_has_the_stated_size() -> None:
+    runs = 400
+    scenario = Banana(scans=20)
+    data = scenario.simulate(RunStreams(5, range(runs)), runs)
+    sensor = scenario.model.sensor
+    noise = sensor.innovation(data.measurements, sensor.polar(data.truth[:, 1:]))
+    n = noise[0].size
+    for rows, sigma in zip(noise, (0.2, 2e-3), strict=True):
+        assert abs(rows.std() / sigma - 1) < 4 / np.sqrt(2 * n)
+    steps = data.truth[:, 1:] - np.einsum(
+        "ij,jtm->itm", scenario.model.motion.F, data.truth[:, :-1]
+    )
+    assert abs(steps[1].var() / 1e-3 - 1) < 4 * np.sqrt(2 / n)

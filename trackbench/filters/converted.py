@@ -1,0 +1,98 @@
+"""Kalman filters in Cartesian coordinates, fed with converted measurements."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.random import Generator
+
+from trackbench.core import kalman, linalg
+from trackbench.core.arrays import Array
+from trackbench.core.conversions import Conversion, Polar, convert
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.filters.kalman import Tracked
+from trackbench.models.base import Model
+from trackbench.models.twopoint import TwoPoint
+from trackbench.registry import register
+
+
+@register("filters", "cmkf")
+@dataclass(frozen=True, kw_only=True)
+class CMKF:
+    """Converted measurement Kalman filter: a linear filter on the converted position.
+
+    Banana paper, section III; the conversions and their sources are in `core.conversions`.
+    """
+
+    conversion: Conversion = "ucm"
+    """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
+    start: Conversion | None = None
+    """conversion of the two scans that the filter starts from; default: its own"""
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
+        """Two-point differencing of converted measurements."""
+        assert isinstance(prior, TwoPoint)
+        start = prior.gaussian(self.start or self.conversion)
+        return Tracked(start, np.full(start.mean.shape[1], np.nan))
+
+    def step(self, model: Any, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+        """Predict, convert the measurement, update linearly."""
+        motion, sensor = model.motion, model.sensor
+        moved = motion.transition(state.posterior.mean, k)
+        F = motion.jacobian(state.posterior.mean, k)
+        predicted = kalman.predict(state.posterior, F, moved.cov, moved.mean)
+        expected = polar_moments(sensor, predicted) if self.conversion == "ducm" else None
+        seen = convert(self.conversion, sensor.reading(z), expected)
+        H = np.eye(len(predicted.mean))[list(sensor.position)]
+        nu = seen.mean - linalg.matvec(H, predicted.mean)
+        R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], seen.cov)
+        posterior, innovation = kalman.update(predicted, nu, H, R)
+        return Tracked(posterior, innovation.nis)
+
+    def estimate(self, state: Tracked) -> Gaussian:
+        """The posterior."""
+        return state.posterior
+
+    def diagnostics(self, state: Tracked) -> dict[str, Array]:
+        """``nis``: normalised innovation squared, expected 2."""
+        return {"nis": state.nis}
+
+
+def polar_moments(sensor: Any, state: Gaussian) -> Polar:
+    """Range and azimuth of N(mean, cov) with their variances to first order."""
+    r, a = sensor.polar(state.mean)
+    spread = linalg.sandwich(sensor.jacobian(state.mean, 0), state.cov)
+    return Polar(r, a, spread[0, 0], spread[1, 1])
+
+
+@register("filters", "conversion")
+@dataclass(frozen=True, kw_only=True)
+class Converted:
+    """No memory: the last measurement's converted position; its velocity is not a number.
+
+    Shows a conversion's own bias and consistency (banana paper, Fig. 6).
+    """
+
+    conversion: Conversion = "ucm"
+    """how range and azimuth become a position: ccm, ucm or mucm"""
+    needs: ClassVar[tuple[str, ...]] = ("sensor.reading",)
+
+    def init(self, model: Any, prior: Distribution, rng: Generator) -> Gaussian:
+        """The second scan, converted."""
+        assert isinstance(prior, TwoPoint)
+        return self.step(model, prior.mean, prior.second, 0, rng)
+
+    def step(self, model: Any, state: Any, z: Array, k: int, rng: Generator) -> Gaussian:
+        """The measurement, converted."""
+        seen = convert(self.conversion, model.sensor.reading(z))
+        n = len(model.motion.components)
+        at = list(model.sensor.position)
+        mean, cov = np.full((n, z.shape[1]), np.nan), np.full((n, n, z.shape[1]), np.nan)
+        mean[at] = seen.mean
+        cov[np.ix_(at, at)] = seen.cov
+        return Gaussian(mean, cov)
+
+    def estimate(self, state: Gaussian) -> Gaussian:
+        """The converted position."""
+        return state

@@ -1,0 +1,133 @@
+"""Gaussian sum filter: a bank of extended Kalman filters over what two scans leave open."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
+
+from trackbench.core import linalg, particles
+from trackbench.core.arrays import Array, Index
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.particles import Particles
+from trackbench.keys import Count, NonNegative, Positive
+from trackbench.models.gaussian import Assumed, extended_step
+from trackbench.models.radar import RangeAzimuth
+from trackbench.models.twopoint import TwoPoint
+from trackbench.registry import register
+
+
+class Mixture(NamedTuple):
+    """Components with means (4, M, C), covariances (4, 4, M, C) and weights (M, C) that sum to one."""
+
+    mean: Array
+    cov: Array
+    w: Array
+
+
+@register("filters", "gaussian-sum")
+@dataclass(frozen=True, kw_only=True)
+class GaussianSum:
+    """Gaussian sum filter: extended Kalman filters over a split of the first two scans' azimuths.
+
+    Alspach & Sorenson 1972. Both azimuths together are azimuth and cross speed. Each component is so
+    narrow that the sharp range is nearly linear over it; after each update the heaviest are kept, and
+    those that the heaviest one cannot be told from are merged with it.
+    """
+
+    split: Annotated[int, Ge(3)] = 35
+    """components along each of the two azimuths: its square is the number at the start"""
+    span: Positive = 3.5
+    """half the width of the split, in standard deviations of the azimuth"""
+    kept: Count = 150
+    """largest number of components after an update"""
+    merge_within: NonNegative = 0.1
+    """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
+
+    def __post_init__(self) -> None:
+        if self._width >= 1.0:
+            raise ValueError(f"split = {self.split} over +-{self.span} is coarser than the azimuth")
+
+    @property
+    def _width(self) -> float:
+        """Standard deviation of a component, and distance to the next, in the azimuth's."""
+        return 2.0 * self.span / (self.split - 1)
+
+    @property
+    def N(self) -> int:
+        """Components at the start: what a block's width follows from."""
+        return self.split**2
+
+    def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
+        """A component per pair of azimuths, two-point differenced as if they were known that well."""
+        assert isinstance(prior, TwoPoint)
+        s, runs = model.sensor.sigma_azimuth, prior.first.shape[1]
+        nodes = np.linspace(-self.span, self.span, self.split)
+        width = self._width
+        log_w = -0.5 * np.square(nodes) / (1.0 - width**2)  # the mixture has the azimuth's variance
+        one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
+        narrow = RangeAzimuth(model.sensor.sigma_range, width * s)
+        first, second = (
+            _shifted(scan, s * by) for scan, by in ((prior.first, one), (prior.second, two))
+        )
+        start = TwoPoint(narrow, first, second, prior.T, prior.q).gaussian("ccm")
+        w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
+        shape = (runs, self.N)
+        return Mixture(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape), w)
+
+    def step(self, model: Any, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
+        """An EKF per component, weighted by its innovation; then fewer components."""
+        bank = Gaussian(state.mean, state.cov)
+        bank, innovation = extended_step(model, bank, z, k, Assumed())
+        with np.errstate(divide="ignore"):
+            log_w = np.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
+        heaviest = _strongest(Mixture(bank.mean, bank.cov, particles.normalise(log_w).w), self.kept)
+        merged = _merged(heaviest, self.merge_within)
+        return _strongest(merged, int((merged.w > 0.0).sum(axis=-1).max()))
+
+    def estimate(self, state: Mixture) -> Gaussian:
+        """Mean and covariance of the mixture."""
+        return _moments(state, state.w)
+
+
+def _shifted(scan: Array, azimuth: Array) -> Array:
+    """The scan (2, M) with each of C angles added to its azimuth (2, M C)."""
+    r, a = scan
+    return np.stack([np.repeat(r, len(azimuth)), (a[:, None] + azimuth).ravel()])
+
+
+def _strongest(mixture: Mixture, number: int) -> Mixture:
+    """The components with the largest weights."""
+    if number >= mixture.w.shape[1]:
+        return mixture
+    index: Index = np.argpartition(-mixture.w, number - 1, axis=-1)[:, :number]
+    w = np.take_along_axis(mixture.w, index, axis=-1)
+    return Mixture(
+        np.take_along_axis(mixture.mean, index[None], axis=-1),
+        np.take_along_axis(mixture.cov, index[None, None], axis=-1),
+        w / w.sum(axis=-1, keepdims=True),
+    )
+
+
+def _merged(mixture: Mixture, within: float) -> Mixture:
+    """The mixture with the heaviest component and its near neighbours replaced by their moments."""
+    top = mixture.w.argmax(axis=-1)[:, None]
+    centre = np.take_along_axis(mixture.mean, top[None], axis=-1)
+    near = linalg.mahalanobis(mixture.mean - centre, mixture.cov) < within
+    near |= np.arange(mixture.w.shape[1]) == top
+    together = np.where(near, mixture.w, 0.0)
+    total = together.sum(axis=-1, keepdims=True)
+    one = _moments(mixture, together / total)
+    out = Mixture(mixture.mean.copy(), mixture.cov.copy(), np.where(near, 0.0, mixture.w))
+    np.put_along_axis(out.mean, top[None], one.mean[..., None], axis=-1)
+    np.put_along_axis(out.cov, top[None, None], one.cov[..., None], axis=-1)
+    np.put_along_axis(out.w, top, total, axis=-1)
+    return out
+
+
+def _moments(mixture: Mixture, w: Array) -> Gaussian:
+    """Mean and covariance of the mixture with weights w (M, C)."""
+    between = Particles(mixture.mean, w).moments()
+    return Gaussian(between.mean, between.cov + (mixture.cov * w).sum(axis=-1))

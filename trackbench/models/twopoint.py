@@ -1,0 +1,107 @@
+"""The first state that two scans of a range-azimuth sensor give, in every form that a filter may ask."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.conversions import Conversion, convert, position
+from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.streams import Streams
+from trackbench.models.radar import RangeAzimuth
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPoint:
+    """State at the second of two scans (2, M) each, under no other knowledge of the target.
+
+    Velocity is the difference of the two positions over T plus the noise that white acceleration of
+    density q adds to it within T (variance q T / 3 per axis). Samples are drawn in polar coordinates:
+    with no knowledge of position the posterior is the measurement's own banana (to 1 in r).
+    """
+
+    sensor: RangeAzimuth
+    first: Array
+    second: Array
+    T: float
+    q: float
+
+    @property
+    def mean(self) -> Array:
+        """Mean of `gaussian` with the modified unbiased conversion (4, M)."""
+        return self.gaussian("mucm").mean
+
+    @property
+    def cov(self) -> Array:
+        """Covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
+        return self.gaussian("mucm").cov
+
+    @property
+    def loc(self) -> Array:
+        """The mean."""
+        return self.mean
+
+    @property
+    def mode(self) -> Array:
+        """The mean."""
+        return self.mean
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Two-point differencing of converted scans (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3)."""
+        one = convert(conversion, self.sensor.reading(self.first))
+        two = convert(conversion, self.sensor.reading(self.second))
+        n, runs = 4, self.first.shape[1]
+        velocity = (two.mean - one.mean) / self.T
+        noise = (self.q * self.T / 3.0) * np.eye(2)[..., None]
+        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+        p, v = slice(0, n, 2), slice(1, n, 2)
+        mean[p], mean[v] = two.mean, velocity
+        cov[p, p] = two.cov
+        cov[p, v] = cov[v, p] = two.cov / self.T
+        cov[v, v] = (one.cov + two.cov) / self.T**2 + noise
+        return Gaussian(mean, cov)
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """States (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
+        p1, p2 = self.positions(rng, *trailing)
+        excess = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
+        vx, vy = (p2 - p1) / self.T + excess
+        return np.stack([p2[0], vx, p2[1], vy])
+
+    def positions(self, rng: Streams, *trailing: int) -> tuple[Array, Array]:
+        """Draws (2, M, *trailing) of the target's position at the first and at the second scan."""
+        one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
+        return position(*one), position(*two)
+
+    def azimuths(self, scan: Array, rng: Streams, *trailing: int) -> Array:
+        """Draws (M, *trailing) of the azimuth at a scan (2, M), not wrapped."""
+        noise = rng.standard_normal((scan.shape[1], *trailing))
+        return with_trailing(scan[1], noise.ndim, leading=0) + self.sensor.sigma_azimuth * noise
+
+    def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
+        """Draws of (range, azimuth) given a scan (2, M)."""
+        sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
+        noise = rng.standard_normal((*scan.shape, *trailing))
+        return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
+
+    def log_prob(self, x: Array) -> Array:
+        """Log-density at x (4, M[, N]): both scans' polar densities, turned to Cartesian ones.
+
+        The noise of the velocity enters the first scan's variances to first order.
+        """
+        px, vx, py, vy = x
+        earlier = np.stack([px - self.T * vx, vx, py - self.T * vy, vy])
+        now, then = self.sensor.polar(x), self.sensor.polar(earlier)
+        walked = self.q * self.T**3 / 3.0
+        R = np.zeros((2, 2, *then.shape[1:]))
+        R[0, 0] = self.sensor.sigma_range**2 + walked
+        R[1, 1] = self.sensor.sigma_azimuth**2 + walked / then[0] ** 2
+        jacobian = 2.0 * np.log(self.T) - np.log(now[0]) - np.log(then[0])
+        return (
+            jacobian
+            + zero_mean_log_prob(self._innovation(self.second, now), self.sensor.R)
+            + zero_mean_log_prob(self._innovation(self.first, then), R)
+        )
+
+    def _innovation(self, scan: Array, predicted: Array) -> Array:
+        return self.sensor.innovation(with_trailing(scan, predicted.ndim - 1), predicted)

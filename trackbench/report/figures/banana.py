@@ -1,0 +1,153 @@
+"""Figure kinds that show the banana itself: `banana` and `posterior`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.conversions import Conversion, Polar, convert, position
+from trackbench.core.distributions import Gaussian
+from trackbench.core.streams import block_stream
+from trackbench.keys import Count, Positive
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}
+
+
+@register("figures", "banana")
+@dataclass(frozen=True, kw_only=True)
+class Banana:
+    """Where a target may be given its range and azimuth, and the Gaussians that conversions make of it.
+
+    Draws its own samples, from the experiment's seed. Axes run along and across the line of sight.
+    """
+
+    title: str = ""
+    """heading"""
+    ranges_km: tuple[Positive, ...]
+    """measured ranges, a panel each"""
+    sigma_range: Positive = 0.2
+    """standard deviation of the range, m"""
+    sigma_azimuth_mrad: Positive = 2.0
+    """standard deviation of the azimuth, mrad"""
+    conversions: tuple[Conversion, ...] = ()
+    """conversions whose 1- and 2-sigma ellipses are drawn"""
+    samples: Count = 3000
+    """number of points"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A panel per range."""
+        figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
+        rng = block_stream(results.config["seed"], 0)
+        for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
+            z = Polar(
+                np.array([1e3 * range_km]),
+                np.array([0.0]),
+                self.sigma_range**2,
+                (1e-3 * self.sigma_azimuth_mrad) ** 2,
+            )
+            r = z.r + self.sigma_range * rng.standard_normal(self.samples)
+            a = 1e-3 * self.sigma_azimuth_mrad * rng.standard_normal(self.samples)
+            along, across = position(r, a)
+            ax.plot(
+                1e-3 * across, along - z.r, ".", markersize=1.2, color="#999999", label="Samples"
+            )
+            for i, conversion in enumerate(self.conversions):
+                self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
+            ax.set_title(f"{range_km:g} km")
+            ax.locator_params(axis="x", nbins=4)
+        figure.supxlabel("Across the line of sight (km)", fontsize=9)
+        axes[0][0].set_ylabel("Along it, less the range (m)")
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, list(axes[0]))
+        return figure
+
+    def _ellipses(self, ax: "Axes", z: Gaussian, r: float, i: int, label: str) -> None:
+        mean, cov = z.mean[:, 0], z.cov[..., 0]
+        for deviations in (1, 2):
+            along, across = ellipse(mean - [r, 0.0], cov, deviations)
+            ax.plot(1e-3 * across, along, label=f"{label}, 1 and 2 σ", **style.line(i))
+
+
+@register("figures", "posterior")
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """One run's measurement and the filters' 2-sigma ellipses at one step, seen from the true target."""
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    run: Count = 1
+    """number of the run, from 1"""
+    step: Count = 3
+    """number of the step, as the horizontal axes of other figures count it"""
+    point: Count = 1
+    """number of the grid's point, from 1"""
+    half_height_m: Positive = 20.0
+    """half the height of the panel, m"""
+
+    @property
+    def shown_runs(self) -> int:
+        """Runs whose tracks must be kept."""
+        return self.run
+
+    @property
+    def shown_covariances(self) -> bool:
+        """The tracks' covariances must be kept too."""
+        return True
+
+    def draw(self, results: Results) -> "Figure":
+        """The measurement's arc of two standard deviations, and an ellipse per filter."""
+        tracks, m = results.shown, self.run - 1
+        prefix = f"point{self.point - 1}/" if results.grid else ""
+        k = int(np.flatnonzero(tracks[f"{prefix}steps"] == self.step)[0])
+        truth = tracks[f"{prefix}truth"][[0, 2], k, m]
+        z = tracks[f"{prefix}measurements"][:, k - 1, m]
+        figure, ax = style.subplots(height_in=3.4)
+        a = np.arctan2(truth[1], truth[0])
+        frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+        self._arc(ax, z, truth, frame, results.config["scenario"])
+        ax.plot(0.0, 0.0, "k+", label="Target")
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        for i, label in enumerate(labels):
+            at = f"{prefix}cov/{label}"
+            if at not in tracks:
+                continue
+            mean = tracks[f"{prefix}mean/{label}"][[0, 2], k, m]
+            cov = tracks[at][np.ix_([0, 2], [0, 2])][..., k, m]
+            along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
+            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
+        ax.set_xlabel("Across the line of sight (km)")
+        ax.set_ylabel("Along it (m)")
+        ax.set_ylim(-self.half_height_m, self.half_height_m)
+        ax.set_title(self.title)
+        style.legend_outside(figure, ax)
+        return figure
+
+    def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
+        azimuths = z[1] + 2e-3 * scenario["sigma_azimuth_mrad"] * np.linspace(-1.0, 1.0, 201)
+        edges = [
+            frame @ (position(np.full(201, z[0] + side * scenario["sigma_range"]), azimuths)
+                     - truth[:, None])
+            for side in (-2.0, 2.0)
+        ]  # fmt: skip
+        ax.fill_between(
+            1e-3 * edges[0][1], edges[0][0], edges[1][0], color="#999999", alpha=0.6, lw=0.8,
+            label="Measurement, 2 σ",
+        )  # fmt: skip
+
+
+def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
+    """Points (2, 201) of the curve of constant density that many standard deviations out."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 201)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(mean[:, None] + deviations * np.linalg.cholesky(cov) @ circle)

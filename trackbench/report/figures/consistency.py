@@ -1,0 +1,133 @@
+"""Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.evaluation.statistics import anees_band
+from trackbench.keys import Count, OpenShare, Positive
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.figures.curves import Curves
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@register("figures", "anees")
+@dataclass(frozen=True, kw_only=True)
+class Anees(Curves):
+    """Average normalised estimation error squared over time, with the band of a consistent filter."""
+
+    metric: str = "anees"
+    """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
+    n_x: Count
+    """number of components of the state, or of the part"""
+    level: OpenShare = 0.95
+    """probability of the chi-square band"""
+
+    def draw(self, results: Results) -> "Figure":
+        """One line per filter; between the grey lines a consistent filter stays."""
+        figure, panels = self.panels(results)
+        for ax, point in panels:
+            frame = results.at(results.per_step, point)
+            frame = frame[frame["metric"] == self.metric]
+            for label, look in self.labels(results):
+                rows = frame[frame["filter"] == label]
+                if len(rows):
+                    ax.plot(rows["step"], rows["value"], label=label, **look)
+            band = anees_band(self.n_x, int(frame["runs"].max()), self.level)
+            name = f"{100 * self.level:g} % band"
+            ax.axhspan(*band, label=name, color="black", alpha=0.15, linewidth=0)
+            if not self.log:
+                ax.set_ylim(bottom=0)
+        style.legend_outside(figure, [ax for ax, _ in panels])
+        return figure
+
+
+@register("figures", "bias")
+@dataclass(frozen=True, kw_only=True)
+class Bias(Curves):
+    """Mean signed errors over time, a row of panels per quantity, with bands of two standard errors."""
+
+    rows: dict[str, str]
+    """vertical axis with its unit: metric of per_step.csv, such as `bias_radial`"""
+    linear_within: Positive | None = None
+    """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
+
+    def draw(self, results: Results) -> "Figure":
+        """One line per filter."""
+        points = results.points()
+        figure, axes = style.subplots(
+            len(self.rows), len(points), 2.4 * len(self.rows), sharex=True, squeeze=False
+        )
+        for j, point in enumerate(points):
+            axes[0][j].set_title(", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()))
+            axes[-1][j].set_xlabel(self.x_label)
+            frame = results.at(results.per_step, point)
+            for i, (head, metric) in enumerate(self.rows.items()):
+                ax = axes[i][j]
+                self._lines(ax, frame[frame["metric"] == metric], results)
+                if j == 0:
+                    ax.set_ylabel(head)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        style.legend_outside(figure, list(axes.ravel()))
+        return figure
+
+    def _lines(self, ax: Any, frame: Any, results: Results) -> None:
+        ax.axhline(0.0, color="black", linewidth=0.6)
+        for label, look in self.labels(results):
+            rows = frame[frame["filter"] == label]
+            k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
+            ax.plot(k, value, label=label, **look)
+            low, high = value - 2 * stderr, value + 2 * stderr
+            ax.fill_between(k, low, high, color=look["color"], alpha=0.15, lw=0)
+        if self.linear_within is not None:
+            ax.set_yscale("symlog", linthresh=self.linear_within)
+
+
+@register("figures", "dots")
+@dataclass(frozen=True, kw_only=True)
+class Dots:
+    """Metrics of summary.csv, a dot with two standard errors per filter; a panel row per grid point."""
+
+    title: str = ""
+    """heading"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    columns: dict[str, str]
+    """horizontal axis with its unit: metric of summary.csv, such as `mean(bias_radial)`"""
+    expected: dict[str, float]
+    """value of each metric for a filter without fault, drawn as a line"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A column of panels per metric."""
+        points = results.points()
+        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
+        figure, axes = style.subplots(
+            len(points), len(self.columns), height, sharey=True, squeeze=False
+        )
+        for row, point in zip(axes, points, strict=True):
+            frame = results.at(results.summary, point)
+            where = ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items())
+            row[len(row) // 2].set_title(where)
+            for ax, metric in zip(row, self.columns.values(), strict=True):
+                found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
+                for i, label in enumerate(labels):
+                    look = {"color": style.line(i)["color"], "marker": "o", "markersize": 3.5}
+                    value, stderr = found.loc[label, ["value", "stderr"]]
+                    ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
+                if metric in self.expected:
+                    ax.axvline(self.expected[metric], color="black", linewidth=0.6)
+                ax.locator_params(axis="x", nbins=2)
+            row[0].set_yticks(range(len(labels)), labels)
+        axes[0][0].invert_yaxis()
+        for ax, head in zip(axes[-1], self.columns, strict=True):
+            ax.set_xlabel(head)
+        if self.title:
+            figure.suptitle(self.title, fontsize=9)
+        return figure
