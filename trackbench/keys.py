@@ -5,7 +5,8 @@ from typing import Annotated, NamedTuple
 from annotated_types import Ge, Gt, Interval
 
 Count = Annotated[int, Ge(1)]
-Steps = Annotated[int, Interval(ge=1, le=100_000)]
+MOST_STEPS = 100_000
+Steps = Annotated[int, Interval(ge=1, le=MOST_STEPS)]
 """A number of time steps: every series holds one value per step, so it has an end."""
 Natural = Annotated[int, Ge(0)]
 Positive = Annotated[float, Gt(0), Interval(lt=float("inf"))]

@@ -198,6 +198,9 @@ HANDMADE = {
     "a trillion runs": MINIMAL + "runs: 1000000000000\n",
     "a block of a trillion runs": MINIMAL + "block: 1000000000000\n",
     "a trillion steps": MINIMAL.replace("kind: merwe", "kind: merwe, T: 1000000000000"),
+    "a trillion scans": MINIMAL.replace("kind: merwe", "kind: banana, scans: 1000000000000"),
+    "a million years": MINIMAL.replace("kind: merwe", "kind: maneuver, duration: 3e13"),
+    "a sample a picosecond": MINIMAL.replace("kind: merwe", "kind: maneuver, T: 1e-12"),
     "a seed below zero": MINIMAL + "seed: -1\n",
     "a huge grid": MINIMAL
     + "grid:\n"

@@ -68,8 +68,10 @@ def manifest(folder: Path) -> dict[str, object]:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = write(tmp_path_factory.mktemp("undisturbed"))
+    started = time.monotonic()
     code, stderr = finish(config, "--workers", "2")
     assert code == 0, stderr
+    (config.parent / "seconds").write_text(str(time.monotonic() - started))
     return config.parent / "results" / "long"
 
 
@@ -114,12 +116,13 @@ def gone(pid: int) -> bool:
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
 def test_kill_the_program_at_twenty_random_moments(undisturbed: Path, tmp_path: Path) -> None:
     config = write(tmp_path)
+    whole = float((undisturbed.parent.parent / "seconds").read_text())
     moment = random.Random(20260101)
     kills_with_blocks = kills = 0
     while kills < 20:
         process = start(config, "--workers", "2")
         try:
-            process.wait(timeout=moment.uniform(0.3, 1.5))
+            process.wait(timeout=whole * moment.uniform(0.1, 0.8))
         except subprocess.TimeoutExpired:
             below = descendants(process.pid)
             process.send_signal(signal.SIGKILL)

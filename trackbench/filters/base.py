@@ -9,7 +9,7 @@ Optional attributes of a filter class:
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
 ``held``         memory per run in points of a cloud, if it is not N; for the runner's estimate
 ``counts``       names of diagnostics that are summed over the steps instead
-``not_kalman``   why it does not equal the Kalman filter on a linear model, if it does not
+``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract.py)
 """
 
 from typing import Any, Protocol, TypeVar

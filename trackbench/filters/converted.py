@@ -77,6 +77,10 @@ class Converted:
     conversion: Conversion = "ucm"
     """how range and azimuth become a position: ccm, ucm or mucm"""
     needs: ClassVar[tuple[str, ...]] = ("sensor.reading",)
+    excused: ClassVar[dict[str, str]] = {
+        "shapes": "its velocity is not a number",
+        "gaps": "without a measurement it has no position either",
+    }
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Gaussian:
         """The second scan, converted."""

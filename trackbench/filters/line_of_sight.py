@@ -36,6 +36,9 @@ class LineOfSight(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
+    excused: ClassVar[dict[str, str]] = {
+        "independence": "only the runs that are resampled draw noise for it, in turn"
+    }
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn; the triangle of the two measured ranges gives the rest."""

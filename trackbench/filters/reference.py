@@ -20,7 +20,7 @@ class PriorMean:
     """No data at all: the mean and covariance that the motion alone predicts (linear motion)."""
 
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
-    not_kalman: ClassVar[str] = "looks at no measurement"
+    excused: ClassVar[dict[str, str]] = {"kalman": "looks at no measurement"}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""

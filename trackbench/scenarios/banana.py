@@ -6,14 +6,14 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Interval
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.conversions import position, rotated
 from trackbench.core.streams import Streams
-from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.keys import MOST_STEPS, Finite, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import CWNA
 from trackbench.models.radar import RangeAzimuth, wrapped
@@ -40,7 +40,7 @@ class Banana:
     """initial speed away from the radar, m/s (not printed)"""
     velocity_cross: Finite = 5000.0
     """initial speed across the line of sight, anticlockwise, m/s (not printed)"""
-    scans: Annotated[int, Ge(3)] = 100
+    scans: Annotated[int, Interval(ge=3, le=MOST_STEPS)] = 100
     """number of scans, the two that make the prior included (not printed)"""
     T: Positive = 1.0
     """time between scans, s"""

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import Streams
-from trackbench.keys import Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import PositionSensor
 from trackbench.models.motions import ConstantVelocity
@@ -98,6 +98,10 @@ class Maneuver:
 
     def __post_init__(self) -> None:
         _check_legs(self.turns, self.duration)
+        if self.duration > MOST_STEPS * self.T:
+            raise MistakenKeyError(
+                f"{self.duration:g} s hold over {MOST_STEPS} samples", "duration"
+            )
         if self.duration < 3 * self.T:
             raise MistakenKeyError(f"{self.duration:g} s hold fewer than three samples", "duration")
         if self.score_from >= self.duration:
