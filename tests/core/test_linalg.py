@@ -88,3 +88,13 @@ def test_a_matrix_per_run_transforms_its_cloud(n: int, rng: np.random.Generator)
     A, x = rng.standard_normal((n, n, 3)), rng.standard_normal((n, 3, 7))
     expected = np.einsum("ijm,jmk->imk", A, x)
     np.testing.assert_allclose(linalg.transform(A, x), expected, rtol=1e-12, atol=1e-14)
+
+
+def test_a_run_does_not_depend_on_the_runs_beside_it(rng: np.random.Generator) -> None:
+    A, x = rng.standard_normal((4, 4)), rng.standard_normal((4, 9))
+    P = np.stack([random_covariance(rng, 4) for _ in range(9)], axis=-1)
+    for runs in (1, 2, 5):
+        assert (linalg.matvec(A, x[:, :runs]) == linalg.matvec(A, x)[:, :runs]).all()
+        assert (linalg.sandwich(A, P[..., :runs]) == linalg.sandwich(A, P)[..., :runs]).all()
+        assert (linalg.cholesky(P[..., :runs]) == linalg.cholesky(P)[..., :runs]).all()
+        assert (linalg.inverse(P[..., :runs]) == linalg.inverse(P)[..., :runs]).all()

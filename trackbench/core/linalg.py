@@ -1,15 +1,14 @@
 """Algebra of small matrices over trailing batch axes.
 
 Matrices are ``(n, m)`` (constant) or ``(n, m, *batch)``, vectors ``(n, *batch)``. Sums run over the few
-components in Python and over the batch in numpy. A constant matrix is applied to a cloud without its
-zeros and ones, so ``F x`` of a constant-velocity model is two multiply-adds.
+components in Python and over the batch in numpy. A constant matrix is applied without its zeros and
+ones, so ``F x`` of a constant-velocity model is two multiply-adds. BLAS serves constant matrices and the
+cloud of a single run only: the last bits of a batch would depend on how many runs stand side by side.
 """
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-
-_FEW = 32  # matrices; so few are factored faster one by one than component by component
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -30,6 +29,8 @@ def transform(A: Array, x: Array) -> Array:
 
 def matmul(A: Array, B: Array) -> Array:
     """``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
+    if A.ndim == 2 and B.ndim == 2:
+        return np.asarray(A @ B)
     if A.ndim == 2:
         return _constant_product(A, B)
     if B.ndim == 2:
@@ -82,13 +83,11 @@ def cholesky(P: Array) -> Array:
     if n == 1:
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
-    if P[0, 0].size <= _FEW:
+    if P.ndim == 2:
         try:
-            batch = P.ndim - 2
-            stacked = np.linalg.cholesky(P.transpose(*range(2, P.ndim), 0, 1))
-            return np.asarray(stacked.transpose(batch, batch + 1, *range(batch)))
+            return np.asarray(np.linalg.cholesky(P))
         except np.linalg.LinAlgError:
-            pass  # one of them is not positive definite: find out which
+            pass  # semidefinite, or worse: let the loop below tell
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
@@ -152,8 +151,6 @@ def log_determinant(P: Array) -> Array:
 
 
 def _constant_product(A: Array, B: Array) -> Array:
-    if B.ndim == 2:
-        return np.asarray(A @ B)
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A):
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
