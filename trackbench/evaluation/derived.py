@@ -39,8 +39,9 @@ def normalised_error(found: Gaussian, truth: Array) -> Array:
 
     Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
     """
-    nees = linalg.mahalanobis(found.mean - truth, found.cov)
-    known = np.isfinite(found.mean).all(axis=0) & np.isfinite(found.cov).all(axis=(0, 1))
+    error = found.mean - truth
+    nees = linalg.mahalanobis(error, found.cov)
+    known = np.isfinite(error).all(axis=0) & np.isfinite(found.cov).all(axis=(0, 1))
     return np.where(np.isnan(nees) & known, np.inf, nees)
 
 
