@@ -104,7 +104,7 @@ def misspelt_kind(lines: list[str], n: int) -> str:
 
 
 def missing_file(lines: list[str], n: int) -> str:
-    at = _lines_with(lines, r"\.yaml")
+    at = _lines_with(lines, r"^[^#]*\.yaml")
     assume(at)
     i = at[n % len(at)]
     lines[i] = lines[i].replace(".yaml", ".yml")
