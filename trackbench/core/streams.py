@@ -5,7 +5,7 @@ same truth and measurements. Filter noise depends on ``(seed, block)``: one SFC6
 block, because a stream per run costs as much to create (10 us) as half a run of ten particles.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import prod
 from typing import TypeAlias
 
@@ -58,7 +58,45 @@ class RunStreams:
         return rows[:wanted].reshape(size)
 
 
-Streams: TypeAlias = Generator | RunStreams
+class SomeRuns:
+    """Streams of chosen runs of a block at one step, for draws that not every run makes.
+
+    ``size`` is ``(*draws, runs, N)``; each run's row comes from a stream of its own under the block's,
+    so that it does not depend on which other runs draw, and the block's own stream goes on untouched.
+    """
+
+    def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
+        seed = block.bit_generator.seed_seq
+        assert isinstance(seed, SeedSequence)
+        self._generators = [
+            Generator(
+                SFC64(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, step, int(run))))
+            )
+            for run in runs
+        ]
+
+    def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """N(0, 1) variates."""
+        return self._each(lambda g, shape: g.standard_normal(shape), size)
+
+    def random(self, size: tuple[int, ...]) -> Array:
+        """Uniform variates in [0, 1)."""
+        return self._each(lambda g, shape: g.random(shape), size)
+
+    def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
+        """Gamma(shape, rate 1) variates."""
+        return self._each(lambda g, each: g.standard_gamma(shape, each), size)
+
+    def _each(
+        self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
+    ) -> Array:
+        if size[-2] != len(self._generators):
+            raise ValueError(f"{size} is not for {len(self._generators)} runs")
+        each = (*size[:-2], size[-1])
+        return np.stack([draw(g, each) for g in self._generators], axis=-2)
+
+
+Streams: TypeAlias = Generator | RunStreams | SomeRuns
 """What a distribution samples from: a block's generator or the runs' own streams."""
 
 

@@ -14,6 +14,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.core.streams import Streams
 from trackbench.keys import Count, Natural, NonNegative
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
@@ -74,7 +75,7 @@ class ParticleFilter:
         """Number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)
 
-    def _resampled(self, cloud: Particles, rng: Generator, size: int) -> Particles:
+    def _resampled(self, cloud: Particles, rng: Streams, size: int) -> Particles:
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particles.uniform(*index.shape))
 

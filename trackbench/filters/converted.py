@@ -1,7 +1,7 @@
 """Kalman filters in Cartesian coordinates, fed with converted measurements."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -66,37 +66,37 @@ def polar_moments(sensor: Any, state: Gaussian) -> Polar:
     return Polar(r, a, spread[0, 0], spread[1, 1])
 
 
+class LastTwo(NamedTuple):
+    """The last two scans, and the Gaussian that differencing makes of them."""
+
+    scans: TwoPoint
+    found: Gaussian
+
+
 @register("filters", "conversion")
 @dataclass(frozen=True, kw_only=True)
 class Converted:
-    """No memory: the last measurement's converted position; its velocity is not a number.
+    """No memory: the last measurement's converted position, and its difference from the one before.
 
-    Shows a conversion's own bias and consistency (banana paper, Fig. 6).
+    Its position shows a conversion's own bias and consistency (banana paper, Fig. 6).
     """
 
     conversion: Conversion = "ucm"
-    """how range and azimuth become a position: ccm, ucm or mucm"""
-    needs: ClassVar[tuple[str, ...]] = ("sensor.reading",)
-    excused: ClassVar[dict[str, str]] = {
-        "shapes": "its velocity is not a number",
-        "gaps": "without a measurement it has no position either",
-    }
+    """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
-    def init(self, model: Any, prior: Distribution, rng: Generator) -> Gaussian:
-        """The second scan, converted."""
+    def init(self, model: Any, prior: Distribution, rng: Generator) -> LastTwo:
+        """The first two scans."""
         assert isinstance(prior, TwoPoint)
-        return self.step(model, prior.mean, prior.second, 0, rng)
+        return LastTwo(prior, prior.gaussian(self.conversion))
 
-    def step(self, model: Any, state: Any, z: Array, k: int, rng: Generator) -> Gaussian:
-        """The measurement, converted."""
-        seen = convert(self.conversion, model.sensor.reading(z))
-        n = len(model.motion.components)
-        at = list(model.sensor.position)
-        mean, cov = np.full((n, z.shape[1]), np.nan), np.full((n, n, z.shape[1]), np.nan)
-        mean[at] = seen.mean
-        cov[np.ix_(at, at)] = seen.cov
-        return Gaussian(mean, cov)
+    def step(self, model: Any, state: LastTwo, z: Array, k: int, rng: Generator) -> LastTwo:
+        """Forget the older scan; one that is missing is where the two before it point to."""
+        expected = model.motion.transition(state.found.mean, k).mean
+        z = np.where(np.isnan(z).any(axis=0), model.sensor.polar(expected), z)
+        scans = replace(state.scans, first=state.scans.second, second=z)
+        return LastTwo(scans, scans.gaussian(self.conversion))
 
-    def estimate(self, state: Gaussian) -> Gaussian:
-        """The converted position."""
-        return state
+    def estimate(self, state: LastTwo) -> Gaussian:
+        """The converted position, and the velocity between the last two."""
+        return state.found

@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
+from trackbench.core.streams import SomeRuns
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative, OpenShare
 from trackbench.models.radar import wrapped
@@ -36,9 +37,6 @@ class LineOfSight(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
-    excused: ClassVar[dict[str, str]] = {
-        "independence": "only the runs that are resampled draw noise for it, in turn"
-    }
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn; the triangle of the two measured ranges gives the rest."""
@@ -75,10 +73,12 @@ class LineOfSight(ParticleFilter):
             x[axis] += K[0][:, None] * u
             x[axis + 1] += K[1][:, None] * u
         weighted = Particles(x, w)
-        cloud = self._renewed(sensor, weighted, rng, self._size(age))
+        cloud = self._renewed(sensor, weighted, k, rng, self._size(age))
         return Cloud(cloud, weighted, _mixture(weighted, P), dead, age, P)
 
-    def _renewed(self, sensor: Any, cloud: Particles, rng: Generator, size: int) -> Particles:
+    def _renewed(
+        self, sensor: Any, cloud: Particles, k: int, rng: Generator, size: int
+    ) -> Particles:
         """The cloud with its poor runs resampled and regularised."""
         poor = ~(particles.effective_sample_size(cloud.w) >= self.ess_threshold * size)
         if size != cloud.w.shape[1]:
@@ -87,8 +87,9 @@ class LineOfSight(ParticleFilter):
             return cloud
         x = cloud.x[:, poor]
         frame = Particles(_to_frame(sensor, x), cloud.w[poor])
-        resampled = self._resampled(frame, rng, size)
-        x = jitter(resampled.x, frame.moments().cov, self.kernel, rng, self.bandwidth_scale)
+        noise = SomeRuns(rng, k, np.flatnonzero(poor))
+        resampled = self._resampled(frame, noise, size)
+        x = jitter(resampled.x, frame.moments().cov, self.kernel, noise, self.bandwidth_scale)
         x = _from_frame(*x)
         if poor.all():
             return Particles(x, resampled.w)
