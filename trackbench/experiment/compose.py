@@ -1,16 +1,21 @@
 """Putting a config together: parts from other files, and overrides by path."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.source import Keys, Source, dotted, read, scalar
+from trackbench.experiment.validate import at
 
 _PARTS = ("filters", "tables", "figures")
 
 
 def inline_parts(source: Source, folder: Path) -> list[Problem]:
-    """Replace every path, and every ``{use: path, ...}``, by the mapping in that file."""
+    """Replace every path, and every ``{use: path, ...}``, by the mapping in that file.
+
+    A part that cannot be read becomes an empty mapping; why is in the problems returned.
+    """
     places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
     for group in _PARTS:
         if isinstance(source.data.get(group), dict):
@@ -21,7 +26,9 @@ def inline_parts(source: Source, folder: Path) -> list[Problem]:
             _inline(source, keys, folder, depth=0)
             _inline_nested(source, keys)
         except UserError as error:
-            problems += [p for p in error.problems if isinstance(p, Problem)]
+            found = [p for p in error.problems if isinstance(p, Problem)]
+            problems += [replace(p, path=p.path or dotted(keys)) for p in found]
+            at(source, keys[:-1])[keys[-1]] = {}  # so that the rest can be looked at, too
     return problems
 
 

@@ -149,9 +149,7 @@ def load(
         raise UserError(
             Problem(source.mark(()), "", "an experiment is a mapping of keys to values")
         )
-    problems = inline_parts(source, path.parent)
-    if problems:
-        raise UserError(*sorted(problems))
+    unread = inline_parts(source, path.parent)
     for text in overrides or []:
         keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
@@ -161,7 +159,15 @@ def load(
     for text in grid or []:
         add_axis(source, text)
     plugins = load_plugins(source, path.parent, allow_plugins)
-    return _validated(source, only, path.parent, plugins)
+    try:
+        experiment = _validated(source, only, path.parent, plugins)
+    except UserError as error:
+        known = {problem.path for problem in unread}
+        other = [p for p in error.problems if isinstance(p, Problem) and p.path not in known]
+        raise UserError(*sorted({*unread, *other})) if unread else error from None
+    if unread:
+        raise UserError(*sorted(unread))
+    return experiment
 
 
 def _validated(
