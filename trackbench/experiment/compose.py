@@ -11,25 +11,25 @@ from trackbench.experiment.validate import at
 _PARTS = ("filters", "tables", "figures")
 
 
-def inline_parts(source: Source, folder: Path) -> list[Problem]:
+def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     """Replace every path, and every ``{use: path, ...}``, by the mapping in that file.
 
-    A part that cannot be read becomes an empty mapping; why is in the problems returned.
+    A part that cannot be read becomes an empty mapping; why is returned under its path.
     """
     places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
     for group in _PARTS:
         if isinstance(source.data.get(group), dict):
             places += [(group, label) for label in source.data[group]]
-    problems: list[Problem] = []
+    unread: dict[str, list[Problem]] = {}
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
             _inline_nested(source, keys)
         except UserError as error:
             found = [p for p in error.problems if isinstance(p, Problem)]
-            problems += [replace(p, path=p.path or dotted(keys)) for p in found]
+            unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
             at(source, keys[:-1])[keys[-1]] = {}  # so that the rest can be looked at, too
-    return problems
+    return unread
 
 
 def _inline_nested(source: Source, keys: Keys) -> None:

@@ -162,12 +162,18 @@ def load(
     try:
         experiment = _validated(source, only, path.parent, plugins)
     except UserError as error:
-        known = {problem.path for problem in unread}
-        other = [p for p in error.problems if isinstance(p, Problem) and p.path not in known]
-        raise UserError(*sorted({*unread, *other})) if unread else error from None
+        raise _with_unread(unread, error) if unread else error from None
     if unread:
-        raise UserError(*sorted(unread))
+        raise _with_unread(unread, UserError())
     return experiment
+
+
+def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
+    """The mistakes found, but of a part that could not be read only why."""
+    parts = tuple(f"{part}." for part in unread)
+    found = [p for p in error.problems if isinstance(p, Problem)]
+    other = [p for p in found if not f"{p.path}.".startswith(parts)]
+    return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
 
 
 def _validated(
