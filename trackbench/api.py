@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment import config as configs
 from trackbench.experiment.cache import BlockStore, cache_folder
-from trackbench.experiment.config import Experiment
+from trackbench.experiment.definition import Experiment
 from trackbench.experiment.engines import Engine, cpu_count, engine
 from trackbench.experiment.lock import locked
 from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan

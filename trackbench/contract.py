@@ -19,7 +19,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams, Streams
-from trackbench.experiment.config import has
+from trackbench.experiment.checks import has
 from trackbench.experiment.plugins import load_plugin, read_plugin
 from trackbench.experiment.problems import UserError
 from trackbench.models.base import Model

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from trackbench.experiment.config import Settings
+from trackbench.experiment.definition import Settings
 from trackbench.experiment.validate import adapter, help_texts
 from trackbench.registry import Group, kinds
 

@@ -6,6 +6,7 @@ import pytest
 
 from tests.experiment.test_bad_input import mistakes
 from trackbench.experiment.config import load
+from trackbench.experiment.resolved import resolved
 
 GOOD = """name: x
 runs: 4
@@ -120,9 +121,9 @@ def test_good_config_loads_and_its_resolved_form_too(tmp_path: Path) -> None:
     import yaml
 
     first = _load(tmp_path, GOOD)
-    again = _load(tmp_path, yaml.safe_dump(first.resolved(tmp_path)))
+    again = _load(tmp_path, yaml.safe_dump(resolved(first, tmp_path)))
     assert again.points == first.points
-    assert again.resolved(tmp_path) == first.resolved(tmp_path)
+    assert resolved(again, tmp_path) == resolved(first, tmp_path)
 
 
 def test_paths_of_a_grid_take_a_value_together(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from tests.conftest import make_filter
 from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
-from trackbench.experiment.config import has
+from trackbench.experiment.checks import has
 from trackbench.registry import kinds
 from trackbench.scenarios.merwe import Merwe
 

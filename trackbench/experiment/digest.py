@@ -15,7 +15,7 @@ from typing import Any
 
 import trackbench
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.config import as_config
+from trackbench.experiment.resolved import as_config
 
 _SOURCES = ("core", "models", "scenarios", "filters", "evaluation")
 _AFTER_BLOCKS = {"merge.py", "statistics.py", "summary.py"}

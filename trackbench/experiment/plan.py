@@ -7,7 +7,7 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.config import Experiment, Point
+from trackbench.experiment.definition import Experiment, Point
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario

@@ -27,10 +27,11 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
-from trackbench.experiment.config import Experiment
+from trackbench.experiment.definition import Experiment
 from trackbench.experiment.digest import code_digest
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
 from trackbench.experiment.plan import Key
+from trackbench.experiment.resolved import resolved
 from trackbench.experiment.runner import Outcome
 from trackbench.experiment.tracks import Kept
 
@@ -78,7 +79,7 @@ def write_results(
     """
     remove_partial(folder)
     (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
-    write_text(folder / "config.yaml", as_yaml(experiment.resolved(folder)))
+    write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     _write_published(folder / "published", experiment.published.files)
     kept = {"shown.npz": Kept(experiment, experiment.shown_runs)}
     if tracks:

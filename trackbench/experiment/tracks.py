@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from trackbench.evaluation.merge import FilterResult
-from trackbench.experiment.config import Experiment
+from trackbench.experiment.definition import Experiment
 from trackbench.experiment.files import write_bytes
 from trackbench.experiment.plan import Key
 

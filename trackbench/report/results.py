@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.config import Settings, build_kind
+from trackbench.experiment.definition import Settings
+from trackbench.experiment.parts import build_kind
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Source, read

@@ -1,0 +1,107 @@
+"""What must hold between the parts of an experiment; every mistake is added to ``problems``."""
+
+from dataclasses import replace
+from typing import Any
+
+from trackbench.experiment.definition import Point, Settings
+from trackbench.experiment.problems import Mark, Problem
+from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.experiment.validate import unknown
+from trackbench.models.base import Model
+from trackbench.registry import Group
+
+
+def chosen_labels(
+    source: Source, settings: Settings, only: list[str] | None, problems: list[Problem]
+) -> list[str]:
+    """Labels of the filters to run: all, or ``only`` and the reference."""
+    known = list(settings.filters)
+    if not known:
+        problems.append(Problem(source.mark(("filters",)), "filters", "name at least one filter"))
+    for label in only or []:
+        if label not in known:
+            problems.append(Problem(Mark(f"--only {label}"), "", unknown(label, known)))
+    if settings.bound in known:
+        what = f"{settings.bound!r} is already the label of a filter"
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
+    if settings.reference is not None and settings.reference not in known:
+        problems.append(_no_filter(source, settings, ("reference",), settings.reference))
+    return [label for label in known if not only or label in only or label == settings.reference]
+
+
+def has(model: Model, need: str) -> bool:
+    """Whether a model can do what a filter needs, such as ``motion.jacobian``."""
+    part, _, name = need.partition(".")
+    return hasattr(getattr(model, part), name)
+
+
+def check_fit(
+    source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
+) -> None:
+    """What the filter needs of the model, and what it says itself about this scenario."""
+    unmet = False
+    for need in getattr(tracker, "needs", ()):
+        if not has(scenario.model, need):
+            what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
+            problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
+            unmet = True
+    conflicts = getattr(tracker, "conflicts", None)
+    # A filter may ask of the scenario what it needs, so it is only asked if that is there.
+    for key, what in (conflicts(scenario) if conflicts and not unmet else {}).items():
+        where = (*keys, *key.split(".")) if key else keys
+        problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def check_named_filters(
+    source: Source,
+    settings: Settings,
+    group: Group,
+    parts: dict[str, Any],
+    problems: list[Problem],
+) -> None:
+    """Tables and figures may name filters only that the experiment has."""
+    for name, part in parts.items():
+        labels = getattr(part, "filters", None) or ()
+        named: dict[Keys, str | None] = {("filters", i): b for i, b in enumerate(labels)}
+        named |= {(key,): getattr(part, key, None) for key in ("floor", "baseline")}
+        for where, label in named.items():
+            if label is not None and label not in (*settings.filters, settings.bound):
+                problems.append(_no_filter(source, settings, (group, name, *where), label))
+
+
+def _no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Problem:
+    what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
+    return Problem(source.mark(where), dotted(where), what)
+
+
+def check_figures(
+    source: Source,
+    settings: Settings,
+    figures: dict[str, Any],
+    points: list[Point | None],
+    problems: list[Problem],
+) -> None:
+    """A figure may show only runs and components that there are."""
+    sizes = [len(p.scenario.model.motion.components) for p in points if p is not None]
+    limits = {"run": settings.runs, "component": min(sizes, default=1)}
+    for name, figure in figures.items():
+        for key, most in limits.items():
+            number = getattr(figure, key, None)
+            if isinstance(number, int) and number > most:
+                where = ("figures", name, key)
+                what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
+                problems.append(Problem(source.mark(where), dotted(where), what))
+
+
+def with_recorded_runs(
+    source: Source, settings: Settings, points: list[Point | None], problems: list[Problem]
+) -> Settings:
+    """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
+    counts = [getattr(p.scenario, "recorded_runs", None) for p in points if p is not None]
+    most = min((count for count in counts if count is not None), default=None)
+    if most is None or ("runs" in source.data and settings.runs <= most):
+        return settings
+    if "runs" in source.data:
+        what = f"{settings.runs} is more than the {most} recorded runs"
+        problems.append(Problem(source.mark(("runs",)), "runs", what))
+    return replace(settings, runs=most)

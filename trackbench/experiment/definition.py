@@ -1,0 +1,92 @@
+"""What an experiment is: the top level of its file, and what becomes of it once it is validated."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+from pydantic import StringConstraints
+
+from trackbench.experiment.plugins import Plugin
+from trackbench.experiment.published import Published
+from trackbench.experiment.source import Source
+from trackbench.filters.base import AnyFilter
+from trackbench.keys import Count, Natural
+from trackbench.scenarios.base import Scenario
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+
+
+Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """The top level of an experiment file."""
+
+    name: Name
+    """name of the experiment, and of its folder under results/"""
+    title: str = ""
+    """one line for people"""
+    seed: Natural = 0
+    """seed of every random number"""
+    runs: Count = 100
+    """Monte Carlo runs"""
+    block: Count | None = None
+    """runs computed together; default: from each filter's N, about 32 000 particles at a time"""
+    scenario: dict[str, Any]
+    """what is simulated: kind and keys, a path, or {use: path, key: value}"""
+    filters: dict[Label, dict[str, Any]]
+    """filters by label, each like the scenario"""
+    reference: Label | None = None
+    """label of the filter whose estimates the others' distances are measured to"""
+    bound: Label | None = None
+    """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
+    medians: list[str] = field(default_factory=list)
+    """series whose median per step is wanted, such as nees"""
+    grid: dict[str, list[Any]] = field(default_factory=dict)
+    """paths and the values they take: every combination is run; `a & b` take a value together"""
+    tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """tables to write, by name"""
+    figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """figures to draw, by name"""
+    published: list[str] = field(default_factory=list)
+    """CSV files of published numbers and claims that the results are held against"""
+    plugins: list[str] = field(default_factory=list)
+    """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One combination of the grid's values, with its scenario and filters by label."""
+
+    values: dict[str, Any]
+    scenario: Scenario
+    filters: dict[str, AnyFilter]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A validated experiment; ``source`` is its config with positions."""
+
+    settings: Settings
+    points: list[Point]
+    tables: dict[str, Any]
+    figures: dict[str, Any]
+    source: Source
+    published: Published
+    plugins: tuple[Plugin, ...] = ()
+
+    @property
+    def shown_runs(self) -> int:
+        """How many runs' whole tracks the figures need."""
+        return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
+
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether a figure needs those tracks' covariances too."""
+        return any(getattr(f, "shown_covariances", False) for f in self.figures.values())
+
+    def title_of(self, key: tuple[int, str]) -> str:
+        """A filter at a grid point, for people."""
+        values = self.points[key[0]].values
+        at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
+        return f"{key[1]} at {at_point}" if at_point else key[1]

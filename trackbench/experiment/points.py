@@ -1,0 +1,49 @@
+"""The points of a grid: every combination of its values."""
+
+import itertools
+from math import prod
+from typing import Any
+
+from trackbench.experiment.compose import split_path
+from trackbench.experiment.definition import Settings
+from trackbench.experiment.problems import Mark, Problem
+from trackbench.experiment.source import Source, dotted
+
+TOGETHER = " & "
+"""Joins paths that take each value together."""
+
+_MOST_POINTS = 10_000
+
+
+def grid_points(
+    source: Source, settings: Settings, problems: list[Problem]
+) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+    """Every combination: the value of each path, and where it is written."""
+    grid = settings.grid
+    if not _is_possible(source, grid, problems):
+        return []
+    out = []
+    for numbers in itertools.product(*(range(len(values)) for values in grid.values())):
+        chosen = dict(zip(grid, numbers, strict=True))
+        taken = {path: grid[path][i] for path, i in chosen.items()}
+        marks = {path: source.mark(("grid", path, i)) for path, i in chosen.items()}
+        out.append((taken, marks))
+    return out
+
+
+def _is_possible(source: Source, grid: dict[str, list[Any]], problems: list[Problem]) -> bool:
+    for path, values in grid.items():
+        where = ("grid", path)
+        firsts = {split_path(source, single)[:1] for single in path.split(TOGETHER)}
+        if not firsts <= {("scenario",), ("filters",)}:
+            what = "a grid varies scenario.KEY or filters.LABEL.KEY"
+            problems.append(Problem(source.key_mark(where), dotted(where), what))
+            return False
+        if not values:
+            problems.append(Problem(source.mark(where), dotted(where), "has no values"))
+    number = prod(len(values) for values in grid.values())
+    if number > _MOST_POINTS:
+        what = f"{number} points; a grid has at most {_MOST_POINTS}"
+        problems.append(Problem(source.mark(("grid",)), "grid", what))
+        return False
+    return True
