@@ -9,7 +9,7 @@ Optional attributes of a filter class:
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
 ``held``         memory per run in points of a cloud, if it is not N; for the runner's estimate
 ``counts``       names of diagnostics that are summed over the steps instead
-``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract.py)
+``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract/)
 """
 
 from typing import Any, Protocol, TypeVar

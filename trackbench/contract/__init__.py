@@ -1,0 +1,11 @@
+"""The contract of a filter, held against a class: shapes, purity, independence of runs, the KF.
+
+Every check says what it found in one line. A filter that cannot pass one by its nature says why in a
+class attribute: ``excused = {"kalman": "looks at no measurement"}``; the other names are ``shapes``,
+``purity``, ``independence`` and ``gaps``.
+"""
+
+from trackbench.contract.examination import check_file, check_filter, report
+from trackbench.contract.finding import BrokenError, Finding
+
+__all__ = ["BrokenError", "Finding", "check_file", "check_filter", "report"]

@@ -1,0 +1,67 @@
+"""A filter over simulated data, and the Kalman filter over the same data."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import SFC64, Generator
+
+from trackbench.core import kalman
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian
+from trackbench.core.streams import RunStreams
+from trackbench.scenarios.base import Simulation
+
+
+class Pass(NamedTuple):
+    """Estimates of every step: mean (n_x, T + 1, M), cov (n_x, n_x, T + 1, M); draws made or not."""
+
+    mean: Array
+    cov: Array
+    random: bool
+
+
+def noise() -> Generator:
+    """The same noise every time."""
+    return Generator(SFC64(20260101))
+
+
+def simulated(scenario: Any, runs: int) -> Simulation:
+    """The first runs of the scenario, the same every time."""
+    data: Simulation = scenario.simulate(RunStreams(1, range(runs)), runs)
+    return data
+
+
+def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
+    """The filter's estimates, by `init` and one `step` after another."""
+    rng, runs = noise(), data.truth.shape[-1]
+    state = tracker.init(scenario.model, data.prior, rng)
+    found = [tracker.estimate(state)]
+    for i, k in enumerate(scenario.steps[1:]):
+        state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
+        found.append(tracker.estimate(state))
+    n = found[0].mean.shape[0]
+    covs = [
+        np.broadcast_to(with_trailing(np.asarray(g.cov), 1, leading=2), (n, n, runs)) for g in found
+    ]
+    is_random = rng.bit_generator.state["state"]["state"].tolist() != _start()
+    return Pass(np.stack([g.mean for g in found], axis=1), np.stack(covs, axis=2), is_random)
+
+
+def _start() -> list[int]:
+    state: list[int] = noise().bit_generator.state["state"]["state"].tolist()
+    return state
+
+
+def kalman_filtered(scenario: Any, data: Simulation) -> Pass:
+    """The exact posterior of a linear Gaussian scenario."""
+    motion, sensor = scenario.model
+    n, runs = data.prior.mean.shape
+    cov = np.broadcast_to(with_trailing(data.prior.cov, 1, leading=2), (n, n, runs))
+    found = [Gaussian(data.prior.mean, np.asarray(cov))]
+    for i, k in enumerate(scenario.steps[1:]):
+        predicted = kalman.predict(found[-1], motion.F, motion.Q)
+        nu = data.measurements[:, i] - sensor.measurement(predicted.mean, int(k)).mean
+        H, R = sensor.jacobian(predicted.mean, int(k)), sensor.measurement(predicted.mean, 0).cov
+        found.append(kalman.update(predicted, nu, H, R)[0])
+    mean, cov = (np.stack(a, axis=-2) for a in ([g.mean for g in found], [g.cov for g in found]))
+    return Pass(mean, cov, random=False)
