@@ -1,0 +1,40 @@
+"""The command line: options in, messages out, no logic. Heavy modules are imported when needed."""
+
+import sys
+from collections.abc import Callable
+
+import typer
+
+from trackbench.cli.checking import cache, check
+from trackbench.cli.running import run, sweep, this_command
+from trackbench.cli.stored import compare, plot, report, verify
+from trackbench.cli.vocabulary import describe, list_, new, schema
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
+)
+_COMMANDS: tuple[Callable[..., None], ...] = (
+    *(run, compare, plot, report, verify, sweep),
+    *(cache, check, list_, describe, new, schema),
+)
+for _command in _COMMANDS:
+    app.command(_command.__name__.removesuffix("_"))(_command)
+
+
+def main() -> None:
+    """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
+    from trackbench.experiment.problems import RunError, UserError
+
+    try:
+        app()
+    except UserError as error:
+        typer.echo(str(error), err=True)
+        sys.exit(2)
+    except RunError as error:
+        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
+        sys.exit(1)

@@ -1,0 +1,80 @@
+"""The options that several commands have: their types for typer, and what the API makes of them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from trackbench.api import Options
+
+
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="experiment file (YAML)")]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="override a key")
+]
+Only = Annotated[list[str] | None, typer.Option(metavar="LABEL", help="run these filters only")]
+Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
+Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
+Out = Annotated[Path | None, typer.Option(help="results folder [results/NAME]")]
+Workers = Annotated[int | None, typer.Option(min=1, help="worker processes [all processors]")]
+EngineName = Annotated[str, typer.Option(help="serial, processes or dask")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="of a dask cluster: tcp://host:port")
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
+Quick = Annotated[bool, typer.Option("--quick", help="20 runs")]
+SaveTracks = Annotated[
+    bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
+]
+Format = Annotated[
+    str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
+]
+AllowPlugins = Annotated[
+    bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")
+]
+Grid = Annotated[
+    list[str],
+    typer.Option(
+        "--grid", metavar="PATH=VALUES", help="values V1,V2,..., a..b:n (linear) or log:a..b:n"
+    ),
+]
+
+
+def api_options(given: dict[str, Any]) -> "Options":
+    """The API's options from a command's own."""
+    from trackbench import api
+
+    engines = ("serial", "processes", "dask")
+    quick_runs = 20 if given.get("quick") else None
+    return api.Options(
+        set=tuple(given["set_"] or ()),
+        only=tuple(given["only"] or ()),
+        runs=given.get("runs") or quick_runs,
+        seed=given.get("seed"),
+        grid=tuple(given.get("grid") or ()),
+        out=given.get("out"),
+        engine=one_of("--engine", given.get("engine", "serial"), engines),  # type: ignore[arg-type]
+        workers=given.get("workers"),
+        scheduler=given.get("scheduler"),
+        fresh=given.get("fresh", False),
+        save_tracks=given.get("save_tracks", False),
+        formats=formats(given.get("format_", "png")),
+        allow_plugins=given["allow_plugins"],
+    )
+
+
+def formats(text: str) -> list[str]:
+    """The formats of figures and tables in a list with commas; raises UserError."""
+    return [one_of("--format", f, ("png", "svg", "pdf", "tex")) for f in text.split(",")]
+
+
+def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
+    """The value, if it is one of those known; raises UserError."""
+    from trackbench.experiment.problems import Mark, Problem, UserError
+
+    if value not in known:
+        raise UserError(Problem(Mark(option), "", f"{value!r} is not one of {', '.join(known)}"))
+    return value

@@ -1,0 +1,52 @@
+"""The commands about what a config may say: the kinds, their keys, a file to start from."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trackbench.cli.options import one_of
+
+
+def list_(
+    group: Annotated[
+        str | None, typer.Argument(help="filters, scenarios, tables or figures")
+    ] = None,
+) -> None:
+    """List what a config may name."""
+    from trackbench.catalogue import listing
+
+    groups = ("filters", "scenarios", "tables", "figures")
+    chosen = groups if group is None else (one_of("list", group, groups),)
+    typer.echo(listing(chosen))
+
+
+def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench list`")]) -> None:
+    """Print a kind's parameters, defaults and source."""
+    from trackbench.catalogue import description
+
+    typer.echo(description(kind))
+
+
+def new(
+    what: Annotated[str, typer.Argument(help="filter, scenario or experiment")],
+    name: Annotated[str, typer.Argument(help="its name, such as my-filter")],
+) -> None:
+    """Write a commented starting file that runs as it is, and its test."""
+    from trackbench.scaffold import WHAT, write_new
+
+    paths = write_new(one_of("new", what, WHAT), name, Path())
+    for path in paths:
+        typer.echo(f"wrote {path}")
+    config = next(path for path in paths if path.suffix == ".yaml")
+    plugins = "" if what == "experiment" else " --allow-plugins"
+    typer.echo(f"run it: trackbench run {config}{plugins}")
+
+
+def schema() -> None:
+    """Print the JSON Schema of an experiment file, for editors."""
+    import json
+
+    from trackbench.schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))
