@@ -88,7 +88,9 @@ def test_overrides_and_only(tmp_path: Path) -> None:
     config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())
     assert config["filters"]["PF"]["N"] == 33
     assert config["scenario"]["R"] == 0.1
-    assert list(config["filters"]) == ["PF", "Exact"]  # the reference stays
+    assert config["only"] == ["PF"]
+    summary = pd.read_csv(tmp_path / "o" / "summary.csv")
+    assert set(summary["filter"]) == {"PF", "Exact"}  # the reference stays
 
 
 def test_dry_run_writes_nothing(tmp_path: Path) -> None:

@@ -3,30 +3,28 @@
 from dataclasses import replace
 from typing import Any
 
-from trackbench.experiment.definition import Point, Settings
-from trackbench.experiment.problems import Mark, Problem
+from trackbench.experiment.definition import Point, Settings, labels_to_run
+from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.experiment.validate import unknown
 from trackbench.models.base import Model
 from trackbench.registry import Group
 
 
-def chosen_labels(
-    source: Source, settings: Settings, only: list[str] | None, problems: list[Problem]
-) -> list[str]:
-    """Labels of the filters to run: all, or ``only`` and the reference."""
+def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -> list[str]:
+    """Labels of the filters to run, once every label that the top level names is one of a filter."""
     known = list(settings.filters)
     if not known:
         problems.append(Problem(source.mark(("filters",)), "filters", "name at least one filter"))
-    for label in only or []:
+    for i, label in enumerate(settings.only):
         if label not in known:
-            problems.append(Problem(Mark(f"--only {label}"), "", unknown(label, known)))
+            problems.append(_no_filter(source, settings, ("only", i), label))
     if settings.bound in known:
         what = f"{settings.bound!r} is already the label of a filter"
         problems.append(Problem(source.mark(("bound",)), "bound", what))
     if settings.reference is not None and settings.reference not in known:
         problems.append(_no_filter(source, settings, ("reference",), settings.reference))
-    return [label for label in known if not only or label in only or label == settings.reference]
+    return labels_to_run(known, settings.only, settings.reference)
 
 
 def has(model: Model, need: str) -> bool:

@@ -56,9 +56,10 @@ def load(
             override(source, (key,), number, Mark(f"--{key}"))
     for text in grid or []:
         add_axis(source, text)
+    _set_only(source, only or [])
     plugins = load_plugins(source, path.parent, allow_plugins)
     try:
-        experiment = _validated(source, only, path.parent, plugins)
+        experiment = _validated(source, path.parent, plugins)
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
     if unread:
@@ -74,22 +75,29 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
     return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
 
 
-def _validated(
-    source: Source, only: list[str] | None, folder: Path, plugins: tuple[Plugin, ...] = ()
-) -> Experiment:
+def _set_only(source: Source, labels: list[str]) -> None:
+    if labels:
+        override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
+    for i, label in enumerate(labels):
+        override(source, ("only", i), label, Mark(f"--only {label}"))
+
+
+def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
     problems: list[Problem] = []
     settings = build(Settings, source, (), problems)
     if settings is None:
         # Go on to the parts, so that one round of corrections is enough.
         _sections(source, problems)
         raise UserError(*sorted(set(problems)))
-    labels = chosen_labels(source, settings, only, problems)
+    labels = chosen_labels(source, settings, problems)
     points = []
     for values, marks in grid_points(source, settings, problems):
         for joint, value in values.items():
             for path in joint.split(TOGETHER):
                 override(source, split_path(source, path), value, marks[joint])
         points.append(_point(source, labels, values, problems))
+    others = [label for label in settings.filters if label not in labels]
+    left_out = _filters(source, others, problems)
     settings = with_recorded_runs(source, settings, points, problems)
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
@@ -100,14 +108,14 @@ def _validated(
     if problems:
         raise UserError(*sorted(set(problems)))
     found = [p for p in points if p is not None]
-    return Experiment(settings, found, tables, figures, source, published, plugins)
+    return Experiment(settings, found, left_out, tables, figures, source, published, plugins)
 
 
 def _point(
     source: Source, labels: list[str], values: dict[str, Any], problems: list[Problem]
 ) -> Point | None:
     scenario = build_kind("scenarios", source, ("scenario",), problems)
-    filters = {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
+    filters = _filters(source, labels, problems)
     if scenario is None:
         return None
     if source.data.get("bound") is not None and not hasattr(scenario, "bounds"):
@@ -117,6 +125,10 @@ def _point(
         if tracker is not None:
             check_fit(source, ("filters", label), tracker, scenario, problems)
     return Point(dict(values), scenario, filters)
+
+
+def _filters(source: Source, labels: list[str], problems: list[Problem]) -> dict[str, Any]:
+    return {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
 
 
 def _sections(source: Source, problems: list[Problem]) -> None:

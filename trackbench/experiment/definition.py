@@ -1,5 +1,6 @@
 """What an experiment is: the top level of its file, and what becomes of it once it is validated."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -38,6 +39,8 @@ class Settings:
     """filters by label, each like the scenario"""
     reference: Label | None = None
     """label of the filter whose estimates the others' distances are measured to"""
+    only: list[Label] = field(default_factory=list)
+    """labels of the filters that are run, beside the reference; default: all"""
     bound: Label | None = None
     """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
     medians: list[str] = field(default_factory=list)
@@ -54,6 +57,13 @@ class Settings:
     """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
 
 
+def labels_to_run(
+    filters: Iterable[str], only: Collection[str], reference: str | None
+) -> list[str]:
+    """All filters in their order, or those of ``only`` and the reference."""
+    return [label for label in filters if not only or label in only or label == reference]
+
+
 @dataclass(frozen=True)
 class Point:
     """One combination of the grid's values, with its scenario and filters by label."""
@@ -65,10 +75,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A validated experiment; ``source`` is its config with positions."""
+    """A validated experiment; ``source`` is its config with positions, ``left_out`` is not run."""
 
     settings: Settings
     points: list[Point]
+    left_out: dict[str, AnyFilter]
     tables: dict[str, Any]
     figures: dict[str, Any]
     source: Source

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 import trackbench
 from trackbench.evaluation.derived import sizes
@@ -31,7 +30,7 @@ from trackbench.experiment.definition import Experiment
 from trackbench.experiment.digest import code_digest
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
 from trackbench.experiment.plan import Key
-from trackbench.experiment.resolved import resolved
+from trackbench.experiment.resolved import as_yaml, resolved
 from trackbench.experiment.runner import Outcome
 from trackbench.experiment.tracks import Kept
 
@@ -116,13 +115,6 @@ def digests(folder: Path) -> dict[str, str]:
             with gzip.open(packed) as unpacked:
                 found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()
     return found
-
-
-def as_yaml(data: Any) -> str:
-    """Plain data as YAML in the order it is given."""
-    return yaml.safe_dump(
-        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
-    )
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackbench.experiment.files import write_text
-from trackbench.experiment.store import as_yaml
+from trackbench.experiment.resolved import as_yaml
 from trackbench.report.comparison import (
     LEGEND,
     claim_table,
@@ -147,7 +147,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     facts = [
         ("Experiment", config["name"]),
         ("Scenario", scenario),
-        ("Filters", len(config["filters"])),
+        ("Filters", len(results.filters)),
         ("Runs", config["runs"]),
         ("Seed", config["seed"]),
         ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
@@ -212,7 +212,7 @@ def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
     return Entry(
         name=config["name"],
         title=config["title"],
-        filters=len(config["filters"]),
+        filters=len(results.filters),
         runs=config["runs"],
         numbers=verdict_counts(row.verdict for row in comparison.numbers),
         claims=verdict_counts(row.verdict for row in comparison.claims),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.definition import Settings
+from trackbench.experiment.definition import Settings, labels_to_run
 from trackbench.experiment.parts import build_kind
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.published import Published, read_published
@@ -87,7 +87,13 @@ class Results:
     def labels(self) -> list[str]:
         """Filter labels in the config's order, and the lower bound's last."""
         bound = self.config.get("bound")
-        return [*self.config["filters"], *([bound] if bound else [])]
+        return [*self.filters, *([bound] if bound else [])]
+
+    @property
+    def filters(self) -> list[str]:
+        """Labels of the filters that were run, in the config's order."""
+        config = self.config
+        return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
     @property
     def grid(self) -> list[str]:

@@ -1,0 +1,85 @@
+"""The config in a results folder is one to run: the same files come out again, byte for byte."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from trackbench import api
+from trackbench.experiment.resolved import as_yaml
+from trackbench.experiment.source import parse
+from trackbench.report.results import open_results
+
+CONFIG = """
+name: a
+runs: 6
+block: 4
+scenario: {kind: merwe, T: 5}
+published: [numbers.csv]
+reference: 1e5
+filters:
+  PF: {kind: pf, N: 5}
+  HDEPF: {kind: hdepf, preset: matched, N: 7}
+  "1e5": {kind: ukf}
+tables:
+  t:
+    kind: metrics
+    filters: [PF, HDEPF]
+    columns: {Mean: mean(rmse), Gain: "ratio(rms(rmse), HDEPF)"}
+    gain: {of: HDEPF, over: PF}
+figures:
+  f: {kind: rmse-vs-time, filters: [PF, HDEPF], baseline: HDEPF}
+"""
+NUMBERS = """paper,table,filter,metric,value,digits,label,expression
+p,Table 1,HDEPF,mean,0.3,1,HDEPF,mean(rmse)
+"""
+GRID = ["filters.HDEPF.F=0.5,0.9", "scenario.R=log:1e-5..1e-3:2"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"only": ["PF"]},
+        {"set": ["filters.PF.N=9", "scenario.R=1e-3", "title=a: b"], "runs": 5, "seed": 3},
+        {"grid": GRID},
+        {"grid": GRID, "only": ["PF"]},
+        {"grid": ["filters.PF.N & filters.HDEPF.N=4,6"]},
+    ],
+    ids=["plain", "only", "set", "grid", "grid-only", "together"],
+)
+def test_the_resolved_config_gives_the_same_bytes(tmp_path: Path, options: dict[str, Any]) -> None:
+    config = tmp_path / "a.yaml"
+    config.write_text(CONFIG.replace("reference: 1e5", 'reference: "1e5"'))
+    (tmp_path / "numbers.csv").write_text(NUMBERS)
+    first, again = tmp_path / "first", tmp_path / "elsewhere" / "again"
+    quiet: dict[str, Any] = {"engine": "serial", "quiet": True, "fresh": True, "formats": ("svg",)}
+    api.run(config, out=first, **quiet, **options)
+    api.run(first / "config.yaml", out=again, **quiet)
+    for name in ("per_run.csv", "per_step.csv", "summary.csv", "config.yaml"):
+        assert (again / name).read_bytes() == (first / name).read_bytes(), name
+    tables = [(folder / "tables" / "t.csv").read_bytes() for folder in (first, again)]
+    assert tables[0] == tables[1]
+
+
+def test_only_may_be_taken_back(tmp_path: Path) -> None:
+    config = tmp_path / "a.yaml"
+    config.write_text(CONFIG.replace("published: [numbers.csv]\nreference: 1e5\n", ""))
+    quiet: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}
+    api.run(config, out=tmp_path / "first", only=["PF"], **quiet)
+    assert open_results(tmp_path / "first").labels == ["PF"]
+    api.run(tmp_path / "first" / "config.yaml", out=tmp_path / "o", only=["HDEPF"], **quiet)
+    found = open_results(tmp_path / "o")
+    assert found.labels == ["HDEPF"]
+    assert set(found.summary["filter"]) == {"HDEPF"}
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["1e5", "1.", ".5", "-3", "no", "null", "~", "True", ".inf", "12:30", "0x1F", "a: b", ""],
+)
+def test_a_word_stays_a_word(word: str) -> None:
+    data = {"title": word, word or "x": [word, 1e5, 1e-5, float("inf"), None, True, 10**20]}
+    assert parse(as_yaml(data), "a.yaml").data == data
+    assert yaml.safe_load(as_yaml({"title": word})) == {"title": word}
