@@ -4,6 +4,7 @@
 results of an earlier run.
 """
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from trackbench.experiment.definition import Experiment
 from trackbench.experiment.engines import Engine, cpu_count, engine
 from trackbench.experiment.lock import locked
 from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
+from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.runner import Outcome, execute
 from trackbench.experiment.store import Losses, write_results
 from trackbench.report.comparison import summary_lines, write_comparison, write_paired
@@ -106,12 +108,13 @@ def run(config: Path | str, options: Options | None = None, **changes: Any) -> R
     experiment = prepare(Path(config), options)
     if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
         experiment = replace(experiment, figures={})
+    folder = options.out or Path("results") / experiment.settings.name
+    _check_out(folder)
     plan, workers, text = _planned(experiment, options)
     open_engine = engine(options.engine, workers, options.scheduler)
     _say(text, options)
     for caution in dict.fromkeys(c for point in experiment.points for c in cautions(point)):
         _say(f"note: {caution}", options)
-    folder = options.out or Path("results") / experiment.settings.name
     with locked(folder, lambda line: _say(line, options)):
         outcome = execute(
             plan,
@@ -189,6 +192,13 @@ def _planned(experiment: Experiment, options: Options) -> tuple[Plan, int, str]:
     workers = min(options.workers or cpu_count(), len(plan.unique))
     needed = check_memory(experiment, workers, options.save_tracks)
     return plan, workers, describe(experiment, plan, workers, needed)
+
+
+def _check_out(folder: Path) -> None:
+    """Raise UserError if a file stands where the folder is to be."""
+    for path in (folder, *folder.parents):
+        if os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
+            raise UserError(Problem(Mark(f"--out {folder}"), "", f"{path} is a file, not a folder"))
 
 
 def _say(text: str, options: Options) -> None:

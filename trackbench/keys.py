@@ -17,6 +17,9 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
 
+ONE_LINE = r"^[^\x00-\x1f\x7f]+$"
+"""Pattern of a label: one line of visible characters."""
+
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]
 """A path, counted from the YAML file it stands in; a dataclass gets it absolute."""

@@ -8,6 +8,7 @@ import importlib
 import pkgutil
 import sys
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from importlib.metadata import entry_points
 from typing import Any, Literal, TypeVar
 
@@ -28,6 +29,8 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
     """Class decorator: make the class available in a config as ``kind: <kind>``."""
 
     def add(cls: T) -> T:
+        if not is_dataclass(cls):
+            raise TypeError(f"{cls.__name__} is not a dataclass (frozen=True, kw_only=True)")
         known = _kinds[group].get(kind)
         if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")

@@ -13,10 +13,10 @@ from trackbench.report.results import Results, open_results
 from trackbench.report.verdicts import compare
 
 
-def verify(folder: Path, runs: int) -> list[str]:
+def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
     """What differs, in words: verdicts from those recorded, the first runs from those stored."""
     results = open_results(folder)
-    return [*verdict_changes(results), *run_changes(results, runs)]
+    return [*verdict_changes(results), *run_changes(results, runs, allow_plugins)]
 
 
 def verdict_changes(results: Results) -> list[str]:
@@ -43,14 +43,14 @@ def verdict_changes(results: Results) -> list[str]:
     return changes
 
 
-def run_changes(results: Results, runs: int) -> list[str]:
+def run_changes(results: Results, runs: int, allow_plugins: bool = False) -> list[str]:
     """Rows of per_run.csv that do not come out again when the first runs are computed again."""
     folder = results.folder
     runs = min(runs, results.config["runs"])
     with tempfile.TemporaryDirectory() as temporary:
         again = Path(temporary) / "again"
         options = api.Options(runs=runs, out=again, fresh=True, quiet=True, formats=())
-        api.run(folder / "config.yaml", options)
+        api.run(folder / "config.yaml", options, allow_plugins=allow_plugins)
         now = _rows(Results(again), runs)
     stored = _rows(results, runs)
     differing = [

@@ -1,5 +1,6 @@
 """Folders that are not whole: one clear line, exit code 2, no traceback."""
 
+import gzip
 import json
 import subprocess
 import sys
@@ -26,7 +27,30 @@ def newer(folder):
     path.write_text(json.dumps(manifest))
 
 
+def manifest_with(**entries):
+    def damage(folder):
+        path = folder / "manifest.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | entries))
+
+    return damage
+
+
+def cut_packed(folder):
+    path = folder / "per_run.csv"
+    packed = gzip.compress(path.read_bytes())
+    path.with_name("per_run.csv.gz").write_bytes(packed[:30])
+    path.unlink()
+
+
 BAD = {
+    "edited failures": (manifest_with(failed=[3]), "manifest.json cannot be read"),
+    "edited times": (manifest_with(cpu_s="long"), "manifest.json cannot be read"),
+    "edited versions": (manifest_with(packages=3), "manifest.json cannot be read"),
+    "cut gzip": (cut_packed, "per_run.csv: was changed after the run wrote it"),
+    "another grid": (
+        lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.R: [0.1]}"),
+        "the results were computed over another grid",
+    ),
     "no manifest": (
         lambda f: spoil(f, "manifest.json"),
         "is half-written, it has no manifest.json",

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from trackbench.cli.options import Folder, formats
+from trackbench.cli.options import AllowPlugins, Folder, formats
 
 
 def compare(folder: Folder) -> None:
@@ -48,13 +48,14 @@ def report(folder: Folder) -> None:
 def verify(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
     runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
+    allow_plugins: AllowPlugins = False,
 ) -> None:
     """Compute the first runs of stored results again and compare them, and every verdict."""
     from trackbench.verification import verify as changes
 
     differing = 0
     for folder in folders:
-        found = changes(folder, runs)
+        found = changes(folder, runs, allow_plugins)
         differing += len(found)
         for line in found or [f"{folder}: the first {runs} runs and all verdicts come out again"]:
             typer.echo(line)

@@ -26,7 +26,7 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
         load_plugin(plugin)
     except OSError as error:
         raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UserError(f"{path}: {type(error).__name__}: {error}") from None
     own = {k: cls for k, cls in kinds("filters").items() if cls.__module__ == plugin.module}
     if not own:

@@ -18,12 +18,12 @@ def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -
         problems.append(Problem(source.mark(("filters",)), "filters", "name at least one filter"))
     for i, label in enumerate(settings.only):
         if label not in known:
-            problems.append(_no_filter(source, settings, ("only", i), label))
+            problems.append(no_filter(source, settings, ("only", i), label))
     if settings.bound in known:
         what = f"{settings.bound!r} is already the label of a filter"
         problems.append(Problem(source.mark(("bound",)), "bound", what))
     if settings.reference is not None and settings.reference not in known:
-        problems.append(_no_filter(source, settings, ("reference",), settings.reference))
+        problems.append(no_filter(source, settings, ("reference",), settings.reference))
     return labels_to_run(known, settings.only, settings.reference)
 
 
@@ -64,10 +64,11 @@ def check_named_filters(
         named |= {(key,): getattr(part, key, None) for key in ("floor", "baseline")}
         for where, label in named.items():
             if label is not None and label not in (*settings.filters, settings.bound):
-                problems.append(_no_filter(source, settings, (group, name, *where), label))
+                problems.append(no_filter(source, settings, (group, name, *where), label))
 
 
-def _no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Problem:
+def no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Problem:
+    """What to say of a label that no filter has."""
     what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
     return Problem(source.mark(where), dotted(where), what)
 

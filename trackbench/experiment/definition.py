@@ -10,13 +10,13 @@ from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.published import Published
 from trackbench.experiment.source import Source
 from trackbench.filters.base import AnyFilter
-from trackbench.keys import Count, Natural
+from trackbench.keys import ONE_LINE, Count, Natural
 from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
 
-Label = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=80)]
+Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
@@ -16,6 +17,7 @@ OpenEngine = Callable[[], AbstractContextManager[Executor]]
 T = TypeVar("T")
 
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
 class SerialExecutor(Executor):
@@ -84,6 +86,8 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         raise UserError(
             "--engine dask needs an extra package: pip install 'trackbench[dask]'"
         ) from None
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise UserError(f"--scheduler {scheduler}: write tcp://host:port")
     settings: dict[str, Any] = {"address": scheduler}
     if scheduler is None:
         settings = {

@@ -76,12 +76,12 @@ def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
         load_plugin(plugin)
     except OSError as error:
         raise _RefusedError(f"{folder / name}: {(error.strerror or str(error)).lower()}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _RefusedError(f"{_last_place(error, name)}{type(error).__name__}: {error}") from None
     return plugin
 
 
-def _last_place(error: Exception, name: str) -> str:
+def _last_place(error: BaseException, name: str) -> str:
     """``my_filter.py:12: ``, the plugin's own line at which it went wrong."""
     lines = [
         f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(name)

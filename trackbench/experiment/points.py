@@ -4,6 +4,7 @@ import itertools
 from math import prod
 from typing import Any
 
+from trackbench.experiment.checks import no_filter
 from trackbench.experiment.compose import split_path
 from trackbench.experiment.definition import Settings
 from trackbench.experiment.problems import Mark, Problem
@@ -20,7 +21,7 @@ def grid_points(
 ) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
     """Every combination: the value of each path, and where it is written."""
     grid = settings.grid
-    if not _is_possible(source, grid, problems):
+    if not _is_possible(source, settings, problems):
         return []
     out = []
     for numbers in itertools.product(*(range(len(values)) for values in grid.values())):
@@ -31,14 +32,18 @@ def grid_points(
     return out
 
 
-def _is_possible(source: Source, grid: dict[str, list[Any]], problems: list[Problem]) -> bool:
+def _is_possible(source: Source, settings: Settings, problems: list[Problem]) -> bool:
+    grid = settings.grid
     for path, values in grid.items():
         where = ("grid", path)
-        firsts = {split_path(source, single)[:1] for single in path.split(TOGETHER)}
-        if not firsts <= {("scenario",), ("filters",)}:
-            what = "a grid varies scenario.KEY or filters.LABEL.KEY"
-            problems.append(Problem(source.key_mark(where), dotted(where), what))
-            return False
+        for keys in (split_path(source, single) for single in path.split(TOGETHER)):
+            if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
+                what = "a grid varies scenario.KEY or filters.LABEL.KEY"
+                problems.append(Problem(source.key_mark(where), dotted(where), what))
+                return False
+            if keys[0] == "filters" and keys[1] not in settings.filters:
+                problems.append(no_filter(source, settings, where, str(keys[1])))
+                return False
         if not values:
             problems.append(Problem(source.mark(where), dotted(where), "has no values"))
     number = prod(len(values) for values in grid.values())

@@ -6,8 +6,9 @@ import json
 import platform
 import subprocess
 import sys
+import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +36,8 @@ from trackbench.experiment.runner import Outcome
 from trackbench.experiment.tracks import Kept
 
 Row = Iterable[Any]
+
+_DAMAGED = "damaged"  # in place of a digest: no file has it
 
 FORMAT = 1
 """Counts up when a results folder changes so that older code would misread it."""
@@ -112,7 +115,8 @@ def digests(folder: Path) -> dict[str, str]:
             with path.open("rb") as file:
                 found[name] = hashlib.file_digest(file, "sha256").hexdigest()
         elif packed.is_file():
-            with gzip.open(packed) as unpacked:
+            with gzip.open(packed) as unpacked, suppress(OSError, EOFError, zlib.error):
+                found[name] = _DAMAGED
                 found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()
     return found
 

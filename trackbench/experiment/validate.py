@@ -4,14 +4,14 @@ import json
 from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
-from math import isnan
+from math import isinf, isnan
 from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
-from trackbench.keys import IS_FILE
+from trackbench.keys import IS_FILE, ONE_LINE
 
 T = TypeVar("T")
 
@@ -126,6 +126,8 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
         return str(ctx["error"])
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
+    if kind in ("less_than", "greater_than") and isinstance(value, float) and isinf(value):
+        return f"{shown} is not a finite number"
     if kind == "greater_than_equal":
         return f"{shown} is less than {_show(ctx['ge'])}"
     if kind == "greater_than":
@@ -140,6 +142,8 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
         return f"{ctx['tag']!r} is not one of {ctx['expected_tags'].replace(chr(39), '')}"
     if kind == "union_tag_not_found":
         return f"needs a {ctx['discriminator'].strip(chr(39))}"
+    if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
+        return f"{shown} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")

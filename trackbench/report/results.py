@@ -67,7 +67,12 @@ class Results:
     def published(self) -> Published:
         """Published numbers and claims that this experiment is held against."""
         config = self.config
-        return read_published(self.folder, config.get("published", []), config["name"])
+        return read_published(
+            self.folder,
+            config.get("published", []),
+            config["name"],
+            mark=self.source.mark(("published",)),
+        )
 
     @cached_property
     def scenario(self) -> Any:
@@ -171,6 +176,10 @@ class Results:
         return path if path.is_file() else path.with_name(f"{name}.gz")
 
 
+_KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}
+"""Of what kind the manifest's entries are that a report shows."""
+
+
 def open_results(folder: Path) -> Results:
     """The results in a folder; raises UserError if it is not whole, too new, or edited by hand."""
     if not folder.is_dir():
@@ -184,12 +193,20 @@ def open_results(folder: Path) -> Results:
         problems.append(Problem(results.source.mark(()), "", "is not an experiment's config"))
     elif build(Settings, results.source, (), problems) is not None:
         missing = set(results.summary["filter"]) - set(results.labels)
-        if missing:
+        if _grid_columns(results) != results.grid:
+            what = "the results were computed over another grid"
+            problems.append(Problem(results.source.mark(("grid",)), "grid", what))
+        elif missing:
             what = f"{min(missing)!r} has results but is not a filter here any more"
             problems.append(Problem(results.source.mark(("filters",)), "filters", what))
     if problems:
         raise UserError(*problems)
     return results
+
+
+def _grid_columns(results: Results) -> list[str]:
+    columns = list(results.summary.columns)
+    return columns[: columns.index("filter")]
 
 
 def _check_manifest(results: Results) -> None:
@@ -200,8 +217,12 @@ def _check_manifest(results: Results) -> None:
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
+        whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
+        whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
     except (ValueError, KeyError, TypeError, AssertionError):
-        raise UserError(f"{folder}: manifest.json cannot be read: {again}") from None
+        whole = False
+    if not whole:
+        raise UserError(f"{folder}: manifest.json cannot be read: {again}")
     if version > FORMAT:
         what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")

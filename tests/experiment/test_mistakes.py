@@ -1,0 +1,115 @@
+"""Mistakes on the command line and in files of one's own: a line for each, and nothing is written."""
+
+from pathlib import Path
+
+import pytest
+
+from trackbench import api
+from trackbench.experiment.engines import engine
+from trackbench.experiment.files import write_text
+from trackbench.experiment.problems import UserError, WriteError
+from trackbench.verification import verify
+
+CONFIG = """
+name: a
+runs: 4
+scenario: {kind: merwe, T: 5}
+filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
+"""
+PLAIN = """
+from trackbench.registry import register
+
+@register("filters", "mistaken-plain")
+class Mine:
+    pass
+"""
+MINE = """
+from dataclasses import dataclass
+from trackbench.filters.kalman import UKF
+from trackbench.registry import register
+
+@register("filters", "mistaken-not")
+@dataclass(frozen=True, kw_only=True)
+class Mine(UKF):
+    '''Mine.'''
+"""
+
+
+def mistakes(folder: Path, text: str = CONFIG, **changes: object) -> list[str]:
+    (folder / "a.yaml").write_text(text)
+    there = set(folder.rglob("*"))
+    options = api.Options(engine="serial", quiet=True, out=folder / "o", formats=())
+    with pytest.raises(UserError) as caught:
+        api.run(folder / "a.yaml", options, **changes)
+    assert set(folder.rglob("*")) == there
+    return str(caught.value).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("axis", "what"),
+    [
+        ("filters.QQ.N=1,2", "grid.filters.QQ.N: 'QQ' is not a filter here; known: PF, UKF"),
+        ("runs=1,2", "grid.runs: a grid varies scenario.KEY or filters.LABEL.KEY"),
+        ("scenario=1,2", "grid.scenario: a grid varies scenario.KEY or filters.LABEL.KEY"),
+        ("filters.PF=1", "filters.PF: is not a mapping with a kind"),
+        ("scenario.R=.inf", "scenario.R: Infinity is not a finite number"),
+    ],
+)
+def test_a_grid_over_nothing(tmp_path: Path, axis: str, what: str) -> None:
+    assert mistakes(tmp_path, grid=[axis]) == [f"--grid {axis}: {what}"]
+
+
+def test_a_label_that_cannot_be_seen(tmp_path: Path) -> None:
+    found = mistakes(tmp_path, only=[""])
+    assert found == ["--only : only.0: '' is not one line of visible characters"]
+
+
+@pytest.mark.parametrize("out", ["a.yaml", "a.yaml/below"])
+def test_the_folder_is_a_file(tmp_path: Path, out: str) -> None:
+    (found,) = mistakes(tmp_path, out=tmp_path / out)
+    assert found.endswith(f"{tmp_path / 'a.yaml'} is a file, not a folder")
+
+
+@pytest.mark.parametrize("address", ["nonsense", "http://localhost:80", "tcp://:1", "tcp://host"])
+def test_an_address_that_is_none(tmp_path: Path, address: str) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(UserError, match="write tcp://host:port"), engine("dask", 1, address)():
+        pass
+
+
+@pytest.mark.parametrize(
+    ("code", "what"),
+    [
+        ("import sys\nsys.exit(3)", "own.py:2: SystemExit: 3"),
+        (PLAIN, "Mine is not a dataclass"),
+    ],
+    ids=["leaves", "no dataclass"],
+)
+def test_a_plugin_that_is_none(tmp_path: Path, code: str, what: str) -> None:
+    (tmp_path / "own.py").write_text(code)
+    (found,) = mistakes(tmp_path, CONFIG + "plugins: [own.py]\n", allow_plugins=True)
+    assert found.startswith(f"{tmp_path / 'a.yaml'}:6:11: plugins.0: ")
+    assert what in found
+
+
+def test_results_of_a_plugin_are_verified_if_it_may_run(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(MINE)
+    text = CONFIG.replace("kind: ukf", "kind: mistaken-not") + "plugins: [own.py]\n"
+    (tmp_path / "a.yaml").write_text(text)
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())
+    api.run(tmp_path / "a.yaml", options, allow_plugins=True)
+    assert verify(tmp_path / "o", 2, allow_plugins=True) == []
+    with pytest.raises(UserError, match="is run only with --allow-plugins"):
+        verify(tmp_path / "o", 2)
+
+
+def test_a_folder_that_cannot_be_written_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "open", refused)
+    monkeypatch.setattr(Path, "unlink", refused)
+    with pytest.raises(WriteError, match=r"cannot write .*a\.txt: read-only file system"):
+        write_text(tmp_path / "a.txt", "text")
