@@ -53,9 +53,9 @@ class _Evolutionary(UnscentedProposal):
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:  # type: ignore[override]
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:
         """N draws from the prior."""
-        cloud = super().init(model, prior, rng)
+        cloud = self.drawn(prior, rng)
         runs = cloud.dead.shape
         return EvolvedCloud(cloud, np.zeros(runs), np.ones(runs))
 
@@ -82,16 +82,16 @@ class _Evolutionary(UnscentedProposal):
         cloud = ProposedCloud(carried, proposed.P, source.moments(), initial.dead)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
-    def estimate(self, state: EvolvedCloud) -> Gaussian:  # type: ignore[override]
+    def estimate(self, state: EvolvedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.cloud.estimate
 
-    def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:  # type: ignore[override]
+    def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:
         """Acceptance rate, spread of the cloud after over before, steps without any weight."""
         return {
             "acceptance": state.acceptance,
             "spread_ratio": state.spread_ratio,
-            **super().diagnostics(state.cloud),
+            "dead_steps": state.cloud.dead.astype(float),
         }
 
     def _proposed(

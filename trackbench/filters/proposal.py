@@ -68,7 +68,7 @@ class KalmanProposal:
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
+    def drawn(self, prior: Distribution, rng: Generator) -> ProposedCloud:
         """N draws from the prior, each with its own covariance."""
         x = prior.sample(rng, self.N)
         n, runs, N = x.shape
@@ -76,14 +76,6 @@ class KalmanProposal:
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
         cloud = Particles(x, particles.uniform(runs, N))
         return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_))
-
-    def estimate(self, state: ProposedCloud) -> Gaussian:
-        """Weighted mean and covariance."""
-        return state.estimate
-
-    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
-        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights."""
-        return {"dead_steps": state.dead.astype(float)}
 
     def propose(
         self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
@@ -127,6 +119,10 @@ class _ProposalFilter(KalmanProposal):
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """cloud the estimate is taken from: before resampling, or after it as in the public demo"""
 
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
+        """N draws from the prior."""
+        return self.drawn(prior, rng)
+
     def step(
         self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
     ) -> ProposedCloud:
@@ -139,6 +135,14 @@ class _ProposalFilter(KalmanProposal):
         resampled = Particles(select(proposed.x, index), particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
         return ProposedCloud(resampled, select(proposed.P, index), source.moments(), dead)
+
+    def estimate(self, state: ProposedCloud) -> Gaussian:
+        """Weighted mean and covariance."""
+        return state.estimate
+
+    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
+        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights."""
+        return {"dead_steps": state.dead.astype(float)}
 
 
 @register("filters", "epf")
