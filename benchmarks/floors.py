@@ -1,12 +1,15 @@
 """The floor: the random numbers an algorithm cannot do without, and one ``exp`` per particle-step.
 
-In blocks of the product's own size and from its own kind of stream, with nothing else done.
+In blocks of the product's own size, with nothing else done. The bars are held against the variates as
+numpy's documented generator makes them, an SFC64 stream's ``standard_normal`` and ``random``; a second
+line, without a bar, is the same with the product's own faster normals (trackbench/core/normals.py).
 """
 
 import time
 from math import ceil
 
 import numpy as np
+from numpy.random import SFC64, Generator
 
 from benchmarks.harness import Entrant, Outcome
 from trackbench.core.streams import block_stream
@@ -23,13 +26,17 @@ def floor(
     normals: int = 0,
     uniforms: int = 0,
     exps: int = 1,
+    own: bool = False,
 ) -> Entrant:
-    """Variates per particle-step: Gamma(3) as -log(u1 u2 u3), normals, uniforms; and exponentials."""
+    """Variates per particle-step: Gamma(3) as -log(u1 u2 u3), normals, uniforms; and exponentials.
+
+    ``own`` takes the product's faster normals.
+    """
     width = max(1, min(500, PARTICLES_AT_A_TIME // N, runs))
     blocks = ceil(runs / width)
 
     def entrant() -> Outcome:
-        rng = block_stream(1, 0)
+        rng = block_stream(1, 0) if own else Generator(SFC64(1))
         w = np.full((width, N), -1.0)
         started = time.process_time()
         for _ in range(steps * blocks):

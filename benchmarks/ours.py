@@ -41,7 +41,7 @@ def ours(
 
     The data are simulated beforehand in both cases.
     """
-    width = min(width or block_width(tracker), runs)
+    width = min(width or block_width(tracker, scenario), runs)
     blocks = ceil(runs / width)
     work = float(runs * particle_count(tracker) * steps(scenario))
 

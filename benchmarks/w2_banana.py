@@ -32,6 +32,7 @@ def _bootstrap() -> Workload:
             "trackbench": ours(scenario, tracker, RUNS),
             "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
             "floor": floor(N, RUNS, T, normals=4),
+            "floor with our normals": floor(N, RUNS, T, normals=4, own=True),
         },
         bars=[
             Bar("trackbench", "floor", 2.0, at_most=True),
@@ -80,6 +81,7 @@ def _regularised() -> Workload:
             "trackbench": ours(scenario, tracker, RUNS),
             "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
             "floor": floor(N, RUNS, T, normals=8, uniforms=2),
+            "floor with our normals": floor(N, RUNS, T, normals=8, uniforms=2, own=True),
         },
         bars=[
             Bar("trackbench", "floor", 1.7, at_most=True),

@@ -1,6 +1,7 @@
 """The house: imports go down only, and nothing heavy is imported before it is needed."""
 
 import ast
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import trackbench
+from trackbench.registry import Group, kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 FLOORS = {
@@ -57,7 +59,7 @@ def test_imports_go_down_only(path: Path) -> None:
     ("command", "unwanted"),
     [
         (["--help"], {"numpy", "scipy", "pandas", "matplotlib", "pydantic", "yaml"}),
-        (["list"], {"scipy", "pandas", "matplotlib.pyplot", "tqdm"}),
+        (["list"], {"numpy", "scipy", "pandas", "matplotlib", "yaml", "tqdm"}),
         (["check", "experiments/hdepf.yaml"], {"scipy", "pandas", "matplotlib.pyplot"}),
     ],
 )
@@ -71,3 +73,21 @@ def test_nothing_heavy_is_imported_early(command: list[str], unwanted: set[str])
     )
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & unwanted
+
+
+@pytest.mark.parametrize("group", ["filters", "scenarios", "tables", "figures"])
+def test_a_listing_reads_what_an_import_finds(group: Group) -> None:
+    """In a process that has imported nothing, every kind and docstring that importing registers."""
+    read = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"from trackbench.registry import *; print(documentation({group!r}))",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    found = {kind: inspect.cleandoc(doc) for kind, doc in ast.literal_eval(read).items()}
+    own = {k: c for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")}
+    assert found == {kind: inspect.getdoc(cls) for kind, cls in own.items()}

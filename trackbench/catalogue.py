@@ -1,28 +1,32 @@
-"""What a config may name, for people: kinds, their parameters, defaults and sources."""
+"""What a config may name, for people: kinds, their parameters, defaults and sources.
+
+A listing reads docstrings and imports nothing of what it lists.
+"""
 
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args, get_type_hints
 
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.validate import adapter, help_texts, unknown
-from trackbench.registry import Group, kinds
+from trackbench.registry import Group, documentation, kinds
 
 
 def listing(groups: Sequence[str]) -> str:
     """Kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
-        found = kinds(cast(Group, group))
+        found = documentation(cast(Group, group))
         width = max(map(len, found))
-        rows = [f"  {kind:<{width}}  {_paragraphs(cls)[0]}" for kind, cls in found.items()]
+        rows = [f"  {kind:<{width}}  {_paragraphs(doc)[0]}" for kind, doc in found.items()]
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
 
 
 def description(kind: str) -> str:
     """A kind's documentation and its keys; raises UserError if there is none of that name."""
+    from trackbench.experiment.problems import Mark, Problem, UserError
+    from trackbench.experiment.validate import unknown
+
     groups: tuple[Group, ...] = ("filters", "scenarios", "tables", "figures")
     found = [(g, kinds(g)[kind]) for g in groups if kind in kinds(g)]
     if not found:
@@ -35,7 +39,7 @@ def description(kind: str) -> str:
 
 def _described(kind: str, group: str, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
-    lines += [paragraph + "\n" for paragraph in _paragraphs(cls)]
+    lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     rows = list(_key_rows(cls, ""))
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
@@ -50,6 +54,8 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Key, default and text of each field; those of a mapping follow it, indented by their path."""
+    from trackbench.experiment.validate import adapter, help_texts
+
     schema, texts, hints = adapter(cls).json_schema(), help_texts(cls), get_type_hints(cls)
     for field in dataclasses.fields(cls):
         choices = schema["properties"][field.name].get("enum")
@@ -77,6 +83,5 @@ def _mappings(hint: Any) -> list[type[Any]]:
     return [m for part in get_args(hint) for m in _mappings(part)]
 
 
-def _paragraphs(cls: type[Any]) -> list[str]:
-    doc = inspect.getdoc(cls) or ""
-    return [" ".join(p.split()) for p in doc.split("\n\n")]
+def _paragraphs(doc: str) -> list[str]:
+    return [" ".join(p.split()) for p in inspect.cleandoc(doc).split("\n\n")]

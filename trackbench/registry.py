@@ -4,12 +4,15 @@ A class registers itself with a decorator; its module is found by scanning the p
 entry point of an installed package, or as a plugin file. A YAML never names an import path.
 """
 
+import ast
 import importlib
 import pkgutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 Group = Literal["filters", "scenarios", "figures", "tables"]
@@ -54,9 +57,36 @@ def kinds(group: Group) -> dict[str, type[Any]]:
     if group not in _scanned:
         _scanned.add(group)
         _scan(_PACKAGES[group])
-        for entry in entry_points(group=f"trackbench.{group}"):
+        for entry in _entries(group):
             entry.load()
     return dict(sorted(_kinds[group].items()))
+
+
+def documentation(group: Group) -> dict[str, str]:
+    """The docstring of every kind of a group, sorted; the package's own are read, not imported."""
+    if group in _scanned or _entries(group):
+        return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
+    spec = find_spec(_PACKAGES[group])
+    assert spec is not None
+    folders = spec.submodule_search_locations or ()
+    files = [file for folder in folders for file in Path(folder).glob("*.py")]
+    return dict(sorted(found for file in files for found in _documented(file)))
+
+
+def _documented(file: Path) -> Iterator[tuple[str, str]]:
+    """Kind and docstring of each class that a source file registers."""
+    text = file.read_text(encoding="utf-8")
+    for node in ast.parse(text).body if "@register(" in text else ():
+        if not isinstance(node, ast.ClassDef):
+            continue
+        for mark in node.decorator_list:
+            if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "register":
+                kind = ast.literal_eval(mark.args[1])
+                yield kind, ast.get_docstring(node) or ""
+
+
+def _entries(group: Group) -> EntryPoints:
+    return entry_points(group=f"trackbench.{group}")
 
 
 def _scan(package: str) -> None:

@@ -84,14 +84,17 @@ def test_without_joint_jitter_the_cloud_leaves_the_target(kind: str, keys: dict[
 def test_mpf_has_the_velocity_error_of_rpf() -> None:
     a = metric("rmse_velocity", "mpf", N=4000)
     b = metric("rmse_velocity", "rpf", N=5000)
-    ratio = np.sqrt(np.square(a).mean() / np.square(b).mean())
-    assert abs(ratio - 1) < 0.03
+    # Ranks: one run in some hundreds loses its target early, and would be most of a mean square.
+    ratio, off = np.sort(a / b), int(3 * np.sqrt(len(a)) / 2)
+    low, high = ratio[len(a) // 2 - off - 1], ratio[len(a) // 2 + off]
+    assert 0.9 < low < 1.0 < high < 1.1
 
 
 def test_marginalising_the_range_beats_marginalising_nothing() -> None:
-    a = np.square(metric("rmse_position", "los-rbpf", runs=60, N=2000))
-    b = np.square(metric("rmse_position", "rpf", runs=60, N=2000))
-    gain = b - a
+    a = metric("rmse_position", "los-rbpf", runs=60, N=2000)
+    b = metric("rmse_position", "rpf", runs=60, N=2000)
+    # In logarithms: a run that loses its target, of either filter, would be most of a mean square.
+    gain = np.log(b / a)
     assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
 
 

@@ -8,6 +8,7 @@ from trackbench.models.motions import (
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
+    MotionKey,
     WhiteAcceleration,
 )
 
@@ -71,3 +72,21 @@ def test_position_sensor_sees_both_positions() -> None:
     np.testing.assert_array_equal(sensor.measurement(x, 1).mean[:, 0], [0.0, 2.0])
     np.testing.assert_array_equal(sensor.jacobian(x, 1) @ x, sensor.measurement(x, 1).mean)
     np.testing.assert_array_equal(sensor.R, 25.0 * np.eye(2))
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        ConstantVelocity(q=2.0),
+        ConstantAcceleration(q=2.0),
+        WhiteAcceleration(q=2.0),
+        CoordinatedTurn(q=2.0, turn_rate_deg_s=3.0),
+    ],
+)
+def test_matrices_are_built_once_and_cannot_be_written(motion: MotionKey) -> None:
+    first = motion.sampled(2.0)
+    assert motion.sampled(2.0) is first
+    assert motion.sampled(1.0).F[0, 1] != first.F[0, 1]
+    for matrix in (first.F, first.Q, PositionSensor(2.0).R, PositionSensor(2.0).H()):
+        with pytest.raises(ValueError, match="read-only"):
+            matrix[0, 0] = 9.0

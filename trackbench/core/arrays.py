@@ -18,3 +18,9 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
     return a.reshape(a.shape + (1,) * (batch_ndim + leading - a.ndim))
+
+
+def fixed(a: Array) -> Array:
+    """``a`` itself, made read-only, for arrays that are kept and handed out again."""
+    a.flags.writeable = False
+    return a

@@ -2,7 +2,8 @@
 
 The data of run m depend on ``(seed, m)`` only, so every filter, batch size and worker count sees the
 same truth and measurements. Filter noise depends on ``(seed, block)``: one SFC64 stream for the whole
-block, because a stream per run costs as much to create (10 us) as half a run of ten particles.
+block, because a stream per run costs as much to create (10 us) as half a run of ten particles. Data are
+drawn by numpy's own methods in full float64, the normals of a block by the faster method of `normals`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
 
 from trackbench.core.arrays import Array
+from trackbench.core.normals import NoiseGenerator
 
 _DATA, _FILTER = 0, 1
 _CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
@@ -102,4 +104,4 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 
 def block_stream(seed: int, block: int) -> Generator:
     """The stream of a filter's noise in one block, the same for every filter of that width."""
-    return Generator(SFC64(SeedSequence(seed, spawn_key=(_FILTER, block))))
+    return NoiseGenerator(SFC64(SeedSequence(seed, spawn_key=(_FILTER, block))))

@@ -13,6 +13,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768
+_RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
 _WIDEST = 500
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter
@@ -45,7 +46,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
-            width = settings.block or block_width(tracker)
+            width = settings.block or block_width(tracker, point.scenario)
             tasks[i, label] = [
                 BlockTask(
                     scenario=point.scenario,
@@ -64,9 +65,13 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
     return Plan(tasks)
 
 
-def block_width(tracker: AnyFilter) -> int:
-    """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500."""
-    return max(1, min(_WIDEST, _PARTICLES_AT_A_TIME // particle_count(tracker)))
+def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
+    """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500.
+
+    Fewer of long tracks, which a block holds whole, step by step.
+    """
+    most = min(_WIDEST, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
+    return max(1, min(most, _PARTICLES_AT_A_TIME // particle_count(tracker)))
 
 
 def particle_count(tracker: AnyFilter) -> int:
@@ -85,7 +90,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     for point in experiment.points:
         merged = _merged_bytes(experiment, point, save_tracks)
         for label, tracker in point.filters.items():
-            width = settings.block or block_width(tracker)
+            width = settings.block or block_width(tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
             block = max(_block_bytes(point.scenario, f, width) for f in (tracker, reference))
             needed = workers * (_PROCESS + block) + merged

@@ -4,12 +4,12 @@ A state of two axes is (px, vx, py, vy), m and m/s.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 
 
@@ -27,14 +27,15 @@ class CWNA:
     @cached_property
     def F(self) -> Array:
         """Transition matrix (4, 4), eq. 5."""
-        return np.asarray(np.kron(np.eye(2), np.array([[1.0, self.T], [0.0, 1.0]])), dtype=float)
+        axis = np.array([[1.0, self.T], [0.0, 1.0]])
+        return fixed(np.asarray(np.kron(np.eye(2), axis), dtype=float))
 
     @cached_property
     def Q(self) -> Array:
         """Process noise covariance (4, 4), eq. 6."""
         T = self.T
         axis = self.q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
-        return np.asarray(np.kron(np.eye(2), axis), dtype=float)
+        return fixed(np.asarray(np.kron(np.eye(2), axis), dtype=float))
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """N(F x, Q)."""
@@ -70,17 +71,18 @@ class PositionSensor:
     sigma: float
     components: tuple[str, ...] = ("x", "y")
 
-    @property
+    @cached_property
     def R(self) -> Array:
         """Noise covariance (2, 2), m^2."""
-        return self.sigma**2 * np.eye(2)
+        return fixed(self.sigma**2 * np.eye(2))
 
     @staticmethod
+    @cache
     def H(n: int = 4) -> Array:
         """Measurement matrix (2, n) for a state of n components."""
         H = np.zeros((2, n))
         H[0, 0] = H[1, 2] = 1.0
-        return H
+        return fixed(H)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N(H x, R) for x (n, *batch)."""

@@ -1,21 +1,24 @@
 """Motions that a config may name: the matrices F and Q of two-axis models from their few keys.
 
 A state of two axes is (px, vx, py, vy), m and m/s; one with accelerations appends (ax, ay), m/s^2, so
-that its first four components are those of every other. The sampling time T is the scenario's.
+that its first four components are those of every other. The sampling time T is the scenario's. Matrices
+are kept and read-only.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import Discriminator
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.keys import Finite, NonNegative
 from trackbench.models.linear import CWNA, Linear
 
 NoiseGain = Literal["standard", "printed"]
 _POSITION_VELOCITY = ("px", "vx", "py", "vy")
+_KEPT = 64  # matrices: a filter asks for them at every step
 _AXES_LAST = [0, 1, 3, 4, 2, 5]  # (px, vx, ax, py, vy, ay) -> (px, vx, py, vy, ax, ay)
 
 
@@ -41,11 +44,13 @@ class ConstantVelocity:
     kind: Literal["cv"] = "cv"
     """constant velocity"""
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """F and Q of one axis (position, velocity)."""
         G = np.array([T**2 / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
-        return Axis(np.array([[1.0, T], [0.0, 1.0]]), self.q * np.outer(G, G))
+        return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float) -> Linear:
         """The motion of (px, vx, py, vy) over T seconds."""
         F, Q = self.axis(T)
@@ -68,16 +73,18 @@ class ConstantAcceleration:
     kind: Literal["ca"] = "ca"
     """constant acceleration"""
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """F and Q of one axis (position, velocity, acceleration)."""
         standard = self.noise_gain == "standard"
         G = np.array([T**2 / 2, T, 1.0] if standard else [T**2 / 4, T / 2, 1.0])
         F = np.array([[1.0, T, T**2 / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
-        return Axis(F, self.q * np.outer(G, G))
+        return Axis(fixed(F), fixed(self.q * np.outer(G, G)))
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float) -> Linear:
         """The motion of (px, vx, py, vy, ax, ay) over T seconds."""
-        F, Q = (_both(A)[np.ix_(_AXES_LAST, _AXES_LAST)] for A in self.axis(T))
+        F, Q = (fixed(_both(A)[np.ix_(_AXES_LAST, _AXES_LAST)]) for A in self.axis(T))
         return Linear(T, F, Q, (*_POSITION_VELOCITY, "ax", "ay"))
 
 
@@ -90,11 +97,13 @@ class WhiteAcceleration:
     kind: Literal["cwna"] = "cwna"
     """continuous white noise acceleration"""
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """F and Q of one axis (position, velocity)."""
         motion = self.sampled(T)
         return Axis(motion.F[:2, :2], motion.Q[:2, :2])
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float) -> CWNA:
         """The motion of (px, vx, py, vy) over T seconds."""
         return CWNA(T, self.q)
@@ -112,6 +121,7 @@ class CoordinatedTurn:
     """coordinated turn"""
     _straight: ClassVar[float] = 1e-9
 
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float) -> Linear:
         """The motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line."""
         straight = ConstantVelocity(q=self.q).sampled(T)
@@ -127,7 +137,7 @@ class CoordinatedTurn:
                 [0.0, s, 0.0, c],
             ]
         )
-        return Linear(T, F, straight.Q, _POSITION_VELOCITY)
+        return Linear(T, fixed(F), straight.Q, _POSITION_VELOCITY)
 
 
 MotionKey: TypeAlias = Annotated[
@@ -138,4 +148,4 @@ MotionKey: TypeAlias = Annotated[
 
 
 def _both(A: Array) -> Array:
-    return np.asarray(np.kron(np.eye(2), A), dtype=float)
+    return fixed(np.asarray(np.kron(np.eye(2), A), dtype=float))

@@ -118,8 +118,6 @@ def judge(results: Results, claim: Claim) -> Judged:
 
 def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
     """Kendall's tau between the published and the measured order, per column with three filters."""
-    from scipy.stats import kendalltau
-
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
     for row in numbers:
         if isfinite(row.measured.value) and not isinstance(row.published.value, str):
@@ -128,6 +126,8 @@ def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
     for (paper, table, part, metric), rows in columns.items():
         if len(rows) < 3 or len({r.published.filter for r in rows}) < len(rows):
             continue
+        from scipy.stats import kendalltau  # half a second that most experiments need not wait
+
         order = kendalltau(
             [r.published.value for r in rows], [r.measured.value for r in rows]
         ).statistic

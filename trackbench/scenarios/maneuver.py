@@ -183,7 +183,7 @@ class Maneuver:
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Vectors of position (m) and velocity (m/s), and the position's two components."""
         e = mean - truth
-        return {"position": e[[0, 2]], "velocity": e[[1, 3]], "x": e[:1], "y": e[2:3]}
+        return {"position": e[0:4:2], "velocity": e[1:4:2], "x": e[:1], "y": e[2:3]}
 
     def run_metrics(self, values: dict[str, Array]) -> dict[str, Array]:
         """Peak position error, and how a filter that switches meets the onsets of the turns."""
