@@ -14,7 +14,6 @@ from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.streams import SomeRuns
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative, OpenShare
-from trackbench.models.radar import wrapped
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
@@ -45,7 +44,9 @@ class LineOfSight(ParticleFilter):
         r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
         a1, a2 = (prior.azimuths(scan, rng, self._size(0)) for scan in (prior.first, prior.second))
         d = a2 - a1
-        x = _from_frame(a2, r1 * np.sin(d) / T, r2, (r2 - r1 * np.cos(d)) / T)
+        r = np.broadcast_to(r2, d.shape)
+        v_c, v_r = r1 * np.sin(d) / T, (r2 - r1 * np.cos(d)) / T
+        x = _states(np.cos(a2), np.sin(a2), v_c, r, v_r)
         walked = prior.q * T / 3.0
         P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / T**2 + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
@@ -58,27 +59,20 @@ class LineOfSight(ParticleFilter):
         sensor, age = model.sensor, state.age + 1
         x, P = _moved(model.motion, state, rng)
         missing = np.isnan(z[0] + z[1])
-        r, a = sensor.polar(x)
+        r, across, along = _seen_from(np.where(missing, 0.0, z[1]), x)
         K, S, P = _corrected(P, sensor.sigma_range**2, missing)
-        nu_r = z[0][:, None] - r
-        log_w = np.log(state.particles.w)
-        log_w -= np.square(nu_r) * (0.5 / S)[:, None]
-        log_w -= np.square(wrapped(z[1][:, None] - a)) * (0.5 / sensor.sigma_azimuth**2)
+        nu = z[0][:, None] - r
+        log_l = np.square(nu) * (0.5 / S)[:, None]
+        log_l += np.square(np.arctan2(across, along)) * (0.5 / sensor.sigma_azimuth**2)
         if missing.any():
-            nu_r[missing], log_w[missing] = 0.0, np.log(state.particles.w[missing])
-        w, dead = particles.normalise(log_w)
-        along = nu_r / r
-        for axis in (0, 2):
-            u = along * x[axis]
-            x[axis] += K[0][:, None] * u
-            x[axis + 1] += K[1][:, None] * u
-        weighted = Particles(x, w)
-        cloud = self._renewed(sensor, weighted, k, rng, self._size(age))
+            nu[missing], log_l[missing] = 0.0, 0.0
+        w, dead = particles.normalise(np.log(state.particles.w) - log_l)
+        nu /= r
+        weighted = Particles(_stretched(x, K, nu), w)
+        cloud = self._renewed(weighted, k, rng, self._size(age))
         return Cloud(cloud, weighted, _mixture(weighted, P), dead, age, P)
 
-    def _renewed(
-        self, sensor: Any, cloud: Particles, k: int, rng: Generator, size: int
-    ) -> Particles:
+    def _renewed(self, cloud: Particles, k: int, rng: Generator, size: int) -> Particles:
         """The cloud with its poor runs resampled and regularised."""
         poor = ~(particles.effective_sample_size(cloud.w) >= self.ess_threshold * size)
         if size != cloud.w.shape[1]:
@@ -86,11 +80,12 @@ class LineOfSight(ParticleFilter):
         if not poor.any():
             return cloud
         x = cloud.x[:, poor]
-        frame = Particles(_to_frame(sensor, x), cloud.w[poor])
+        middle = np.arctan2(x[2, :, 0], x[0, :, 0])
+        frame = Particles(_to_frame(middle, x), cloud.w[poor])
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
         resampled = self._resampled(frame, noise, size)
         x = jitter(resampled.x, frame.moments().cov, self.kernel, noise, self.bandwidth_scale)
-        x = _from_frame(*x)
+        x = _from_frame(middle, x)
         if poor.all():
             return Particles(x, resampled.w)
         out = Particles(cloud.x.copy(), cloud.w.copy())
@@ -108,14 +103,40 @@ def _moved(motion: Any, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
     w_p, w_v = linalg.matvec(linalg.cholesky(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
-    r = np.sqrt(px * px + py * py)
-    c, s = px / r, py / r
+    nearness = 1.0 / np.sqrt(px * px + py * py)
+    w_p *= nearness
+    w_v *= nearness
     out = np.empty_like(x)
-    out[0] = px + T * vx - s * w_p
-    out[1] = vx - s * w_v
-    out[2] = py + T * vy + c * w_p
-    out[3] = vy + c * w_v
+    np.multiply(vx, T, out=out[0])
+    np.multiply(vy, T, out=out[2])
+    out[0] += px
+    out[2] += py
+    out[0] -= py * w_p
+    out[2] += px * w_p
+    np.subtract(vx, py * w_v, out=out[1])
+    np.add(vy, px * w_v, out=out[3])
     return out, linalg.sandwich(F, P) + Q[..., None]
+
+
+def _seen_from(azimuth: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Range of each particle, and its position across and along the line at an azimuth (M,)."""
+    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    along, across = c * x[0], c * x[2]
+    along += s * x[2]
+    across -= s * x[0]
+    square = along * along
+    square += across * across
+    return np.sqrt(square, out=square), across, along
+
+
+def _stretched(x: Array, K: Array, nu: Array) -> Array:
+    """Each particle corrected along its own sight, in place; nu (M, N) is in parts of its range."""
+    for axis in (0, 2):
+        u = nu * x[axis]
+        x[axis + 1] += K[1][:, None] * u
+        u *= K[0][:, None]
+        x[axis] += u
+    return x
 
 
 def _corrected(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
@@ -140,15 +161,43 @@ def _mixture(cloud: Particles, P: Array) -> Gaussian:
     return Gaussian(moments.mean, cov)
 
 
-def _to_frame(sensor: Any, x: Array) -> Array:
-    """(theta, v_c, r, r') of states (px, vx, py, vy); theta continuous within each cloud."""
+def _to_frame(azimuth: Array, x: Array) -> Array:
+    """(2 t, v_c, r, r') of states (px, vx, py, vy), t the tangent of half the angle from an azimuth.
+
+    2 t is the angle to third order, has no cut within the cloud, and goes back without a cosine.
+    """
     px, vx, py, vy = x
-    r, a = sensor.polar(x)
-    theta = a[:, :1] + wrapped(a - a[:, :1])
-    return np.stack([theta, (px * vy - py * vx) / r, r, (px * vx + py * vy) / r])
+    r, across, along = _seen_from(azimuth, x)
+    out = np.empty_like(x)
+    along += r
+    np.divide(across, along, out=out[0])
+    out[0] *= 2.0
+    np.multiply(px, vy, out=out[1])
+    out[1] -= py * vx
+    np.multiply(px, vx, out=out[3])
+    out[3] += py * vy
+    out[1] /= r
+    out[3] /= r
+    out[2] = r
+    return out
 
 
-def _from_frame(theta: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """States (px, vx, py, vy) from line-of-sight coordinates."""
-    c, s = np.cos(theta), np.sin(theta)
-    return np.stack([r * c, v_r * c - v_c * s, r * s, v_r * s + v_c * c])
+def _from_frame(azimuth: Array, frame: Array) -> Array:
+    """States (px, vx, py, vy) from line-of-sight coordinates about an azimuth."""
+    t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
+    part = 1.0 / (1.0 + t * t)
+    c, s = 2.0 * part - 1.0, 2.0 * t * part
+    middle_c, middle_s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    return _states(c * middle_c - s * middle_s, s * middle_c + c * middle_s, v_c, r, v_r)
+
+
+def _states(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
+    """(px, vx, py, vy) of range, range rate and cross speed along and across (c, s)."""
+    out = np.empty((4, *r.shape))
+    np.multiply(r, c, out=out[0])
+    np.multiply(r, s, out=out[2])
+    np.multiply(v_r, c, out=out[1])
+    np.multiply(v_r, s, out=out[3])
+    out[1] -= v_c * s
+    out[3] += v_c * c
+    return out
