@@ -57,9 +57,7 @@ class Bars:
                     value = expressions.term(str(label), self.metric).value
                     ax.axvline(value, label=label, **look)
             self._published(ax, results, labels)
-            ax.set_title(
-                ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()), fontsize=9
-            )
+            ax.set_title(style.heading(point), fontsize=9)
             ax.set_xlabel(self.x_label or self.metric)
             if self.log:
                 ax.set_xscale("log")
