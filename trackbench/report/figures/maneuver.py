@@ -62,9 +62,9 @@ class Track:
             _truth(ax, truth, times, turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
-            ax.set_title(label, fontsize=9)
+            ax.set_title(label if panels > 1 or not self.title else self.title, fontsize=9)
         axes[0][0].set_ylabel("y (km)")
-        if self.title:
+        if self.title and panels > 1:
             figure.suptitle(self.title, fontsize=9)
         style.legend_outside(figure, list(axes[0]))
         return figure
