@@ -1,7 +1,7 @@
 """Figure kind `bars`: one statistic per filter with its interval, beside the published number."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Bars:
     """A statistic per filter with its confidence interval, and the published number beside it."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "expression"}
 
     title: str = ""
     """heading"""

@@ -1,7 +1,7 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Anees(Curves):
     """Average normalised estimation error squared over time, with the band of a consistent filter."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
 
     metric: str = "anees"
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
@@ -47,6 +49,8 @@ class Anees(Curves):
 @dataclass(frozen=True, kw_only=True)
 class Bias(Curves):
     """Mean signed errors over time, a row of panels per quantity, with bands of two standard errors."""
+
+    asks: ClassVar[dict[str, str]] = {"rows": "per_step"}
 
     rows: dict[str, str]
     """vertical axis with its unit: metric of per_step.csv, such as `bias_radial`"""
@@ -76,6 +80,8 @@ class Bias(Curves):
 @dataclass(frozen=True, kw_only=True)
 class Dots:
     """Metrics of summary.csv, a dot with two standard errors per filter; a panel row per grid point."""
+
+    asks: ClassVar[dict[str, str]] = {"columns": "summary"}
 
     title: str = ""
     """heading"""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -93,6 +93,8 @@ class Curves:
 class RmseVsTime(Curves):
     """A metric of per_step.csv over time, with bands of two standard errors."""
 
+    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
+
     metric: str = "rmse"
     """metric of per_step.csv"""
 
@@ -116,6 +118,8 @@ class RmseVsTime(Curves):
 @dataclass(frozen=True, kw_only=True)
 class RmsePerRun(Curves):
     """A metric of per_run.csv for each Monte Carlo run."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
 
     x_label: str = "Run m"
     """label of the horizontal axis"""

@@ -1,7 +1,7 @@
 """Figure kind `rmse-vs-parameter`: a metric against a value the experiment's grid varies."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class RmseVsParameter:
     Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
     on a logarithmic axis stands at the left, apart.
     """
+
+    asks: ClassVar[dict[str, str]] = {"metric": "summary"}
 
     title: str = ""
     """heading"""
