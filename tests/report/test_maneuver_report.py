@@ -117,6 +117,17 @@ def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
     style.close(figure)
 
 
+def test_the_kept_tracks_are_the_estimates_to_a_dot_of_the_page(results: Results) -> None:
+    found = track(results.scenario, KF(motion=ConstantVelocity(q=0.0)), 12, seed=3)
+    kept = results.shown["point0/mean/KF"]
+    positions = [0, 2]
+    assert kept.dtype == np.float32
+    assert np.isnan(kept[[1, 3]]).all()  # no figure draws a velocity
+    off = np.abs(kept[positions] - found.mean[positions][..., : kept.shape[-1]]).max()
+    assert 0.0 < off < np.ptp(found.mean[positions]) / 2000
+    assert "point0/measurements" not in results.shown
+
+
 def table(results: Results, name: str) -> "object":
     return results.parts("tables")[name].table(results)
 
