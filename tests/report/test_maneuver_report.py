@@ -35,7 +35,7 @@ tables:
   differences:
     kind: differences
     against: KF
-    columns: {Run: rmse_position, Nothing: no_such_metric}
+    columns: {Run: rmse_position, Nothing: mode}
   claims:
     kind: claims
     claims:
@@ -148,7 +148,7 @@ def test_differences_are_paired(results: Results) -> None:
     row = got.keys.index(["0.0", "Adaptive"])
     assert got.cells[row][0].estimate.value == pytest.approx(d.mean())
     assert got.cells[row][0].estimate.stderr == pytest.approx(d.std(ddof=1) / np.sqrt(12))
-    assert got.cells[row][1].runs == 0
+    assert got.cells[row][1].runs == 0  # the Kalman filter has no mode
     never = got.keys.index(["1.0", "Never"])
     assert got.cells[never][0].estimate == (0.0, 0.0)
 
