@@ -45,8 +45,8 @@ check-results: $(VENV)/.run
 	@$(BIN)/trackbench verify $(patsubst %/config.yaml,%,$(wildcard results/*/config.yaml))
 
 # What git keeps of the large files: the commands read them packed as well.
-pack-results:
-	gzip -9nkf results/*/per_run.csv results/*/per_step.csv
+pack-results: $(VENV)/.run
+	$(BIN)/python -m trackbench.experiment.packing results/*/
 
 test: lint types unit
 

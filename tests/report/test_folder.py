@@ -1,7 +1,7 @@
 """Folders that are not whole: one clear line, exit code 2, no traceback."""
 
-import gzip
 import json
+import lzma
 import subprocess
 import sys
 
@@ -37,8 +37,8 @@ def manifest_with(**entries):
 
 def cut_packed(folder):
     path = folder / "per_run.csv"
-    packed = gzip.compress(path.read_bytes())
-    path.with_name("per_run.csv.gz").write_bytes(packed[:30])
+    packed = lzma.compress(path.read_bytes())
+    path.with_name("per_run.csv.xz").write_bytes(packed[:30])
     path.unlink()
 
 
@@ -46,7 +46,7 @@ BAD = {
     "edited failures": (manifest_with(failed=[3]), "manifest.json cannot be read"),
     "edited times": (manifest_with(cpu_s="long"), "manifest.json cannot be read"),
     "edited versions": (manifest_with(packages=3), "manifest.json cannot be read"),
-    "cut gzip": (cut_packed, "per_run.csv: was changed after the run wrote it"),
+    "cut xz": (cut_packed, "per_run.csv: was changed after the run wrote it"),
     "another grid": (
         lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.R: [0.1]}"),
         "the results were computed over another grid",

@@ -35,7 +35,7 @@ tables:
   differences:
     kind: differences
     against: KF
-    columns: {Run: rmse_position, Nothing: no_such_metric}
+    columns: {Run: rmse_position, Nothing: mode}
   claims:
     kind: claims
     claims:
@@ -99,7 +99,8 @@ def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
     figure = drawn(results, "mean")
     for ax, expected in zip(figure.axes, (*mean, *std), strict=True):
         line = next(a for a in ax.lines if a.get_label() == "KF")
-        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-6, atol=1e-6)
+        # per_step.csv has six significant digits
+        np.testing.assert_allclose(line.get_ydata(), expected, rtol=6e-6, atol=1e-6)
         assert len([p for p in ax.patches if p.get_label() == "Maneuvers"]) == 1
     style.close(figure)
 
@@ -114,6 +115,17 @@ def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
         estimates = [a for a in ax.lines if len(a.get_xdata()) == truth.shape[1]]
         assert len(estimates) == 5 + 1
     style.close(figure)
+
+
+def test_the_kept_tracks_are_the_estimates_to_a_dot_of_the_page(results: Results) -> None:
+    found = track(results.scenario, KF(motion=ConstantVelocity(q=0.0)), 12, seed=3)
+    kept = results.shown["point0/mean/KF"]
+    positions = [0, 2]
+    assert kept.dtype == np.float32
+    assert np.isnan(kept[[1, 3]]).all()  # no figure draws a velocity
+    off = np.abs(kept[positions] - found.mean[positions][..., : kept.shape[-1]]).max()
+    assert 0.0 < off < np.ptp(found.mean[positions]) / 2000
+    assert "point0/measurements" not in results.shown
 
 
 def table(results: Results, name: str) -> "object":
@@ -136,7 +148,7 @@ def test_differences_are_paired(results: Results) -> None:
     row = got.keys.index(["0.0", "Adaptive"])
     assert got.cells[row][0].estimate.value == pytest.approx(d.mean())
     assert got.cells[row][0].estimate.stderr == pytest.approx(d.std(ddof=1) / np.sqrt(12))
-    assert got.cells[row][1].runs == 0
+    assert got.cells[row][1].runs == 0  # the Kalman filter has no mode
     never = got.keys.index(["1.0", "Never"])
     assert got.cells[never][0].estimate == (0.0, 0.0)
 

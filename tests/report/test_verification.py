@@ -1,6 +1,5 @@
 """`trackbench verify`: what was stored comes out again, and what was changed is found."""
 
-import gzip
 import json
 import subprocess
 import sys
@@ -8,6 +7,7 @@ import sys
 import pytest
 
 from trackbench import api
+from trackbench.experiment.packing import PACKED, pack
 from trackbench.experiment.store import digests
 from trackbench.verification import verify
 
@@ -19,18 +19,17 @@ def rewrite(folder, name, old, new):
     path.write_text(text.replace(old, new, 1))
 
 
-def pack(folder, name):
-    path = folder / name
-    path.with_name(f"{name}.gz").write_bytes(gzip.compress(path.read_bytes(), mtime=0))
-    path.unlink()
-
-
 def test_what_was_stored_comes_out_again_even_packed(folder):
     assert verify(folder, 5) == []
-    pack(folder, "per_run.csv")
-    pack(folder, "per_step.csv")
+    pack(folder)
+    written = {name: (folder / f"{name}.xz").read_bytes() for name in PACKED}
+    pack(folder)
+    for name in PACKED:
+        assert (folder / f"{name}.xz").read_bytes() == written[name]
+        (folder / name).unlink()
     assert verify(folder, 5) == []
-    api.report(folder)
+    for command in (api.compare, api.plot, api.report):
+        command(folder)
 
 
 def test_another_verdict_is_found(folder):

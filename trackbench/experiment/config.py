@@ -19,6 +19,7 @@ from trackbench.experiment.checks import (
 )
 from trackbench.experiment.compose import assignment, inline_parts, override, split_path
 from trackbench.experiment.definition import Experiment, Point, Settings
+from trackbench.experiment.metric_names import check_metrics
 from trackbench.experiment.parts import build_kind
 from trackbench.experiment.plugins import Plugin, load_plugins
 from trackbench.experiment.points import TOGETHER, grid_points
@@ -104,6 +105,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     check_named_filters(source, settings, "tables", tables, problems)
     check_named_filters(source, settings, "figures", figures, problems)
     check_figures(source, settings, figures, points, problems)
+    check_metrics(source, settings, points, {"tables": tables, "figures": figures}, problems)
     published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))

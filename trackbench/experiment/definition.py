@@ -45,6 +45,10 @@ class Settings:
     """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
+    metrics: list[str] | None = None
+    """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
+    per_step: list[str] | None = None
+    """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
     """paths and the values they take: every combination is run; `a & b` take a value together"""
     tables: dict[Name, dict[str, Any]] = field(default_factory=dict)

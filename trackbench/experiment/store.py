@@ -1,15 +1,14 @@
 """The files of a results folder, each written whole or not at all."""
 
-import gzip
 import hashlib
 import json
 import platform
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
 from importlib.metadata import version
+from lzma import LZMAError
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,10 +29,12 @@ from trackbench.evaluation.summary import (
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.digest import code_digest
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
+from trackbench.experiment.metric_names import base_name, kept_metrics
+from trackbench.experiment.packing import opened, there
 from trackbench.experiment.plan import Key
 from trackbench.experiment.resolved import as_yaml, resolved
 from trackbench.experiment.runner import Outcome
-from trackbench.experiment.tracks import Kept
+from trackbench.experiment.tracks import Kept, Shown
 
 Row = Iterable[Any]
 
@@ -43,6 +44,8 @@ FORMAT = 1
 """Counts up when a results folder changes so that older code would misread it."""
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
 """Files that only a run writes; the manifest has their digests."""
+DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
+"""Significant digits of values and standard errors: far more than any of them means."""
 
 
 class Losses(NamedTuple):
@@ -83,17 +86,17 @@ def write_results(
     (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     _write_published(folder / "published", experiment.published.files)
-    kept = {"shown.npz": Kept(experiment, experiment.shown_runs)}
+    kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
-        kept["tracks.npz"] = Kept(experiment, None)
+        kept["tracks.npz"] = Kept(experiment)
     losses, cpu_s = {}, 0.0
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
             losses[key] = Losses.of(result)
             cpu_s += sum(t.cpu_s for t in result.timing)
-            for name, (_, rows) in _FRAMES.items():
-                writers[name].writerows(_prefixed(experiment, key, rows, result))
+            for name in _FRAMES:
+                writers[name].writerows(_prefixed(experiment, key, name, result))
             for collection in kept.values():
                 collection.add(key, result)
         for name, writer in writers.items():
@@ -107,17 +110,14 @@ def write_results(
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file that only a run writes; of the content of one that was gzipped since."""
+    """SHA-256 of each file that only a run writes; of the content of one that was packed since."""
     found = {}
     for name in RAW:
-        path, packed = folder / name, folder / f"{name}.gz"
-        if path.is_file():
-            with path.open("rb") as file:
-                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-        elif packed.is_file():
-            with gzip.open(packed) as unpacked, suppress(OSError, EOFError, zlib.error):
+        path = there(folder / name)
+        if path is not None:
+            with opened(path) as file, suppress(OSError, EOFError, LZMAError):
                 found[name] = _DAMAGED
-                found[name] = hashlib.file_digest(unpacked, "sha256").hexdigest()
+                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
     return found
 
 
@@ -128,12 +128,17 @@ def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:
 
 
 def _prefixed(
-    experiment: Experiment, key: Key, rows: Any, result: FilterResult
+    experiment: Experiment, key: Key, name: str, result: FilterResult
 ) -> Iterator[list[Any]]:
+    """One filter's rows of a file, with the grid point's values in front."""
     point, label = experiment.points[key[0]], key[1]
     prefix = [*point.values.values(), label]
+    columns, rows = _FRAMES[name]
+    wanted = kept_metrics(experiment.settings, name)
+    metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, point.scenario):
-        yield [*prefix, *row]
+        if metric is None or wanted is None or base_name(row[metric]) in wanted:
+            yield [*prefix, *_plain(row, DIGITS.get(name))]
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
@@ -145,21 +150,23 @@ def _write_published(folder: Path, files: dict[str, str]) -> None:
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
     """The scenario's own lower bounds, as if of one more filter."""
-    label = experiment.settings.bound
+    label, wanted = experiment.settings.bound, kept_metrics(experiment.settings, name)
     for point in experiment.points if label else []:
         scenario: Any = point.scenario
         prefix = [*point.values.values(), label]
+        rows: Iterable[Any] = ()
         if name == "summary.csv":
-            for summary in bound_summary(scenario.bounds(), scenario.windows):
-                yield [*prefix, *summary]
-        if name == "per_step.csv":
-            for step in bound_steps(scenario.bounds()):
-                yield [*prefix, *_timed(step, scenario)]
+            rows = bound_summary(scenario.bounds(), scenario.windows)
+        elif name == "per_step.csv":
+            rows = bound_steps(scenario.bounds())
+        for row in rows:
+            if wanted is None or base_name(row.metric) in wanted:
+                timed = _timed(row, scenario) if name == "per_step.csv" else row
+                yield [*prefix, *_plain(timed, DIGITS[name])]
 
 
 def _timed(row: StepRow, scenario: Any) -> Row:
-    k, t = scenario.steps[row.position], scenario.times[row.position]
-    return _plain([k, t, *row[1:]])
+    return [scenario.steps[row.position], scenario.times[row.position], *row[1:]]
 
 
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
@@ -174,19 +181,22 @@ def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
 
 
 def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    for row in summary_rows(result, sizes(scenario), scenario.windows):
-        yield _plain(row)
+    yield from summary_rows(result, sizes(scenario), scenario.windows)
 
 
 def _timing(result: FilterResult, scenario: Any) -> Iterator[Row]:
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
     per_run = mean(np.array([t.cpu_s / t.runs for t in result.timing]))
-    yield _plain([runs, cpu_s, cpu_s / runs, per_run.stderr])
+    yield runs, cpu_s, cpu_s / runs, per_run.stderr
 
 
-def _plain(row: Row) -> list[Any]:
-    return [x.item() if isinstance(x, np.generic) else x for x in row]
+def _plain(row: Row, digits: int | None) -> list[Any]:
+    """Python's own numbers, with so many significant digits if that is not None."""
+    plain = (x.item() if isinstance(x, np.generic) else x for x in row)
+    if digits is None:
+        return list(plain)
+    return [float(f"{x:.{digits}g}") if isinstance(x, float) else x for x in plain]
 
 
 _FRAMES: dict[str, tuple[list[str], Any]] = {

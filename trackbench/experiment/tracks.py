@@ -1,27 +1,29 @@
 """Whole tracks of the runs that are shown or asked for, as one npz file."""
 
-import io
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+from zipfile import ZIP_LZMA, ZipFile
 
 import numpy as np
 
+from trackbench.core.arrays import Array
+from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
 from trackbench.experiment.definition import Experiment
-from trackbench.experiment.files import write_bytes
+from trackbench.experiment.files import replacing
 from trackbench.experiment.plan import Key
+
+_LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
 
 class Kept:
     """``truth``, ``measurements``, ``mean/<filter>`` and, where it was kept, ``cov/<filter>``.
 
-    ``only`` is the number of first runs, None for all. Names of a grid's points start with
-    ``point<i>/``.
+    Of every run. Names of a grid's points start with ``point<i>/``.
     """
 
-    def __init__(self, experiment: Experiment, only: int | None) -> None:
+    def __init__(self, experiment: Experiment) -> None:
         self.experiment = experiment
-        self.only = only
         self.arrays: dict[str, Any] = {}
 
     def add(self, key: Key, result: FilterResult) -> None:
@@ -31,20 +33,61 @@ class Kept:
         i, label = key
         point = f"point{i}/" if len(self.experiment.points) > 1 else ""
         scenario = self.experiment.points[i].scenario
-        truth, seen, mean, cov = result.tracks
-        self.arrays |= {
-            f"{point}steps": scenario.steps,
-            f"{point}times": scenario.times,
-            f"{point}truth": truth[..., : self.only],
-            f"{point}measurements": seen[..., : self.only],
-            f"{point}mean/{label}": mean[..., : self.only],
-        }
-        if cov is not None:
-            self.arrays[f"{point}cov/{label}"] = cov[..., : self.only]
+        arrays = {"steps": scenario.steps, "times": scenario.times}
+        arrays |= self._arrays(label, result.tracks)
+        self.arrays |= {f"{point}{name}": array for name, array in arrays.items()}
+
+    def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
+        arrays = {"truth": tracks.truth, "measurements": tracks.measurements}
+        arrays[f"mean/{label}"] = tracks.mean
+        return arrays if tracks.cov is None else arrays | {f"cov/{label}": tracks.cov}
 
     def write(self, path: Path) -> None:
-        """Write the file, if there is anything in it."""
-        if self.arrays:
-            out = io.BytesIO()
-            np.savez_compressed(out, **self.arrays)
-            write_bytes(path, out.getvalue())
+        """Write the file as `np.load` reads it, if there is anything in it."""
+        if not self.arrays:
+            return
+        with replacing(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
+            for name, array in self.arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array))
+
+
+class Shown(Kept):
+    """The same of the filters and runs that figures show, and no more than they show of them.
+
+    A figure that only draws lines over the plane says so by ``shown_components``, the components it
+    draws. Its estimates are float32, rounded to the page's grain, NaN in the other components.
+    """
+
+    def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
+        figures = [f for f in self.experiment.figures.values() if getattr(f, "shown_runs", 0)]
+        exact = _most_runs([f for f in figures if not hasattr(f, "shown_components")])
+        arrays = {"truth": tracks.truth[..., : max(exact, 1)]}
+        if exact:
+            arrays["measurements"] = tracks.measurements[..., :exact]
+        mine = [f for f in figures if f.filters is None or label in f.filters]
+        drawn = [f for f in mine if hasattr(f, "shown_components")]
+        runs = _most_runs(mine)
+        if len(drawn) < len(mine):
+            arrays[f"mean/{label}"] = tracks.mean[..., :runs]
+        elif drawn:
+            components = sorted({c for f in drawn for c in f.shown_components})
+            arrays[f"mean/{label}"] = _grained(tracks.mean[..., :runs], components)
+        if tracks.cov is not None and any(hasattr(f, "shown_covariances") for f in mine):
+            arrays[f"cov/{label}"] = tracks.cov[..., :exact]
+        return arrays
+
+
+def _most_runs(figures: list[Any]) -> int:
+    return max((f.shown_runs for f in figures), default=0)
+
+
+def _grained(mean: Array, components: list[int]) -> Array:
+    """The components (n_x, T + 1, r) in steps of a power of two, which a float32 holds exactly."""
+    chosen = mean[components]
+    finite = chosen[np.isfinite(chosen)]
+    span = float(np.ptp(finite)) if len(finite) else 0.0
+    grain = 2.0 ** np.floor(np.log2(span / _LEVELS)) if span > 0.0 else 1.0
+    rounded = np.full(mean.shape, np.nan, dtype=np.float32)
+    rounded[components] = grain * np.round(chosen / grain)
+    return cast(Array, rounded)

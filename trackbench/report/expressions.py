@@ -4,7 +4,6 @@ An expression's error comes as one influence per run where it can, so that a dif
 filters on common runs is paired; times and steps have a standard error only.
 """
 
-import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,11 +12,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.statistics import STATISTICS, Estimate, influence
+from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.results import Results
-
-_STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
-_COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
-_STEP = re.compile(r"(.+)@(\d+|last)")
 
 
 class Term(NamedTuple):
@@ -49,7 +45,7 @@ class Expressions:
 
     def term(self, label: str, expression: str, common: Mask | None = None) -> Term:
         """A filter's expression; over the ``common`` runs (M,) only, if they are given."""
-        composed = _COMPOSED.fullmatch(expression)
+        composed = COMPOSED.fullmatch(expression)
         if composed:
             kind, inner, other = composed.groups()
             if kind == "minus":
@@ -57,10 +53,10 @@ class Expressions:
             common = self._found([(label, inner), (other, inner)])
             ratio = quotient(*(self.term(b, inner, common) for b in (label, other)))
             return ratio if kind == "ratio" else _gain(ratio)
-        statistic = _STATISTIC.fullmatch(expression)
+        statistic = STATISTIC.fullmatch(expression)
         if statistic:
             return self._over_runs(label, statistic.group(1), statistic.group(2), common)
-        step = _STEP.fullmatch(expression)
+        step = STEP.fullmatch(expression)
         if step:
             return self._at_step(label, step.group(1), step.group(2))
         return self._plain(label, expression)
@@ -102,8 +98,8 @@ class Expressions:
         """Runs that every side's metric exists for."""
         common: Mask | None = None
         for label, expression in sides:
-            composed = _COMPOSED.fullmatch(expression)
-            statistic = _STATISTIC.fullmatch(composed.group(2) if composed else expression)
+            composed = COMPOSED.fullmatch(expression)
+            statistic = STATISTIC.fullmatch(composed.group(2) if composed else expression)
             for name in (label, composed.group(3)) if composed else (label,):
                 values = self.runs.get((name, statistic.group(2))) if statistic else None
                 if values is not None:
@@ -148,7 +144,7 @@ class Expressions:
 
 def over_runs(expressions: Expressions, label: str, expression: str) -> tuple[str, Array] | None:
     """Name of the statistic and its values per run, lost runs left out; None for anything else."""
-    statistic = _STATISTIC.fullmatch(expression)
+    statistic = STATISTIC.fullmatch(expression)
     values = expressions.runs.get((label, statistic.group(2))) if statistic else None
     if statistic is None or values is None:
         return None

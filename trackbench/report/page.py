@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackbench.experiment.files import write_text
 from trackbench.experiment.resolved import as_yaml
+from trackbench.report import style
 from trackbench.report.comparison import (
     LEGEND,
     claim_table,
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 _TEMPLATES = Path(__file__).parent / "templates"
+_MOST_ROWS = 50
+"""Longer tables are folded."""
 _VERDICTS = {
     "agrees": "good",
     "holds": "good",
@@ -74,6 +77,7 @@ def write_report(results: Results, comparison: Comparison | None = None) -> Path
         "verdict_tables": verdict_tables(comparison),
         "legend": LEGEND.replace("`", ""),
         "tables": tables,
+        "most_rows": _MOST_ROWS,
         "figures": _figures(results),
         "pairs": pairs if pairs.rows else None,
         "undecided": undecided,
@@ -152,7 +156,9 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         ("Seed", config["seed"]),
         ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
     ]
-    return facts if not results.grid else [*facts, ("Grid", ", ".join(results.grid))]
+    together = [path.split(" & ") for path in results.grid]
+    grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
+    return [*facts, ("Grid", grid)] if grid else facts
 
 
 def _figures(results: Results) -> list[Drawing]:
@@ -177,7 +183,7 @@ def verdict_tables(comparison: Comparison) -> list[TextTable]:
 
 def _pairs(results: Results) -> tuple[TextTable, int]:
     """All pairs, and how many of them do not differ significantly."""
-    heads = [*results.grid, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
+    heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
     table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
     undecided = 0
     for point, pairs in paired_rows(results):
@@ -186,7 +192,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
             difference = rounded(pair.difference, pair.stderr, 4)
             table.rows.append(
                 [
-                    *(Text(str(v), v) for v in point.values()),
+                    *(_point_cell(v) for v in point.values()),
                     *(Text(x) for x in (pair.filter_a, pair.filter_b, pair.metric)),
                     Text(difference, pair.difference),
                     Text(f"{pair.z:+.1f}", pair.z),
@@ -194,6 +200,10 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
                 ]
             )
     return table, undecided
+
+
+def _point_cell(value: Any) -> Text:
+    return Text(style.number(value), value if isinstance(value, int | float) else None)
 
 
 def _versions(results: Results) -> TextTable:

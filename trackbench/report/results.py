@@ -1,16 +1,17 @@
 """A results folder, read back."""
 
-import gzip
 import json
 from dataclasses import dataclass
 from functools import cached_property
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.experiment.definition import Settings, labels_to_run
+from trackbench.experiment.packing import opened, there
 from trackbench.experiment.parts import build_kind
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.published import Published, read_published
@@ -146,9 +147,9 @@ class Results:
 
     def open(self, name: str) -> TextIO:
         """One of the CSV files as text."""
-        path = self._path(name)
-        opener = gzip.open if path.suffix == ".gz" else open
-        return cast(TextIO, opener(path, "rt", encoding="utf-8", newline=""))
+        return TextIOWrapper(
+            cast(IO[bytes], opened(self._path(name))), encoding="utf-8", newline=""
+        )
 
     def points(self) -> list[dict[str, Any]]:
         """The grid's points in order; one empty point without a grid."""
@@ -171,9 +172,11 @@ class Results:
         )
 
     def _path(self, name: str) -> Path:
-        """The file, or what gzip made of it to keep large results in git."""
-        path = self.folder / name
-        return path if path.is_file() else path.with_name(f"{name}.gz")
+        """The file, or what it was packed into to keep large results in git."""
+        path = there(self.folder / name)
+        if path is None:
+            raise UserError(f"{self.folder / name}: is missing: run the experiment again")
+        return path
 
 
 _KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}

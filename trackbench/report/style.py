@@ -5,6 +5,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from trackbench.report.svg import compact
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -32,10 +34,17 @@ _RC: Any = {
     "savefig.dpi": 200,
     "svg.hashsalt": "trackbench",
     "svg.fonttype": "none",
+    "path.simplify_threshold": 0.2,
 }
 
 
-def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.2, **kwargs: Any) -> Any:
+def subplots(
+    rows: int = 1,
+    columns: int = 1,
+    height_in: float = 3.2,
+    width_in: float = WIDTH_IN,
+    **kwargs: Any,
+) -> Any:
     """A figure and its axes in the house style; nothing is shown on a screen."""
     import matplotlib as mpl
 
@@ -43,7 +52,7 @@ def subplots(rows: int = 1, columns: int = 1, height_in: float = 3.2, **kwargs: 
     from matplotlib import pyplot as plt
 
     mpl.rcParams.update(_RC)
-    size = (WIDTH_IN, height_in)
+    size = (width_in, height_in)
     return plt.subplots(rows, columns, figsize=size, layout="constrained", **kwargs)
 
 
@@ -64,6 +73,33 @@ def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
     figure.legend(found.values(), labels, loc="outside right upper", fontsize=8, frameon=False)
 
 
+def heading(point: dict[str, Any]) -> str:
+    """A grid point as the title of its panel: ``R = 0.1``."""
+    return ", ".join(f"{name(path)} = {number(value)}" for path, value in point.items())
+
+
+def name(path: str) -> str:
+    """The last word of a grid's path, of the first of several that vary together."""
+    return path.partition(" & ")[0].rpartition(".")[2]
+
+
+def number(value: Any) -> str:
+    """A grid's value: six digits of a number, words as they are."""
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def plain_log_axis(ax: "Axes", most: float = 100.0) -> None:
+    """Say 200 and not 2 x 10^2 on a logarithmic vertical axis that spans that factor at most."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    low, high = ax.get_ylim()
+    if high > most * low:
+        return
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: ""))
+
+
 def words(label: str, width: int = 24) -> str:
     """A label as it is written, in lines of so many characters; a dollar starts no formula."""
     return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
@@ -73,8 +109,10 @@ def content(figure: "Figure", form: str) -> bytes:
     """The figure as a file's content, without dates, so that equal figures are equal files."""
     out = io.BytesIO()
     metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    figure.savefig(out, format=form, metadata=metadata[form])
-    return out.getvalue()
+    # An SVG holds rasterised parts inside it; a screen needs no more than this of them.
+    dpi = 150 if form == "svg" else None
+    figure.savefig(out, format=form, metadata=metadata[form], dpi=dpi)
+    return compact(out.getvalue()) if form == "svg" else out.getvalue()
 
 
 def close(figure: "Figure") -> None:

@@ -9,6 +9,35 @@ _SVG = "http://www.w3.org/2000/svg"
 _XLINK = "http://www.w3.org/1999/xlink"
 _DROPPED = {"script", "metadata", "foreignObject", "style", "animate", "set", "iframe"}
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
+_PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
+_POINT = re.compile(r"([MLZz])([^MLZz]*)")
+
+
+def compact(content: bytes) -> bytes:
+    """The same drawing in half the bytes: straight lines in hundredths of a point, from the last one."""
+    return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content.decode()).encode()
+
+
+def _relative(path: str) -> str:
+    out, at, start = [], (0, 0), (0, 0)
+    for command, numbers in _POINT.findall(path):
+        if command in "Zz":
+            out.append("z")
+            at = start
+            continue
+        x, y = (round(100.0 * float(number)) for number in numbers.split())
+        if command == "M":
+            start = (x, y)
+            out.append(f"M{_hundredths(x)} {_hundredths(y)}")
+        else:
+            out.append(f"l{_hundredths(x - at[0])} {_hundredths(y - at[1])}")
+        at = (x, y)
+    return "".join(out).replace(" -", "-")
+
+
+def _hundredths(number: int) -> str:
+    text = f"{number / 100:.2f}".rstrip("0").rstrip(".")
+    return text.replace("0.", ".", 1) if abs(number) < 100 and number else text
 
 
 def inline(content: bytes, name: str, title: str) -> str:
@@ -27,10 +56,14 @@ def inline(content: bytes, name: str, title: str) -> str:
                 del element.attrib[key]
             else:
                 element.set(key, kept)
-    for key in ("width", "height"):
-        root.attrib.pop(key, None)
+    width = root.attrib.pop("width", "")
+    root.attrib.pop("height", None)
     # What matplotlib says in a style sheet, which would reach the whole page.
-    root.set("style", "stroke-linejoin: round; stroke-linecap: butt")
+    look = "stroke-linejoin: round; stroke-linecap: butt"
+    points = re.fullmatch(r"([0-9.]+)pt", width)
+    if points:  # so that letters are of one size in narrow figures and in wide ones
+        look += f"; max-width: {float(points.group(1)) / 9.7:.1f}rem"
+    root.set("style", look)
     root.set("role", "img")
     root.set("aria-labelledby", f"{name}-title")
     label = ET.Element(f"{{{_SVG}}}title", {"id": f"{name}-title"})

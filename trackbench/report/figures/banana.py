@@ -44,6 +44,8 @@ class Banana:
 
     def draw(self, results: Results) -> "Figure":
         """A panel per range."""
+        from matplotlib.ticker import FuncFormatter, MaxNLocator
+
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
         rng = block_stream(results.config["seed"], 0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
@@ -57,12 +59,15 @@ class Banana:
             a = 1e-3 * self.sigma_azimuth_mrad * rng.standard_normal(self.samples)
             along, across = position(r, a)
             ax.plot(
-                1e-3 * across, along - z.r, ".", markersize=1.2, color="#999999", label="Samples"
-            )
+                1e-3 * across, along - z.r, ".", markersize=1.2, color="#999999", label="Samples",
+                rasterized=True,
+            )  # fmt: skip
             for i, conversion in enumerate(self.conversions):
                 self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
             ax.set_title(f"{range_km:g} km")
-            ax.locator_params(axis="x", nbins=4)
+            few = 4 if len(self.ranges_km) < 4 else 2
+            ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
+            ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         figure.supxlabel("Across the line of sight (km)", fontsize=9)
         axes[0][0].set_ylabel("Along it, less the range (m)")
         if self.title:

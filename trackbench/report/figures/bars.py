@@ -1,7 +1,7 @@
 """Figure kind `bars`: one statistic per filter with its interval, beside the published number."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Bars:
     """A statistic per filter with its confidence interval, and the published number beside it."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "expression"}
 
     title: str = ""
     """heading"""
@@ -57,9 +59,7 @@ class Bars:
                     value = expressions.term(str(label), self.metric).value
                     ax.axvline(value, label=label, **look)
             self._published(ax, results, labels)
-            ax.set_title(
-                ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()), fontsize=9
-            )
+            ax.set_title(style.heading(point), fontsize=9)
             ax.set_xlabel(self.x_label or self.metric)
             if self.log:
                 ax.set_xscale("log")

@@ -1,7 +1,7 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 class Anees(Curves):
     """Average normalised estimation error squared over time, with the band of a consistent filter."""
 
+    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
+
     metric: str = "anees"
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
     n_x: Count
@@ -31,26 +33,24 @@ class Anees(Curves):
     def draw(self, results: Results) -> "Figure":
         """One line per filter; between the grey lines a consistent filter stays."""
         figure, panels = self.panels(results)
-        for ax, point in panels:
-            frame = results.at(results.per_step, point)
-            frame = frame[frame["metric"] == self.metric]
-            for label, look in self.labels(results):
-                rows = frame[frame["filter"] == label]
+        for (ax,), point in panels:
+            runs = 1
+            for rows, look in self.lines(results, results.per_step, point, self.metric):
                 if len(rows):
-                    ax.plot(rows["step"], rows["value"], label=label, **look)
-            band = anees_band(self.n_x, int(frame["runs"].max()), self.level)
+                    ax.plot(rows["step"], rows["value"], **look)
+                    runs = max(runs, int(rows["runs"].max()))
+            band = anees_band(self.n_x, runs, self.level)
             name = f"{100 * self.level:g} % band"
             ax.axhspan(*band, label=name, color="black", alpha=0.15, linewidth=0)
-            if not self.log:
-                ax.set_ylim(bottom=0)
-        style.legend_outside(figure, [ax for ax, _ in panels])
-        return figure
+        return self.finish(figure)
 
 
 @register("figures", "bias")
 @dataclass(frozen=True, kw_only=True)
 class Bias(Curves):
     """Mean signed errors over time, a row of panels per quantity, with bands of two standard errors."""
+
+    asks: ClassVar[dict[str, str]] = {"rows": "per_step"}
 
     rows: dict[str, str]
     """vertical axis with its unit: metric of per_step.csv, such as `bias_radial`"""
@@ -59,40 +59,29 @@ class Bias(Curves):
 
     def draw(self, results: Results) -> "Figure":
         """One line per filter."""
-        points = results.points()
-        figure, axes = style.subplots(
-            len(self.rows), len(points), 2.4 * len(self.rows), sharex=True, squeeze=False
-        )
-        for j, point in enumerate(points):
-            axes[0][j].set_title(", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()))
-            axes[-1][j].set_xlabel(self.x_label)
-            frame = results.at(results.per_step, point)
-            for i, (head, metric) in enumerate(self.rows.items()):
-                ax = axes[i][j]
-                self._lines(ax, frame[frame["metric"] == metric], results)
-                if j == 0:
-                    ax.set_ylabel(head)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
-        style.legend_outside(figure, list(axes.ravel()))
+        figure, panels = self.panels(results, len(self.rows))
+        for axes, point in panels:
+            for ax, metric in zip(axes, self.rows.values(), strict=True):
+                ax.axhline(0.0, color="black", linewidth=0.6)
+                for rows, look in self.lines(results, results.per_step, point, metric):
+                    k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
+                    ax.plot(k, value, **look)
+                    low, high = value - 2 * stderr, value + 2 * stderr
+                    ax.fill_between(k, low, high, color=look["color"], alpha=0.15, lw=0)
+                if self.linear_within is not None:
+                    ax.set_yscale("symlog", linthresh=self.linear_within)
+        for ax, head in zip(panels[0][0], self.rows, strict=True):
+            ax.set_ylabel(head)
+        style.legend_outside(figure, figure.axes)
         return figure
-
-    def _lines(self, ax: Any, frame: Any, results: Results) -> None:
-        ax.axhline(0.0, color="black", linewidth=0.6)
-        for label, look in self.labels(results):
-            rows = frame[frame["filter"] == label]
-            k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
-            ax.plot(k, value, label=label, **look)
-            low, high = value - 2 * stderr, value + 2 * stderr
-            ax.fill_between(k, low, high, color=look["color"], alpha=0.15, lw=0)
-        if self.linear_within is not None:
-            ax.set_yscale("symlog", linthresh=self.linear_within)
 
 
 @register("figures", "dots")
 @dataclass(frozen=True, kw_only=True)
 class Dots:
     """Metrics of summary.csv, a dot with two standard errors per filter; a panel row per grid point."""
+
+    asks: ClassVar[dict[str, str]] = {"columns": "summary"}
 
     title: str = ""
     """heading"""
@@ -113,8 +102,7 @@ class Dots:
         )
         for row, point in zip(axes, points, strict=True):
             frame = results.at(results.summary, point)
-            where = ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items())
-            row[len(row) // 2].set_title(where)
+            row[len(row) // 2].set_title(style.heading(point))
             for ax, metric in zip(row, self.columns.values(), strict=True):
                 found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
                 for i, label in enumerate(labels):

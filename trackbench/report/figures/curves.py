@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from trackbench.report import style
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,19 +48,44 @@ class Curves:
             if name in results.labels:
                 yield str(name), look
 
-    def panels(self, results: Results) -> tuple["Figure", list[tuple["Axes", dict[str, Any]]]]:
-        """A panel per grid point, side by side."""
+    def panels(
+        self, results: Results, rows: int = 1
+    ) -> tuple["Figure", list[tuple[list["Axes"], dict[str, Any]]]]:
+        """A column of panels per grid point, side by side; one row of them shares its vertical axis."""
         points = results.points()
-        figure, axes = style.subplots(1, len(points), sharey=True, squeeze=False)
-        for ax, point in zip(axes[0], points, strict=True):
-            ax.set_xlabel(self.x_label)
-            ax.set_title(", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items()))
-            if self.log:
+        height = 3.2 if rows == 1 else 2.4 * rows
+        figure, axes = style.subplots(
+            rows, len(points), height, sharex=rows > 1, sharey=rows == 1, squeeze=False
+        )
+        for column, point in zip(axes.T, points, strict=True):
+            column[0].set_title(style.heading(point))
+            column[-1].set_xlabel(self.x_label)
+            for ax in column if self.log else ():
                 ax.set_yscale("log")
-        axes[0][0].set_ylabel(self.y_label)
+        if self.y_label:
+            axes[0][0].set_ylabel(self.y_label)
         if self.title:
             figure.suptitle(self.title, fontsize=9)
-        return figure, list(zip(axes[0], points, strict=True))
+        return figure, [(list(column), p) for column, p in zip(axes.T, points, strict=True)]
+
+    def lines(
+        self, results: Results, frame: "pd.DataFrame", point: dict[str, Any], metric: str
+    ) -> Iterator[tuple["pd.DataFrame", dict[str, Any]]]:
+        """Each label's rows of a metric at a grid point, and how its line looks, label included."""
+        frame = results.at(frame, point)
+        frame = frame[frame["metric"] == metric]
+        for label, look in self.labels(results):
+            yield frame[frame["filter"] == label], {"label": label, **look}
+
+    def finish(self, figure: "Figure") -> "Figure":
+        """The figure with its legend and legible vertical axes."""
+        for ax in figure.axes:
+            if self.log:
+                style.plain_log_axis(ax)
+            else:
+                ax.set_ylim(bottom=0)
+        style.legend_outside(figure, figure.axes)
+        return figure
 
 
 @register("figures", "rmse-vs-time")
@@ -65,34 +93,33 @@ class Curves:
 class RmseVsTime(Curves):
     """A metric of per_step.csv over time, with bands of two standard errors."""
 
+    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
+
     metric: str = "rmse"
     """metric of per_step.csv"""
 
     def draw(self, results: Results) -> "Figure":
         """One line per filter."""
         figure, panels = self.panels(results)
-        for ax, point in panels:
-            frame = results.at(results.per_step, point)
-            frame = frame[frame["metric"] == self.metric]
-            for label, look in self.labels(results):
-                rows = frame[frame["filter"] == label]
+        for (ax,), point in panels:
+            for rows, look in self.lines(results, results.per_step, point, self.metric):
                 k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
-                if self.log:
-                    value = np.where(value > 0, value, np.nan)
-                ax.plot(k, value, label=label, **look)
+                if self.log and len(value):
+                    # What is known exactly, as a first state may be, has only rounding for an error.
+                    value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
+                ax.plot(k, value, **look)
                 low = value - 2 * stderr
                 low = np.maximum(low, 0.1 * value) if self.log else low
                 ax.fill_between(k, low, value + 2 * stderr, color=look["color"], alpha=0.15, lw=0)
-            if not self.log:
-                ax.set_ylim(bottom=0)
-        style.legend_outside(figure, [ax for ax, _ in panels])
-        return figure
+        return self.finish(figure)
 
 
 @register("figures", "rmse-per-run")
 @dataclass(frozen=True, kw_only=True)
 class RmsePerRun(Curves):
     """A metric of per_run.csv for each Monte Carlo run."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
 
     x_label: str = "Run m"
     """label of the horizontal axis"""
@@ -102,16 +129,10 @@ class RmsePerRun(Curves):
     def draw(self, results: Results) -> "Figure":
         """One line per filter; a lost run leaves a gap."""
         figure, panels = self.panels(results)
-        for ax, point in panels:
-            frame = results.at(results.per_run, point)
-            frame = frame[frame["metric"] == self.metric]
-            for label, look in self.labels(results):
-                rows = frame[frame["filter"] == label]
-                ax.plot(rows["run"] + 1, rows["value"], label=label, **look | {"linewidth": 0.8})
-            if not self.log:
-                ax.set_ylim(bottom=0)
-        style.legend_outside(figure, [ax for ax, _ in panels])
-        return figure
+        for (ax,), point in panels:
+            for rows, look in self.lines(results, results.per_run, point, self.metric):
+                ax.plot(rows["run"] + 1, rows["value"], **look | {"linewidth": 0.8})
+        return self.finish(figure)
 
 
 @register("figures", "estimates")
@@ -132,7 +153,7 @@ class Estimates(Curves):
     def draw(self, results: Results) -> "Figure":
         """One line per filter over the truth's points."""
         figure, panels = self.panels(results)
-        for i, (ax, point) in enumerate(panels):
+        for i, ((ax,), point) in enumerate(panels):
             prefix = f"point{i}/" if point else ""
             tracks = results.shown
             k, run, c = tracks[f"{prefix}steps"], self.run - 1, self.component - 1
@@ -141,5 +162,5 @@ class Estimates(Curves):
             for label, look in self.labels(results):
                 if f"{prefix}mean/{label}" in tracks:
                     ax.plot(k, tracks[f"{prefix}mean/{label}"][c, :, run], label=label, **look)
-        style.legend_outside(figure, [ax for ax, _ in panels])
+        style.legend_outside(figure, figure.axes)
         return figure

@@ -1,7 +1,7 @@
 """Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class HeatMap:
     """A statistic over the grid and the filters; without a grid, the paired z of every two filters."""
+
+    asks: ClassVar[dict[str, str]] = {"metric": "comparison"}
 
     title: str = ""
     """heading"""

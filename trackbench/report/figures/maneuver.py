@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trackbench.core.arrays import Array
 from trackbench.keys import Count
 from trackbench.registry import register
@@ -35,15 +37,24 @@ class Track:
         """Runs whose tracks must be kept."""
         return self.runs if self.filters else 1
 
+    @property
+    def shown_components(self) -> tuple[int, ...]:
+        """All that is drawn of those tracks, as lines."""
+        return self.components
+
     def draw(self, results: Results) -> "Figure":
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
-        figure, axes = style.subplots(1, panels, 4.2, squeeze=False, sharex=True, sharey=True)
         tracks, turning = results.shown, results.shaded
         prefix = next(iter(tracks)).rpartition("/")[0] if tracks else ""
         prefix = f"{prefix.partition('/')[0]}/" if prefix.startswith("point") else ""
         truth = tracks[f"{prefix}truth"][list(self.components), :, 0] / 1000.0
         times = tracks[f"{prefix}times"]
+        wide, high = np.ptp(truth, axis=1)
+        width = min(style.WIDTH_IN, 2.0 + panels * (0.9 + 3.2 * wide / max(high, 1e-9)))
+        figure, axes = style.subplots(
+            1, panels, 4.2, width, squeeze=False, sharex=True, sharey=True
+        )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
             if label and f"{prefix}mean/{label}" in tracks:
@@ -51,9 +62,9 @@ class Track:
             _truth(ax, truth, times, turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
-            ax.set_title(label, fontsize=9)
+            ax.set_title(label if panels > 1 or not self.title else self.title, fontsize=9)
         axes[0][0].set_ylabel("y (km)")
-        if self.title:
+        if self.title and panels > 1:
             figure.suptitle(self.title, fontsize=9)
         style.legend_outside(figure, list(axes[0]))
         return figure
@@ -118,4 +129,4 @@ class MeanAndStd:
 
 def _line(ax: "Axes", rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
     time, value = rows["time"].to_numpy(), rows["value"].to_numpy()
-    ax.plot(time, sign * value, label=label, **look | {"linewidth": 0.9})
+    ax.plot(time, sign * value, label=label, **look | {"linewidth": 0.8})

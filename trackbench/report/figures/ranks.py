@@ -1,7 +1,7 @@
 """Figure kind `critical-difference`: mean ranks over runs, and who does not differ from whom."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class CriticalDifference:
 
     Demsar 2006. A lost run has the worst rank.
     """
+
+    asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
 
     title: str = ""
     """heading"""

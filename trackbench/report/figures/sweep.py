@@ -1,7 +1,7 @@
 """Figure kind `rmse-vs-parameter`: a metric against a value the experiment's grid varies."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class RmseVsParameter:
     Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
     on a logarithmic axis stands at the left, apart.
     """
+
+    asks: ClassVar[dict[str, str]] = {"metric": "summary"}
 
     title: str = ""
     """heading"""
@@ -60,7 +62,7 @@ class RmseVsParameter:
             _logarithmic(ax, np.unique(frame[path].to_numpy(dtype=float)))
         if self.log_y:
             ax.set_yscale("log")
-            _plain_numbers(ax)
+            style.plain_log_axis(ax, most=float("inf"))
         ax.set_xlabel(self.x_label or path)
         ax.set_ylabel(self.y_label)
         if self.title:
@@ -103,11 +105,3 @@ def _logarithmic(ax: "Axes", values: Array) -> None:
         return "0" if np.isclose(x, zero) else rf"$10^{{{round(np.log10(x))}}}$"
 
     ax.xaxis.set_major_formatter(FuncFormatter(words))
-
-
-def _plain_numbers(ax: "Axes") -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator
-
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: ""))

@@ -1,6 +1,7 @@
 """Table kind `claims`: where on a grid one filter beats another, by how much, and where it does not."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,6 +34,8 @@ class Claims:
     A claim holds, or fails, beyond three standard errors of the paired difference; between them it is
     undecided. The notes give the values at which each is the case.
     """
+
+    asks: ClassVar[dict[str, str]] = {"claims": "per_run"}
 
     title: str = ""
     """caption"""

@@ -1,6 +1,7 @@
 """Table kind `differences`: every filter against one, run by run on common noise."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,8 @@ class Differences:
 
     Negative: smaller than the filter it is compared with. Runs that either filter lost are left out.
     """
+
+    asks: ClassVar[dict[str, str]] = {"columns": "per_run"}
 
     title: str = ""
     """caption"""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Interval
@@ -29,6 +29,8 @@ class Gain:
 @dataclass(frozen=True, kw_only=True)
 class Metrics:
     """A row per filter, a column per metric of summary.csv, such as `mean(rmse)`."""
+
+    asks: ClassVar[dict[str, str]] = {"columns": "expression"}
 
     title: str = ""
     """caption"""
