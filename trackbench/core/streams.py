@@ -71,7 +71,7 @@ class SomeRuns:
         seed = block.bit_generator.seed_seq
         assert isinstance(seed, SeedSequence)
         self._generators = [
-            Generator(
+            NoiseGenerator(
                 SFC64(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, step, int(run))))
             )
             for run in runs
