@@ -24,6 +24,13 @@ class Estimate(NamedTuple):
     stderr: float
 
 
+class Estimates(NamedTuple):
+    """Numbers (n,) and their standard errors (n,)."""
+
+    value: Array
+    stderr: Array
+
+
 @_quietly
 def mean(x: Array) -> Estimate:
     """Sample mean, ``s / sqrt(M)``."""
@@ -84,21 +91,18 @@ def relative_gain(a: Array, b: Array) -> Estimate:
 
 
 @_quietly
-def mean_from_sums(total: float, squares: float, count: float) -> Estimate:
-    """Mean and standard error from a sum, a sum of squares and a number of values."""
-    if count < 1:
-        return Estimate(np.nan, np.nan)
+def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
+    """Mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
     value = total / count
-    if count < 2:
-        return Estimate(value, np.nan)
-    spread = max(squares - count * value**2, 0.0) / (count - 1)
-    return Estimate(value, float(np.sqrt(spread / count)))
+    spread = np.maximum(squares - count * value**2, 0.0) / (count - 1)
+    return Estimates(value, np.where(count < 2, np.nan, np.sqrt(spread / count)))
 
 
-def root(estimate: Estimate) -> Estimate:
-    """Square root of an estimate; delta method."""
-    value = float(np.sqrt(estimate.value))
-    return Estimate(value, estimate.stderr / (2.0 * value) if value > 0 else estimate.stderr)
+@_quietly
+def root(estimates: Estimates) -> Estimates:
+    """Square roots of estimates; delta method."""
+    value, stderr = np.sqrt(estimates.value), estimates.stderr
+    return Estimates(value, np.where(value > 0, stderr / (2.0 * value), stderr))
 
 
 @_quietly

@@ -7,10 +7,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import FOUND, joined
+from trackbench.evaluation.metrics import FOUND, StepSums, joined
 from trackbench.evaluation.statistics import (
     STATISTICS,
-    Estimate,
+    Estimates,
     mean,
     mean_from_sums,
     median,
@@ -69,28 +69,27 @@ def _time_means(
         if head != "squared":
             continue
         for window, mask in windows.items():
-            steps = [
-                root(mean_from_sums(t, s, c))
-                for t, s, c in zip(total[mask], squares[mask], number[mask], strict=True)
-                if c
-            ]
-            if steps:
+            there = mask & (number > 0)
+            if there.any():
                 metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
-                value, stderr = np.mean(steps, axis=0).tolist()
+                steps = root(mean_from_sums(total[there], squares[there], number[there]))
+                value, stderr = np.mean(np.stack(steps, axis=1), axis=0).tolist()
                 runs = int(number[mask].max())
                 yield SummaryRow(f"time-mean({metric})", value, stderr, runs, lost)
 
 
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
     """``rmse`` (hdepf eq. 16), ``bias`` and ``std`` (adaptive-kf eqs. 13, 14), means of the rest."""
-    for name, (total, squares, number) in result.steps.items():
-        head, _, quantity = name.partition("_")
-        for i, (t, s, c) in enumerate(zip(total, squares, number, strict=True)):
-            if c == 0:
-                continue
-            average = mean_from_sums(t, s, c)
-            for metric, estimate in _step_metrics(head, quantity, name, average, t, s, c, sizes):
-                yield StepRow(i, metric, *estimate, int(c))
+    for name, sums in result.steps.items():
+        there = np.flatnonzero(sums.number)
+        columns = [
+            (metric, found.value[there].tolist(), found.stderr[there].tolist())
+            for metric, found in _step_metrics(name, sums, sizes)
+        ]
+        numbers = sums.number[there].tolist()
+        for j, i in enumerate(there.tolist()):
+            for metric, value, stderr in columns:
+                yield StepRow(i, metric, value[j], stderr[j], int(numbers[j]))
     for name, rows in result.kept.items():
         for i, row in enumerate(_found(rows)):
             if len(row):
@@ -115,27 +114,29 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
 
 
 def _step_metrics(
-    head: str,
-    quantity: str,
-    name: str,
-    average: Estimate,
-    t: float,
-    s: float,
-    c: float,
-    sizes: Mapping[str, int],
-) -> Iterator[tuple[str, Estimate]]:
+    name: str, sums: StepSums, sizes: Mapping[str, int]
+) -> Iterator[tuple[str, Estimates]]:
+    """The metrics of one series at every step (T + 1,), NaN where no run has a value."""
+    head, _, quantity = name.partition("_")
+    average = mean_from_sums(*sums)
     if head in ("squared", "distance"):
         metric = "rmse" if head == "squared" else "distance"
         yield joined(metric, quantity), root(average)
     elif head == "error":
         yield joined("bias", quantity), average
-        std = float(np.sqrt(max(s / c - (t / c) ** 2, 0.0)))
-        yield joined("std", quantity), Estimate(std, std / np.sqrt(2.0 * c))
+        yield joined("std", quantity), _spread(*sums)
     elif head == "nees":
         n = sizes[quantity]
-        yield f"a{name}", Estimate(average.value / n, average.stderr / n)
+        yield f"a{name}", Estimates(average.value / n, average.stderr / n)
     else:
         yield name, average
+
+
+def _spread(total: Array, squares: Array, number: Array) -> Estimates:
+    """Standard deviations over runs; their standard errors as of normal values."""
+    with np.errstate(all="ignore"):
+        std = np.sqrt(np.maximum(squares / number - (total / number) ** 2, 0.0))
+        return Estimates(std, std / np.sqrt(2.0 * number))
 
 
 def _found(rows: Array) -> list[Array]:

@@ -34,9 +34,9 @@ def base_name(metric: str) -> str:
 
 def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     """Base names of the metrics that a CSV file keeps; None keeps all of them."""
-    names = settings.metrics
     if file == "per_step.csv" and settings.per_step is not None:
-        names = settings.per_step
+        return frozenset(map(base_name, settings.per_step))
+    names = settings.metrics
     return None if names is None else frozenset({"lost", *map(base_name, names)})
 
 

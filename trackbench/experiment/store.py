@@ -48,6 +48,17 @@ DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors: far more than any of them means."""
 
 
+class TimedRow(NamedTuple):
+    """A metric at one step, with the step's index and its time, s."""
+
+    step: int
+    time: float
+    metric: str
+    value: float
+    stderr: float
+    runs: int
+
+
 class Losses(NamedTuple):
     """Runs of one filter, and how many of them were lost for each reason."""
 
@@ -135,6 +146,8 @@ def _prefixed(
     prefix = [*point.values.values(), label]
     columns, rows = _FRAMES[name]
     wanted = kept_metrics(experiment.settings, name)
+    if wanted is not None and not wanted:
+        return
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, point.scenario):
         if metric is None or wanted is None or base_name(row[metric]) in wanted:
@@ -158,15 +171,16 @@ def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
         if name == "summary.csv":
             rows = bound_summary(scenario.bounds(), scenario.windows)
         elif name == "per_step.csv":
-            rows = bound_steps(scenario.bounds())
+            rows = _timed(bound_steps(scenario.bounds()), scenario)
         for row in rows:
             if wanted is None or base_name(row.metric) in wanted:
-                timed = _timed(row, scenario) if name == "per_step.csv" else row
-                yield [*prefix, *_plain(timed, DIGITS[name])]
+                yield [*prefix, *_plain(row, DIGITS[name])]
 
 
-def _timed(row: StepRow, scenario: Any) -> Row:
-    return [scenario.steps[row.position], scenario.times[row.position], *row[1:]]
+def _timed(rows: Iterable[StepRow], scenario: Any) -> Iterator[TimedRow]:
+    steps, times = scenario.steps.tolist(), scenario.times.tolist()
+    for i, metric, value, stderr, runs in rows:
+        yield TimedRow(steps[i], times[i], metric, value, stderr, runs)
 
 
 def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
@@ -176,8 +190,7 @@ def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
 
 
 def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
-    for row in step_rows(result, sizes(scenario)):
-        yield _timed(row, scenario)
+    yield from _timed(step_rows(result, sizes(scenario)), scenario)
 
 
 def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
