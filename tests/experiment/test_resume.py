@@ -150,9 +150,9 @@ def test_a_killed_worker_costs_nothing_but_time(undisturbed: Path, tmp_path: Pat
     process = start(config, "--workers", "2")
     wait_for(lambda: kept_blocks(config) > 3)
     for _ in range(2):
-        found = workers(process.pid)
-        assert found
-        os.kill(found[0], signal.SIGKILL)
+        # After a death there is none for a moment, while what it left behind is still being kept.
+        wait_for(lambda: workers(process.pid) or process.poll() is not None)
+        os.kill(workers(process.pid)[0], signal.SIGKILL)
         now = kept_blocks(config)
         wait_for(lambda now=now: kept_blocks(config) > now or process.poll() is not None)
     _, stderr = process.communicate(timeout=120)
