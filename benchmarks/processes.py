@@ -6,10 +6,9 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Entrant, Outcome
-from trackbench import cli
 
 ROOT = Path(__file__).parent.parent
-FRESH = ("--fresh",) if hasattr(cli, "Fresh") else ()  # compute what a store may keep
+FRESH = ("--fresh",)  # compute what the store may keep
 
 
 def command(*arguments: str) -> Entrant:

@@ -10,7 +10,7 @@ from benchmarks.processes import FRESH, command
 EVERY_CORE = True
 CONFIG = """name: banana-two-workers
 seed: 1
-runs: 60
+runs: 400
 scenario: {kind: banana}
 filters:
   PF: {kind: pf, N: 10000}
@@ -30,7 +30,7 @@ def workloads() -> list[Workload]:
     return [
         Workload(
             "W2 workers",
-            "`trackbench run` of a bootstrap filter, banana, N = 10000, 60 runs",
+            "`trackbench run` of a bootstrap filter, banana, N = 10000, 400 runs",
             "process",
             {"two workers": run(2), "one worker": run(1)},
             bars=[Bar("one worker", "two workers", 1.8)],
