@@ -66,7 +66,7 @@ class RangeAzimuth:
 
 
 def wrapped(angle: Array) -> Array:
-    """The angle in (-pi, pi]; looking whether any is outside costs a third of wrapping them all."""
+    """The angle in (-pi, pi]; nothing is computed if none is outside."""
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
     return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))

@@ -1,6 +1,7 @@
 """A results folder, read back."""
 
 import json
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from io import TextIOWrapper
@@ -94,6 +95,10 @@ class Results:
         """Filter labels in the config's order, and the lower bound's last."""
         bound = self.config.get("bound")
         return [*self.filters, *([bound] if bound else [])]
+
+    def chosen(self, wanted: Container[str] | None) -> list[str]:
+        """The labels that a table or figure shows: those it names, or all of them."""
+        return [label for label in self.labels if wanted is None or label in wanted]
 
     @property
     def filters(self) -> list[str]:

@@ -122,7 +122,7 @@ class Posterior:
         frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
         self._arc(ax, z, truth, frame, results.config["scenario"])
         ax.plot(0.0, 0.0, "k+", label="Target")
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         for i, label in enumerate(labels):
             at = f"{prefix}cov/{label}"
             if at not in tracks:

@@ -45,7 +45,7 @@ class Bars:
         """A row per filter, a panel per point of the grid."""
         points = results.points()
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         labels = [b for b in labels if b not in lines]
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.subplots(

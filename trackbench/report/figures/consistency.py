@@ -95,7 +95,7 @@ class Dots:
     def draw(self, results: Results) -> "Figure":
         """A column of panels per metric."""
         points = results.points()
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False

@@ -41,7 +41,7 @@ class Curves:
     def labels(self, results: Results) -> Iterator[tuple[str, dict[str, Any]]]:
         """Each label to draw with its line style; the floor and the baseline last."""
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
-        drawn = [b for b in results.labels if self.filters is None or b in self.filters]
+        drawn = results.chosen(self.filters)
         for i, label in enumerate(b for b in drawn if b not in references):
             yield label, style.line(i)
         for name, look in references.items():

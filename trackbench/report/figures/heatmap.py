@@ -41,7 +41,7 @@ class HeatMap:
 
     def draw(self, results: Results) -> "Figure":
         """One panel; with two paths, one per filter."""
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         if not results.grid:
             return self._pairs(results, labels)
         x = self.x or results.grid[0]

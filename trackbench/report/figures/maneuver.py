@@ -108,7 +108,7 @@ class MeanAndStd:
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
         frame = results.at(results.per_step, point)
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
         for (metric, sign, words), row in zip(rows, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):

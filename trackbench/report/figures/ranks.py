@@ -38,7 +38,7 @@ class CriticalDifference:
     def draw(self, results: Results) -> "Figure":
         """A panel per point of the grid, one below the other."""
         points = results.points()
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):

@@ -53,7 +53,7 @@ class RmseVsParameter:
         frame = results.at(results.summary, held)
         frame = frame[frame["metric"] == self.metric]
         figure, ax = style.subplots(1, 1, 3.6)
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         for i, label in enumerate(labels):
             rows = frame[frame["filter"] == label].sort_values(path)
             x, y, stderr = (rows[c].to_numpy(dtype=float) for c in (path, "value", "stderr"))

@@ -30,7 +30,7 @@ class Consistency:
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         model = results.scenario.model
         sizes = {"anees": len(model.motion.components), "nis": len(model.sensor.components)}
         heads = [

@@ -35,7 +35,7 @@ class Differences:
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
         for point in results.points():

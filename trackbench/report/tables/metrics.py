@@ -45,7 +45,7 @@ class Metrics:
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
-        labels = [b for b in results.labels if self.filters is None or b in self.filters]
+        labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         for point in results.points():
             found, expressions = _index(results, point), Expressions(results, point)
