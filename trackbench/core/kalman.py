@@ -51,8 +51,9 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
     S = S + _matrix_like(R, S)
     K = linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
     innovation = Innovation(nu, S)
-    missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
-    if missing.any():
+    unknown = np.isnan(nu)
+    if unknown.any():
+        missing = unknown.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
     mean = predicted.mean + linalg.matvec(K, nu)

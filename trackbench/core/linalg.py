@@ -51,6 +51,8 @@ def sandwich(F: Array, P: Array) -> Array:
 
 def symmetrised(P: Array) -> Array:
     """``(P + P') / 2``."""
+    if len(P) == 1:
+        return P
     return 0.5 * (P + transpose(P))
 
 
@@ -91,12 +93,15 @@ def cholesky(P: Array) -> Array:
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
-            d = P[j, j] - sum(L[j, i] ** 2 for i in range(j))
-            known = P[j, j] == 0.0
-            L[j, j] = np.sqrt(np.where((d > 0.0) | known, d, np.nan))
+            column = [_less(P[i, j], [L[i, m] * L[j, m] for m in range(j)]) for i in range(j, n)]
+            positive = column[0] > 0.0
+            L[j, j] = np.sqrt(column[0])
             for i in range(j + 1, n):
-                column = (P[i, j] - sum(L[i, m] * L[j, m] for m in range(j))) / L[j, j]
-                L[i, j] = np.where(known, 0.0, column)
+                L[i, j] = column[i - j] / L[j, j]
+            if not positive.all():
+                known = P[j, j] == 0.0
+                L[j + 1 :, j][:, known] = 0.0
+                L[j:, j][:, ~(positive | known)] = np.nan
     return L
 
 
@@ -111,7 +116,7 @@ def solve_lower(L: Array, b: Array) -> Array:
             if L.ndim > 2 or L[i, j] != 0.0:
                 rest = rest - L[i, j] * rows[j]
         rows.append(rest * (1.0 / L[i, i]))
-    return np.stack(rows)
+    return np.array(rows)
 
 
 def inverse(S: Array) -> Array:
@@ -152,7 +157,7 @@ def log_determinant(P: Array) -> Array:
 
 def _constant_product(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], *B.shape[1:]))
-    for i, row in enumerate(A):
+    for i, row in enumerate(A.tolist()):
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
         out[i] = _sum_of(terms) if terms else 0.0
     return out
@@ -163,3 +168,7 @@ def _sum_of(terms: list[Array]) -> Array:
     for term in terms[1:]:
         total = total + term
     return total
+
+
+def _less(a: Array, terms: list[Array]) -> Array:
+    return a - _sum_of(terms) if terms else a

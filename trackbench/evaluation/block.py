@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
-from trackbench.evaluation.derived import derived, normalised_error
+from trackbench.evaluation.derived import Consistency, observed
 from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
@@ -167,8 +167,8 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     scenario, tracker = task.scenario, task.filter
     model, rng = scenario.model, block_stream(task.seed, task.index)
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
-    mean, nees, cov, noted, others = [], [], [], [], []
-    clock = _Clock()
+    mean, cov, noted, others = [], [], [], []
+    consistency, clock = Consistency(scenario, task.width), _Clock()
     with clock:
         state = tracker.init(model, data.prior, rng)
         found = tracker.estimate(state)
@@ -179,16 +179,19 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
                 found = tracker.estimate(state)
             noted.append(note(state))
         mean.append(found.mean)
-        nees.append(normalised_error(found, data.truth[:, i]))
-        others.append(derived(scenario, tracker, state, found, data.truth[:, i]))
+        consistency.add(found, data.truth[:, i])
+        others.append(observed(scenario, tracker, state, data.truth[:, i]))
         if covariances:
             every = np.broadcast_to(
                 with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
             )
             cov.append(every[..., :covariances])
     kept = np.stack(cov, axis=2) if cov else None
-    notes = _stacked(noted) | {name: np.stack([o[name] for o in others]) for name in others[0]}
-    return Estimates(np.stack(mean, axis=1), np.stack(nees), kept, notes, clock.cpu_s)
+    errors = consistency.series()
+    nees = errors.pop("nees")
+    notes = _stacked(noted) | errors
+    notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
+    return Estimates(np.stack(mean, axis=1), nees, kept, notes, clock.cpu_s)
 
 
 class _Clock:

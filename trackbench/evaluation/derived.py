@@ -1,4 +1,4 @@
-"""Series that a scenario asks for beside the whole state's error.
+"""Series that need the filter's covariance or its whole posterior: consistency, and observables.
 
 ``scenario.marginals``    {name: components}: consistency of a part of the state, ``nees_<name>``
 ``scenario.observables``  functions of the state, {name: (*batch)} from x (n_x, *batch): the error of
@@ -10,20 +10,57 @@ from typing import Any
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.scenarios.base import Scenario
 
+_ENOUGH = 1024  # columns: a call on so many is worth its price
 
-def derived(
-    scenario: Scenario, tracker: Any, state: Any, found: Gaussian, truth: Array
-) -> dict[str, Array]:
-    """Values (M,) of one step by the name of their series; truth is (n_x, M)."""
+
+class Consistency:
+    """Normalised errors squared of the whole state and of its marginals, many steps at a time."""
+
+    def __init__(self, scenario: Scenario, runs: int) -> None:
+        self._parts = {f"nees_{name}": list(part) for name, part in marginals(scenario).items()}
+        self._steps_at_a_time = max(1, _ENOUGH // runs)
+        self._waiting: list[tuple[Gaussian, Array]] = []
+        self._series: dict[str, list[Array]] = {name: [] for name in ("nees", *self._parts)}
+
+    def add(self, found: Gaussian, truth: Array) -> None:
+        """The next step's estimate and truth (n_x, M)."""
+        self._waiting.append((found, truth))
+        if len(self._waiting) == self._steps_at_a_time:
+            self._reduce()
+
+    def series(self) -> dict[str, Array]:
+        """Values (T, M) by the name of their series, after the last step."""
+        if self._waiting:
+            self._reduce()
+        return {name: np.concatenate(rows) for name, rows in self._series.items()}
+
+    def _reduce(self) -> None:
+        found = _side_by_side([found for found, _ in self._waiting])
+        truth = np.stack([truth for _, truth in self._waiting], axis=1)
+        self._waiting.clear()
+        self._series["nees"].append(normalised_error(found, truth))
+        for name, part in self._parts.items():
+            of_part = Gaussian(found.mean[part], found.cov[np.ix_(part, part)])
+            self._series[name].append(normalised_error(of_part, truth[part]))
+
+
+def _side_by_side(steps: list[Gaussian]) -> Gaussian:
+    """S estimates (n, M) as one (n, S, M); a covariance that the runs share stays one."""
+    mean = np.stack([found.mean for found in steps], axis=1)
+    if len(steps) == 1 and steps[0].cov.ndim == 2:
+        return Gaussian(mean, steps[0].cov)
+    covs = [with_trailing(found.cov, 1, leading=2) for found in steps]
+    widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
+    return Gaussian(mean, np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2))
+
+
+def observed(scenario: Scenario, tracker: Any, state: Any, truth: Array) -> dict[str, Array]:
+    """Errors (M,) of the observables at one step by the name of their series; truth is (n_x, M)."""
     out: dict[str, Array] = {}
-    for name, part in marginals(scenario).items():
-        at = list(part)
-        part_found = Gaussian(found.mean[at], found.cov[np.ix_(at, at)])
-        out[f"nees_{name}"] = normalised_error(part_found, truth[at])
     observables = getattr(scenario, "observables", None)
     expectation = getattr(tracker, "expectation", None)
     if observables is not None and expectation is not None:
@@ -35,7 +72,7 @@ def derived(
 
 
 def normalised_error(found: Gaussian, truth: Array) -> Array:
-    """Normalised estimation error squared (M,).
+    """Normalised estimation error squared (*batch).
 
     Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
     """

@@ -181,7 +181,8 @@ class AdaptiveKF:
         turning, recent, reported = s.turning, s.recent, nis
         if (s.mode != QUIET).any():
             turning, seen_turning = axis_step(s.turning, self.mf.axis(T), z, R)
-            ratio = over_axes(seen_turning.log_likelihood) - over_axes(seen.log_likelihood)
+            if (s.mode == BOTH).any():
+                ratio = over_axes(seen_turning.log_likelihood) - over_axes(seen.log_likelihood)
             significance = over_axes(np.square(turning.mean[2]) / turning.cov[2, 2])
             recent = np.concatenate([s.recent[1:], significance[None]])
             reported = np.where(s.mode == TURNING, over_axes(seen_turning.nis), nis)
