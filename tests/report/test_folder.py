@@ -2,6 +2,7 @@
 
 import json
 import lzma
+import re
 import subprocess
 import sys
 
@@ -129,6 +130,17 @@ def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypa
         api.run(folder / "config.yaml", options)
     with pytest.raises(UserError, match="half-written"):
         api.compare(folder)
+
+
+def test_a_figure_of_an_earlier_run_is_not_in_the_report(folder):
+    old, page = folder / "figures" / "time.svg", folder / "report.html"
+    curve = max(re.findall(r' d="([^"]+)"', old.read_text()), key=len)
+    assert curve in page.read_text()
+    options = api.Options(engine="serial", quiet=True, out=folder, seed=9, formats=("pdf",))
+    api.run(folder / "config.yaml", options)
+    assert not old.exists()
+    assert old.with_suffix(".pdf").exists()
+    assert curve not in page.read_text()
 
 
 def test_an_index_over_several_folders(folder):

@@ -148,6 +148,11 @@ def _prefixed(
     wanted = kept_metrics(experiment.settings, name)
     if wanted is not None and not wanted:
         return
+    if wanted is not None:  # a summary of what is not kept is never asked for
+        kept = {
+            m: values for m, values in result.per_run.items() if base_name(m) in {"lost", *wanted}
+        }
+        result = result._replace(per_run=kept)
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, point.scenario):
         if metric is None or wanted is None or base_name(row[metric]) in wanted:

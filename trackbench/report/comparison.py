@@ -6,7 +6,7 @@ from math import isfinite, isnan
 
 from trackbench.experiment.files import write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
-from trackbench.report.paired import Pair, paired_rows
+from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
@@ -37,7 +37,7 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
 
 def write_paired(results: Results) -> None:
     """Write paired.csv."""
-    rows = [[*point.values(), *pair] for point, pairs in paired_rows(results) for pair in pairs]
+    rows = [[*point.values(), *pair] for point, pairs in results.pairs for pair in pairs]
     write_csv(results.folder / "paired.csv", [*results.grid, *Pair._fields], rows)
 
 

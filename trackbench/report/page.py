@@ -18,7 +18,6 @@ from trackbench.report.comparison import (
     summary_lines,
     verdict_counts,
 )
-from trackbench.report.paired import paired_rows
 from trackbench.report.render import drawn
 from trackbench.report.results import Results
 from trackbench.report.svg import inline
@@ -67,7 +66,7 @@ class Entry:
 def write_report(results: Results, comparison: Comparison | None = None) -> Path:
     """Write report.html into the results folder."""
     comparison = comparison or compare(results)
-    tables = [spec.table(results).texts() for spec in results.parts("tables").values()]
+    tables = [table.texts() for table in results.tables.values()]
     pairs, undecided = _pairs(results)
     context = {
         "title": results.config["title"] or results.config["name"],
@@ -186,7 +185,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
     heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
     table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
     undecided = 0
-    for point, pairs in paired_rows(results):
+    for point, pairs in results.pairs:
         for pair in pairs:
             undecided += not pair.p_holm < 0.05
             difference = rounded(pair.difference, pair.stderr, 4)

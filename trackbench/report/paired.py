@@ -1,14 +1,13 @@
 """paired.csv: every pair of filters on common runs, with Holm's correction over all pairs."""
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import holm, p_value, paired_difference, z_score
-from trackbench.report.results import Results
 
 
 class Pair(NamedTuple):
@@ -30,15 +29,13 @@ def primary_metrics(metrics: list[str]) -> list[str]:
     return [m for m in metrics if m.split("_")[0] == "rmse" and "[" not in m]
 
 
-def paired_rows(results: Results) -> Iterator[tuple[dict[str, Any], list[Pair]]]:
-    """Pairs of each point of the grid, metric after metric."""
-    for point in results.points():
-        runs = results.runs(point)
-        rows: list[Pair] = []
-        for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
-            labels = [label for label in results.labels if (label, metric) in runs]
-            rows += pairs_of(metric, labels, {label: runs[label, metric] for label in labels})
-        yield point, rows
+def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:
+    """Pairs at one point of the grid, metric after metric, from values by (filter, metric)."""
+    found: list[Pair] = []
+    for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
+        there = [label for label in labels if (label, metric) in runs]
+        found += pairs_of(metric, there, {label: runs[label, metric] for label in there})
+    return found
 
 
 @np.errstate(all="ignore")

@@ -20,6 +20,8 @@ from trackbench.experiment.source import Source, read
 from trackbench.experiment.store import FORMAT, digests
 from trackbench.experiment.validate import build
 from trackbench.registry import Group
+from trackbench.report.paired import Pair, pairs_at
+from trackbench.report.table import Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,8 +149,27 @@ class Results:
 
     def runs(self, point: dict[str, Any]) -> dict[tuple[str, str], Array]:
         """Values per run (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
-        groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
-        return {key: rows["value"].to_numpy(dtype=float) for key, rows in groups}
+        return self._runs[tuple(point.values())]
+
+    @cached_property
+    def _runs(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
+        found = {}
+        for point in self.points():
+            groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
+            found[tuple(point.values())] = {
+                key: rows["value"].to_numpy(dtype=float) for key, rows in groups
+            }
+        return found
+
+    @cached_property
+    def tables(self) -> dict[str, Table]:
+        """The experiment's tables by name."""
+        return {name: spec.table(self) for name, spec in self.parts("tables").items()}
+
+    @cached_property
+    def pairs(self) -> list[tuple[dict[str, Any], list[Pair]]]:
+        """Every pair of filters on common runs, by point of the grid."""
+        return [(point, pairs_at(self.runs(point), self.labels)) for point in self.points()]
 
     def open(self, name: str) -> TextIO:
         """One of the CSV files as text."""

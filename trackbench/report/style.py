@@ -18,6 +18,8 @@ FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth"
 BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 WIDTH_IN = 7.0
+FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Formats of a figure and what a file leaves unsaid, so that equal figures are equal files."""
 
 _RC: Any = {
     "font.size": 9,
@@ -106,12 +108,11 @@ def words(label: str, width: int = 24) -> str:
 
 
 def content(figure: "Figure", form: str) -> bytes:
-    """The figure as a file's content, without dates, so that equal figures are equal files."""
+    """The figure as a file's content in one of the `FORMATS`."""
     out = io.BytesIO()
-    metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     # An SVG holds rasterised parts inside it; a screen needs no more than this of them.
     dpi = 150 if form == "svg" else None
-    figure.savefig(out, format=form, metadata=metadata[form], dpi=dpi)
+    figure.savefig(out, format=form, metadata=FORMATS[form], dpi=dpi)
     return compact(out.getvalue()) if form == "svg" else out.getvalue()
 
 

@@ -9,7 +9,6 @@ from trackbench.core.arrays import Array
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
-from trackbench.report.paired import paired_rows
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ class HeatMap:
     def _pairs(self, results: Results, labels: list[str]) -> "Figure":
         metric = self.metric.partition("(")[2].removesuffix(")") or self.metric
         z = np.full((len(labels), len(labels)), np.nan)
-        for _, pairs in paired_rows(results):
+        for _, pairs in results.pairs:
             for pair in pairs:
                 if pair.metric == metric and {pair.filter_a, pair.filter_b} <= set(labels):
                     i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
