@@ -22,6 +22,7 @@ FLOORS = {
     "evaluation": 3,
     "experiment": 4,
     "report": 5,
+    "running": 6,
     "api": 6,
     "catalogue": 6,
     "contract": 6,

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="experiment file (YAML)")]
+Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG...", help="experiment files (YAML)")]
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="override a key")
@@ -17,7 +18,12 @@ Set = Annotated[
 Only = Annotated[list[str] | None, typer.Option(metavar="LABEL", help="run these filters only")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
-Out = Annotated[Path | None, typer.Option(help="results folder [results/NAME]")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="results folder [results/NAME]; of several configs the folder that holds theirs"
+    ),
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="worker processes [all processors]")]
 EngineName = Annotated[str, typer.Option(help="serial, processes or dask")]
 Scheduler = Annotated[
@@ -25,7 +31,7 @@ Scheduler = Annotated[
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute again what is kept from before")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run")]
-Quick = Annotated[bool, typer.Option("--quick", help="20 runs")]
+Quick = Annotated[bool, typer.Option("--quick", help="20 runs, in blocks that fit them")]
 SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
 ]
@@ -48,9 +54,9 @@ def api_options(given: dict[str, Any]) -> "Options":
     from trackbench import api
 
     engines = ("serial", "processes", "dask")
-    quick_runs = 20 if given.get("quick") else None
+    quick_runs, fit = (20, ("block=fit",)) if given.get("quick") else (None, ())
     return api.Options(
-        set=tuple(given["set_"] or ()),
+        set=(*fit, *(given["set_"] or ())),
         only=tuple(given["only"] or ()),
         runs=given.get("runs") or quick_runs,
         seed=given.get("seed"),

@@ -3,6 +3,7 @@
 import shlex
 import signal
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ import typer
 from trackbench.cli.options import (
     AllowPlugins,
     Config,
+    Configs,
     DryRun,
     EngineName,
     Format,
@@ -29,11 +31,11 @@ from trackbench.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from trackbench.api import Options
+    from trackbench.api import Options, Report
 
 
 def run(
-    config: Config,
+    configs: Configs,
     set_: Set = None,
     only: Only = None,
     runs: Runs = None,
@@ -49,8 +51,8 @@ def run(
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
 ) -> None:
-    """Run an experiment and write tables, figures and CSV files."""
-    _execute("run", config, dry_run, api_options(locals()))
+    """Run experiments and write tables, figures and CSV files."""
+    _execute("run", configs, dry_run, api_options(locals()))
 
 
 def sweep(
@@ -72,21 +74,33 @@ def sweep(
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
-    _execute("sweep", config, dry_run, api_options(locals()))
+    _execute("sweep", [config], dry_run, api_options(locals()))
 
 
-def _execute(command: str, config: Path, dry_run: bool, options: "Options") -> None:
+def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options") -> None:
     from trackbench import api
 
     if dry_run:
-        typer.echo(api.preview(config, options))
+        for line in api.preview(configs, options):
+            typer.echo(line)
         return
     signal.signal(signal.SIGTERM, _interrupt)
+    sweeps = (api.sweep(config, options) for config in configs)
+    reports = api.run_all(configs, options) if command == "run" else sweeps
+    failed = False
     try:
-        report = getattr(api, command)(config, options)
+        with closing(reports):
+            for report in reports:
+                _print(report)
+                failed |= bool(report.failed)
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
         raise typer.Exit(130) from None
+    if failed:
+        raise typer.Exit(1)
+
+
+def _print(report: "Report") -> None:
     for table in report.tables.values():
         typer.echo(table.markdown())
     for best in report.best:
@@ -96,8 +110,6 @@ def _execute(command: str, config: Path, dry_run: bool, options: "Options") -> N
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
     typer.echo(f"results in {report.folder}/", err=True)
-    if report.failed:
-        raise typer.Exit(1)
 
 
 def _interrupt(signal_number: int, frame: object) -> None:

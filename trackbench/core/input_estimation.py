@@ -45,14 +45,16 @@ class Hypotheses(NamedTuple):
         F_, g_ = F[:, :, None, None, None], g[:, None, None, None]
         response = F_[:, 0] * self.response[0] + F_[:, 1] * self.response[1] + g_
         psi, S, nu = response[0], innovation.S[0, 0], innovation.nu[0]
-        missing = np.isnan(nu).any(axis=0)
-        # K = P H' / R of the posterior covariance; a missing measurement has no gain.
-        gain = np.where(missing, 0.0, posterior.cov[:, 0] / R[0, 0])
-        weight = np.where(missing, 0.0, 1.0 / S)[:, None] * psi
+        gain, precision = posterior.cov[:, 0] / R[0, 0], 1.0 / S  # K = P H' / R of the posterior
+        missing = np.isnan(nu)
+        if missing.any():  # a missing measurement has no gain and says nothing
+            there = ~missing.any(axis=0)
+            gain, precision, nu = (np.where(there, a, 0.0) for a in (gain, precision, nu))
+        weight = precision[:, None] * psi
         return Hypotheses(
             response - gain[:, :, None] * psi,
             self.information + weight * psi,
-            self.score + weight * np.where(missing, 0.0, nu)[:, None],
+            self.score + weight * nu[:, None],
             self.begun(k).since,
         )
 

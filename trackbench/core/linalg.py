@@ -146,6 +146,8 @@ def _inverse_of_two(S: Array) -> Array:
 
 def mahalanobis(e: Array, P: Array) -> Array:
     """``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
+    if len(P) == 1:
+        return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     white = solve_lower(cholesky(P), e)
     return np.asarray((white * white).sum(axis=0))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import StringConstraints
 
@@ -31,8 +31,9 @@ class Settings:
     """seed of every random number"""
     runs: Count = 100
     """Monte Carlo runs"""
-    block: Count | None = None
-    """runs computed together; default: from each filter's N, about 32 000 particles at a time"""
+    block: Count | Literal["fit"] | None = None
+    """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
+    always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""
     scenario: dict[str, Any]
     """what is simulated: kind and keys, a path, or {use: path, key: value}"""
     filters: dict[Label, dict[str, Any]]

@@ -7,7 +7,8 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.definition import Experiment, Point
+from trackbench.experiment.definition import Experiment, Point, Settings
+from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
@@ -28,6 +29,8 @@ class Plan:
     """Tasks by point and filter label, in block order; equal tasks are computed once."""
 
     tasks: dict[Key, list[BlockTask]]
+    plugins: tuple[Plugin, ...] = ()
+    """code that a worker has to load before it can read a task"""
 
     @cached_property
     def unique(self) -> list[BlockTask]:
@@ -46,7 +49,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
-            width = settings.block or block_width(tracker, point.scenario)
+            width = _width(settings, tracker, point.scenario)
             tasks[i, label] = [
                 BlockTask(
                     scenario=point.scenario,
@@ -62,7 +65,16 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
                 )
                 for block in range(ceil(settings.runs / width))
             ]
-    return Plan(tasks)
+    return Plan(tasks, experiment.plugins)
+
+
+def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
+    if isinstance(settings.block, int):
+        return settings.block
+    width = block_width(tracker, scenario)
+    if settings.block == "fit":
+        return ceil(settings.runs / ceil(settings.runs / width))
+    return width
 
 
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
@@ -90,7 +102,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     for point in experiment.points:
         merged = _merged_bytes(experiment, point, save_tracks)
         for label, tracker in point.filters.items():
-            width = settings.block or block_width(tracker, point.scenario)
+            width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
             block = max(_block_bytes(point.scenario, f, width) for f in (tracker, reference))
             needed = workers * (_PROCESS + block) + merged

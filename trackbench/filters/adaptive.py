@@ -146,18 +146,19 @@ class AdaptiveKF:
             state = self._augmented(state, alarm, slot, k, here)
         evidence = np.where(was == BOTH, state.evidence + likelihoods, 0.0)
         decided = (was == BOTH) & (k - state.since >= self.dlw.n)
-        confirmed = decided & (evidence > 0.0) | alarm & (self.dlw.n == 0)
         over = (was == TURNING) & self._is_over(state, k, here)
-        mode = np.where(alarm, BOTH, np.where(decided | over, QUIET, was))
-        mode = np.where(confirmed, TURNING, mode)
-        state = state._replace(
-            mode=mode,
-            since=np.where(mode != was, k, state.since),
-            evidence=evidence,
-            recent=np.where(confirmed, np.inf, state.recent),
-            alarm=alarm,
-        )
-        return self._remembered(self._quietened(state, over, k), k)
+        state = state._replace(evidence=evidence, alarm=alarm)
+        if (alarm | decided | over).any():
+            confirmed = decided & (evidence > 0.0) | alarm & (self.dlw.n == 0)
+            mode = np.where(alarm, BOTH, np.where(decided | over, QUIET, was))
+            mode = np.where(confirmed, TURNING, mode)
+            state = state._replace(
+                mode=mode,
+                since=np.where(mode != was, k, state.since),
+                recent=np.where(confirmed, np.inf, state.recent),
+            )
+            state = self._quietened(state, over, k)
+        return self._remembered(state, k)
 
     def estimate(self, state: Switched) -> Gaussian:
         """The maneuvering filter's position and velocity where it is on, else the other's."""

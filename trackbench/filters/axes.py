@@ -4,12 +4,13 @@ A state of n components is ``(n, 2, M)``: component, axis, run. A covariance is 
 A = 1 as long as both axes share it, which halves the work.
 """
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.models.base import Model
@@ -65,11 +66,19 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> tuple[Gaussi
     A run that misses one coordinate of a measurement is treated as missing both.
     """
     predicted = kalman.predict(state, motion.F, motion.Q)
-    nu = np.where(np.isnan(z).any(axis=0), np.nan, z - predicted.mean[0])[None]
-    H = np.eye(1, len(motion.F))
-    posterior, innovation = kalman.update(predicted, nu, H, R)
+    nu = (z - predicted.mean[0])[None]
+    missing = np.isnan(nu)
+    if missing.any():
+        nu = np.where(missing.any(axis=1), np.nan, nu)
+    posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
     shared = state.cov.shape[2]  # a missing measurement leaves the axes alike
     return Gaussian(posterior.mean, posterior.cov[:, :, :shared]), innovation
+
+
+@cache
+def _position(n: int) -> Array:
+    """H (1, n) of a sensor that measures the first of n components."""
+    return fixed(np.eye(1, n))
 
 
 def over_axes(values: Array) -> Array:

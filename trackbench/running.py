@@ -1,0 +1,227 @@
+"""From configs to results folders: what is run, on which workers, and what is said of it."""
+
+import os
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from trackbench.experiment import config as configurations
+from trackbench.experiment.cache import BlockStore, cache_folder
+from trackbench.experiment.definition import Experiment
+from trackbench.experiment.engines import Engine, cpu_count, engine
+from trackbench.experiment.lock import locked
+from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.runner import Outcome, execute
+from trackbench.experiment.store import Losses, write_results
+from trackbench.report.comparison import summary_lines
+from trackbench.report.page import write_report
+from trackbench.report.render import render
+from trackbench.report.results import Results
+from trackbench.report.table import Table
+from trackbench.report.verdicts import Comparison
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run an experiment; only set, only, runs, seed and grid change a number in a CSV."""
+
+    set: Sequence[str] = ()
+    only: Sequence[str] = ()
+    runs: int | None = None
+    seed: int | None = None
+    grid: Sequence[str] = ()
+    out: Path | None = None
+    engine: Engine = "processes"
+    workers: int | None = None
+    scheduler: str | None = None
+    fresh: bool = False
+    save_tracks: bool = False
+    formats: Sequence[str] = ("png", "svg")
+    allow_plugins: bool = False
+    quiet: bool = False
+
+
+@dataclass
+class Report:
+    """Where the results are, the tables, and what went wrong."""
+
+    folder: Path
+    tables: dict[str, Table]
+    comparison: Comparison
+    notes: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    best: list[str] = field(default_factory=list)
+    """of a sweep: each filter's best point"""
+
+    @property
+    def results(self) -> Results:
+        """The folder's files as data frames."""
+        return Results(self.folder)
+
+    @property
+    def per_run(self) -> "pd.DataFrame":
+        """``filter,run,metric,value``."""
+        return self.results.per_run
+
+    @property
+    def per_step(self) -> "pd.DataFrame":
+        """``filter,step,time,metric,value,stderr,runs``."""
+        return self.results.per_step
+
+    @property
+    def summary(self) -> "pd.DataFrame":
+        """``filter,metric,value,stderr,runs,lost``."""
+        return self.results.summary
+
+
+def prepare(config: Path, options: Options) -> Experiment:
+    """Read and validate a config with the options' overrides."""
+    return configurations.load(
+        config,
+        list(options.set),
+        list(options.only),
+        options.runs,
+        options.seed,
+        list(options.grid),
+        options.allow_plugins,
+    )
+
+
+def run_all(
+    configs: Sequence[Path | str], options: Options | None = None, **changes: Any
+) -> Generator[Report]:
+    """Run experiments one after the other on the same workers, which do not wait for reports.
+
+    Yields each one's report when it is written. Of several experiments ``out`` is the folder that
+    holds their folders. Raises UserError, before anything runs, with the mistakes of all configs.
+    """
+    options = replace(options or Options(), **changes)
+    jobs = _jobs([Path(config) for config in configs], options)
+    workers = min(_most_workers(options), sum(len(job.plan.unique) for job in jobs))
+    open_engine = engine(options.engine, workers, options.scheduler)
+    for job in jobs:
+        _say(job.line, options)
+        points = job.experiment.points
+        for caution in dict.fromkeys(c for point in points for c in cautions(point)):
+            _say(f"note: {caution}", options)
+    with ExitStack() as stack:
+        for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
+            stack.enter_context(locked(folder, lambda line: _say(line, options)))
+        outcomes = execute(
+            [job.plan for job in jobs],
+            BlockStore(cache_folder()),
+            open_engine,
+            workers,
+            fresh=options.fresh,
+            progress=not options.quiet,
+        )
+        for job, outcome in zip(jobs, stack.enter_context(closing(outcomes)), strict=True):
+            yield _reported(job, outcome, options)
+
+
+def preview(configs: Sequence[Path | str], options: Options) -> list[str]:
+    """What `run_all` would do, in a line for each."""
+    return [job.line for job in _jobs([Path(config) for config in configs], options)]
+
+
+class _Job(NamedTuple):
+    """An experiment that is going to be run, where, and a line that says so."""
+
+    experiment: Experiment
+    folder: Path
+    plan: Plan
+    line: str
+
+
+def _jobs(configs: list[Path], options: Options) -> list[_Job]:
+    """What the configs ask for; raises UserError with the mistakes of all of them."""
+    jobs: list[_Job] = []
+    problems: dict[Problem | str, None] = {}
+    for config in configs:
+        try:
+            job = _job(config, options, alone=len(configs) == 1)
+        except UserError as error:
+            problems |= dict.fromkeys(error.problems)
+            continue
+        if job.folder in [other.folder for other in jobs]:
+            mark = job.experiment.source.mark(("name",))
+            what = f"another config of this command writes into {job.folder}/, too"
+            problems[Problem(mark, "name", what)] = None
+        jobs.append(job)
+    if problems:
+        raise UserError(*problems)
+    return jobs
+
+
+def _job(config: Path, options: Options, alone: bool) -> _Job:
+    experiment = prepare(config, options)
+    if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
+        experiment = replace(experiment, figures={})
+    folder = options.out if options.out is not None and alone else None
+    folder = folder or (options.out or Path("results")) / experiment.settings.name
+    _check_out(folder)
+    check_memory(experiment, 1, options.save_tracks)
+    plan = make_plan(experiment, options.save_tracks)
+    workers = min(_most_workers(options), len(plan.unique))
+    needed = check_memory(experiment, workers, options.save_tracks)
+    return _Job(experiment, folder, plan, describe(experiment, plan, workers, needed))
+
+
+def _most_workers(options: Options) -> int:
+    return options.workers or cpu_count()
+
+
+def _reported(job: _Job, outcome: Outcome, options: Options) -> Report:
+    """Tables, figures and the report of an experiment whose blocks are there."""
+    for line in _what_happened(outcome):
+        _say(line, options)
+    losses = write_results(job.folder, job.experiment, outcome, options.save_tracks)
+    results = Results(job.folder)
+    tables, comparison = render(results, options.formats)
+    write_report(results, comparison)
+    notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
+    failed = list(_failed(job.experiment, outcome, losses))
+    return Report(job.folder, tables, comparison, notes, failed)
+
+
+def _check_out(folder: Path) -> None:
+    """Raise UserError if a file stands where the folder is to be."""
+    for path in (folder, *folder.parents):
+        if os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
+            raise UserError(Problem(Mark(f"--out {folder}"), "", f"{path} is a file, not a folder"))
+
+
+def _say(text: str, options: Options) -> None:
+    if not options.quiet:
+        print(text, file=sys.stderr)
+
+
+def _what_happened(outcome: Outcome) -> Iterator[str]:
+    if outcome.reused:
+        kept = outcome.reused + outcome.computed
+        yield f"reused {outcome.reused} of {kept} blocks from {outcome.store.root}/"
+    if outcome.damaged:
+        yield f"{outcome.damaged} damaged blocks were computed again"
+    if outcome.deaths:
+        yield f"note: a worker died; {outcome.deaths} blocks were started again"
+
+
+def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
+    for key, loss in losses.items():
+        if loss.lost and not loss.is_total:
+            yield f"{experiment.title_of(key)}: {loss}"
+
+
+def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]) -> Iterator[str]:
+    for key, why in outcome.failures.items():
+        yield f"{experiment.title_of(key)} failed: {why}"
+    for key, loss in losses.items():
+        if loss.is_total:
+            yield f"{experiment.title_of(key)} failed: {loss}"
