@@ -1,8 +1,9 @@
 """The floor: the random numbers an algorithm cannot do without, and one ``exp`` per particle-step.
 
 In blocks of the product's own size, with nothing else done. The bars are held against the variates as
-numpy's documented generator makes them, an SFC64 stream's ``standard_normal`` and ``random``; a second
-line, without a bar, is the same with the product's own faster normals (trackbench/core/normals.py).
+numpy's documented generator makes them, an SFC64 stream's ``standard_normal``, ``standard_gamma`` and
+``random``; a second line, without a bar, is the same with the product's own faster variates: normals of
+trackbench/core/normals.py, and Gamma(3) as -log(u1 u2 u3) of trackbench/core/distributions.py.
 """
 
 import time
@@ -28,9 +29,9 @@ def floor(
     exps: int = 1,
     own: bool = False,
 ) -> Entrant:
-    """Variates per particle-step: Gamma(3) as -log(u1 u2 u3), normals, uniforms; and exponentials.
+    """Variates per particle-step: of Gamma(3), normals, uniforms; and exponentials.
 
-    ``own`` takes the product's faster normals.
+    ``own`` takes the product's faster normals and gammas.
     """
     width = max(1, min(500, PARTICLES_AT_A_TIME // N, runs))
     blocks = ceil(runs / width)
@@ -41,10 +42,13 @@ def floor(
         started = time.process_time()
         for _ in range(steps * blocks):
             for _ in range(gammas):
-                u = rng.random((3, width, N))
-                u[0] *= u[1]
-                u[0] *= u[2]
-                np.log(u[0], out=u[0])
+                if own:
+                    u = rng.random((3, width, N))
+                    u[0] *= u[1]
+                    u[0] *= u[2]
+                    np.log(u[0], out=u[0])
+                else:
+                    rng.standard_gamma(3.0, (width, N))
             if normals:
                 rng.standard_normal((normals, width, N))
             if uniforms:

@@ -32,7 +32,7 @@ def head(rounds: int) -> str:
         "processes wall time). Read the ratios: the machine is shared. RMSE is the mean and its",
         "standard error over the first runs, those that every entrant of the table has done: an",
         "entrant that loops over runs is timed on a few. The floor is numpy's own generator and one",
-        "`exp` per particle-step; where we draw faster normals the floor with them is shown beside it,",
+        "`exp` per particle-step; where we draw faster variates the floor with them is shown beside it,",
         "and the bars are held against the first. `make bench` writes this file.",
         "",
         f"Processor: {_processor()}. Python {sys.version.split()[0]}.",

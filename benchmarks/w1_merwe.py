@@ -35,6 +35,7 @@ def _against_peers(N: int) -> Workload:
             "trackbench": ours(scenario, tracker, RUNS),
             "trackbench with metrics": ours(scenario, tracker, RUNS, whole=True),
             "floor": floor(N, RUNS, T, gammas=1),
+            "floor with our gammas": floor(N, RUNS, T, gammas=1, own=True),
         },
         truth=seen.truth[:, 1:],
     )
@@ -69,6 +70,7 @@ def _many_runs() -> Workload:
             "trackbench with metrics": ours(scenario, tracker, MANY, whole=True),
             "trackbench, block: 2000": ours(scenario, tracker, MANY, width=MANY),
             "floor": floor(10, MANY, steps(scenario), gammas=1),
+            "floor with our gammas": floor(10, MANY, steps(scenario), gammas=1, own=True),
         },
         bars=[
             Bar("trackbench", "floor", 3.0, at_most=True),
