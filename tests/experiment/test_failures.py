@@ -89,8 +89,11 @@ def test_every_filter_fails(tmp_path: Path) -> None:
     text = text.replace("  NaN: {kind: not-a-number}\n", "").replace(
         "  Far: {kind: far-away}\n", ""
     )
+    kinds = ("rmse-vs-time", "rmse-per-run", "bars", "critical-difference", "heat-map", "estimates")
+    text += "figures:\n" + "".join(f"  f{i}: {{kind: {k}}}\n" for i, k in enumerate(kinds))
+    text += "grid: {scenario.R: [0.1, 1.0]}\n"
     (tmp_path / "c.yaml").write_text(text)
-    done = trackbench("run", "c.yaml", "--allow-plugins", cwd=tmp_path)
+    done = trackbench("run", "c.yaml", "--allow-plugins", "--format", "svg", cwd=tmp_path)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "Raises failed: ValueError: no fifth step" in done.stdout

@@ -2,7 +2,7 @@
 
 import pickle
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -46,7 +46,7 @@ class Queue:
             self._plugins[task] = plugins
             self._waiting.append(task)
 
-    def run(self, open_engine: OpenEngine) -> Iterator[tuple[BlockTask, Found]]:
+    def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
         """Tasks as they finish."""
         while self._waiting:
             try:

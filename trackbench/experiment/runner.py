@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,21 +68,26 @@ def execute(
         for task in _missing(outcome, fresh):
             queue.add(task, outcome.plan.plugins)
             outcome.missing.add(task)
-    finished = queue.run(open_engine)
-    for outcome in outcomes:
-        started = time.perf_counter()
-        with _bar(outcome, progress) as bar:
-            while outcome.missing:
-                before = len(outcome.missing)
-                _settle(outcomes, queue, *next(finished))
-                bar.update(before - len(outcome.missing))
-        for key, tasks in outcome.plan.tasks.items():
-            why = queue.failed.get(algorithm(tasks[0]))
-            if why is not None:
-                outcome.failures[key] = why
-        outcome.deaths = sum(queue.deaths[task] for task in outcome.plan.unique)
-        outcome.wall_s = time.perf_counter() - started
-        yield outcome
+    with closing(queue.run(open_engine)) as finished:
+        for outcome in outcomes:
+            started = time.perf_counter()
+            with _bar(outcome, progress) as bar:
+                while outcome.missing:
+                    before = len(outcome.missing)
+                    _settle(outcomes, queue, *next(finished))
+                    bar.update(before - len(outcome.missing))
+            if not any(other.missing for other in outcomes):
+                next(finished, None)  # nothing comes any more: the workers may go
+            outcome.failures = _failures(outcome.plan, queue)
+            outcome.deaths = sum(queue.deaths[task] for task in outcome.plan.unique)
+            outcome.wall_s = time.perf_counter() - started
+            yield outcome
+
+
+def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
+    """Why filters of the plan failed."""
+    reasons = {key: queue.failed.get(algorithm(tasks[0])) for key, tasks in plan.tasks.items()}
+    return {key: why for key, why in reasons.items() if why is not None}
 
 
 def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:

@@ -166,10 +166,13 @@ def _figures(results: Results) -> list[Drawing]:
     drawings = []
     for name, spec in results.parts("figures").items():
         path = results.folder / "figures" / f"{name}.svg"
-        content = path.read_bytes() if path.is_file() else drawn(spec, results, ["svg"])[0][1]
+        contents = [path.read_bytes()] if path.is_file() else []
+        contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
+        if not contents:
+            continue
         caption = getattr(spec, "title", "") or name
         title = f"{caption}. {(type(spec).__doc__ or '').splitlines()[0]}"
-        drawings.append(Drawing(name, Markup(inline(content, name, title)), caption))
+        drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
     return drawings
 
 

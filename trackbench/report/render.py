@@ -58,7 +58,9 @@ def write_figures(
 
 
 def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str, bytes]]:
-    """A figure as the content of a file, for each format."""
+    """A figure as the content of a file, for each format; none of tracks if every filter failed."""
+    if getattr(spec, "shown_runs", 0) and not results.shown:
+        return []
     figure = spec.draw(results)
     contents = [(form, style.content(figure, form)) for form in formats]
     style.close(figure)

@@ -1,10 +1,11 @@
 """A results folder, read back."""
 
 import json
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from io import TextIOWrapper
+from itertools import product
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
@@ -181,8 +182,10 @@ class Results:
         """The grid's points in order; one empty point without a grid."""
         if not self.grid:
             return [{}]
-        rows = self.summary[self.grid].drop_duplicates()
-        return [dict(zip(self.grid, row, strict=True)) for row in rows.itertuples(index=False)]
+        rows: Iterable[Any] = self.summary[self.grid].drop_duplicates().itertuples(index=False)
+        if self.summary.empty:  # every filter failed
+            rows = product(*self.config["grid"].values())
+        return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
         """The rows of one grid point."""
@@ -193,9 +196,7 @@ class Results:
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        return pd.read_csv(
-            self._path(name), dtype={"filter": str}, keep_default_na=False, na_values=["nan"]
-        )
+        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=["nan"])
 
     def _path(self, name: str) -> Path:
         """The file, or what it was packed into to keep large results in git."""
@@ -204,6 +205,11 @@ class Results:
             raise UserError(f"{self.folder / name}: is missing: run the experiment again")
         return path
 
+
+_TYPES: Any = {"filter": str, "run": int, "step": int} | dict.fromkeys(
+    ["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float
+)
+"""Of columns, so that they are the same in a file without rows, where every filter failed."""
 
 _KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}
 """Of what kind the manifest's entries are that a report shows."""

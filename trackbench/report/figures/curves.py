@@ -156,6 +156,8 @@ class Estimates(Curves):
         for i, ((ax,), point) in enumerate(panels):
             prefix = f"point{i}/" if point else ""
             tracks = results.shown
+            if f"{prefix}truth" not in tracks:  # every filter failed here
+                continue
             k, run, c = tracks[f"{prefix}steps"], self.run - 1, self.component - 1
             truth = tracks[f"{prefix}truth"][c, :, run]
             ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
