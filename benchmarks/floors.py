@@ -1,8 +1,8 @@
 """The floor: the random numbers an algorithm cannot do without, and one ``exp`` per particle-step.
 
-In blocks of the product's own size, with nothing else done. The bars are held against the variates as
+In blocks of the product's own size, with nothing else done. Bars are held against the variates as
 numpy's documented generator makes them, an SFC64 stream's ``standard_normal``, ``standard_gamma`` and
-``random``; a second line, without a bar, is the same with the product's own faster variates: normals of
+``random``; a second line, with a bar of its own in W1, is the same with the product's own faster variates: normals of
 trackbench/core/normals.py, and Gamma(3) as -log(u1 u2 u3) of trackbench/core/distributions.py.
 """
 

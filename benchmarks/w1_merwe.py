@@ -54,8 +54,7 @@ def _against_peers(N: int) -> Workload:
         work.add(name, peer(module))
         work.bars.append(Bar(name, "trackbench", BARS[name][N]))
     if N >= 100:
-        work.bars.append(Bar("trackbench", "floor", 1.6, at_most=True))
-        work.bars.append(Bar("trackbench with metrics", "floor", 1.6, at_most=True))
+        work.bars += _floor_bars(1.6, "trackbench", "trackbench with metrics")
     return work
 
 
@@ -72,9 +71,11 @@ def _many_runs() -> Workload:
             "floor": floor(10, MANY, steps(scenario), gammas=1),
             "floor with our gammas": floor(10, MANY, steps(scenario), gammas=1, own=True),
         },
-        bars=[
-            Bar("trackbench", "floor", 3.0, at_most=True),
-            Bar("trackbench with metrics", "floor", 3.0, at_most=True),
-            Bar("trackbench, block: 2000", "floor", 3.0, at_most=True),
-        ],
+        bars=_floor_bars(3.0, "trackbench", "trackbench with metrics", "trackbench, block: 2000"),
     )
+
+
+def _floor_bars(factor: float, *ours: str) -> list[Bar]:
+    """Against the floor of our own faster gammas, the strict one, and of numpy's."""
+    floors = ("floor with our gammas", "floor")
+    return [Bar(name, floor, factor, at_most=True) for floor in floors for name in ours]
