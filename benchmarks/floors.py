@@ -2,8 +2,8 @@
 
 In blocks of the product's own size, with nothing else done. Bars are held against the variates as
 numpy's documented generator makes them, an SFC64 stream's ``standard_normal``, ``standard_gamma`` and
-``random``; a second line, with a bar of its own in W1, is the same with the product's own faster variates: normals of
-trackbench/core/normals.py, and Gamma(3) as -log(u1 u2 u3) of trackbench/core/distributions.py.
+``random``. A second line, in W1 with a bar of its own, is the same with the product's own faster
+variates: normals of trackbench/core/normals.py, Gamma(3) as -log(u1 u2 u3) of core/distributions.py.
 """
 
 import time
