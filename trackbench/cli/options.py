@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="experiment file (YAML)")]
-Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG...", help="experiment files (YAML)")]
+Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG", help="experiment files (YAML)")]
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="override a key")

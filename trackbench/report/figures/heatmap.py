@@ -83,9 +83,9 @@ class HeatMap:
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
             _ticks(ax, [_short(c) for c in columns], [_short(v) for v in levels])
             ax.set_title(style.words(name), fontsize=9)
-            ax.set_xlabel(x.split(".")[-1])
+            ax.set_xlabel(style.name(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
-        axes[0][0].set_ylabel(y.split(".")[-1])
+        axes[0][0].set_ylabel(style.name(y))
         figure.colorbar(image, ax=list(axes[0]), label=self.bar_label or self.metric)
         if self.title:
             figure.suptitle(self.title, fontsize=9)

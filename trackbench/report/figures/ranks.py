@@ -51,7 +51,7 @@ class CriticalDifference:
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)
             _panel(ax, there, mean, cliques(mean, critical))
-            where = ", ".join(f"{k.split('.')[-1]} = {v:g}" for k, v in point.items())
+            where = style.heading(point)
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the smallest)"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
             ax.set_title(words, pad=14, fontsize=9)
