@@ -3,7 +3,7 @@
 from typing import Any
 
 from trackbench.experiment.definition import Settings
-from trackbench.experiment.validate import adapter, help_texts
+from trackbench.experiment.validate import described, help_texts
 from trackbench.registry import Group, kinds
 
 _GROUPS: tuple[Group, ...] = ("scenarios", "filters", "tables", "figures")
@@ -11,7 +11,7 @@ _GROUPS: tuple[Group, ...] = ("scenarios", "filters", "tables", "figures")
 
 def schema() -> dict[str, Any]:
     """Draft 2020-12 schema: the top level, and every registered kind with its keys."""
-    top = adapter(Settings).json_schema(ref_template="#/$defs/{model}")
+    top = described(Settings).json_schema(ref_template="#/$defs/{model}")
     definitions: dict[str, Any] = top.pop("$defs", {})
     for group in _GROUPS:
         names = []
@@ -46,7 +46,7 @@ _ELSEWHERE: list[dict[str, Any]] = [
 def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
     """The definition of one kind, and of the types its keys refer to."""
     name = f"{group}.{kind}"
-    own = adapter(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+    own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
     properties = own.setdefault("properties", {})
     for key, text in help_texts(cls).items():

@@ -131,13 +131,17 @@ def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
     """The names of all filters at these points; None if one cannot be asked for what it notes."""
     names = Names()
     for point in points:
+        done = set()  # filters mostly have the same series
         for label, tracker in point.filters.items():
             series = set(_series(settings, point.scenario, label, tracker))
             names.given |= set(getattr(tracker, "__dataclass_fields__", ()))
             try:
                 if noted:
                     series |= _noted(settings, point.scenario, tracker)
-                names.add(settings, point.scenario, tracker, series)
+                alike = frozenset(series), frozenset(getattr(tracker, "counts", ()))
+                if alike not in done:
+                    names.add(settings, point.scenario, tracker, series)
+                done.add(alike)
             except Exception:  # its own run will say what is wrong
                 return None if noted else Names()
     return names

@@ -29,8 +29,13 @@ _TYPES = {
 
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
-    """Strict validator of a dataclass: unknown keys are mistakes, attribute docstrings are help."""
-    return _adapter(cast(Any, cls))
+    """Strict validator of a dataclass: unknown keys are mistakes."""
+    return _adapter(cast(Any, cls), described=False)
+
+
+def described(cls: type[T]) -> TypeAdapter[T]:
+    """The same for its JSON schema: attribute docstrings are descriptions, which takes a while."""
+    return _adapter(cast(Any, cls), described=True)
 
 
 def help_texts(cls: type[Any]) -> dict[str, str]:
@@ -38,7 +43,7 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if is_dataclass(base):
-            keys = adapter(base).json_schema().get("properties", {})
+            keys = described(base).json_schema().get("properties", {})
             texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
     return texts
 
@@ -55,23 +60,23 @@ def _is_file(hint: Any) -> bool:
 
 
 @cache
-def _adapter(cls: Any) -> TypeAdapter[Any]:
-    _configure(cls)
+def _adapter(cls: Any, described: bool) -> TypeAdapter[Any]:
+    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=described), set())
     return TypeAdapter(cls)
 
 
-def _configure(hint: Any) -> None:
+def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
     """Strictness and help for a dataclass and every dataclass within it.
 
     Set here and not on each class, so that a filter stays a plain dataclass.
     """
-    if isinstance(hint, type) and is_dataclass(hint) and "__pydantic_config__" not in hint.__dict__:
-        config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+    if isinstance(hint, type) and is_dataclass(hint) and hint not in done:
+        done.add(hint)
         setattr(hint, "__pydantic_config__", config)  # noqa: B010
         for inner in get_type_hints(hint, include_extras=True).values():
-            _configure(inner)
+            _configure(inner, config, done)
     for inner in get_args(hint):
-        _configure(inner)
+        _configure(inner, config, done)
 
 
 def build(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
