@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import Bar, Entrant, Skip, Workload, timed
+from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
 from benchmarks.ours import data, make, ours, steps
+from trackbench.core.once import forget
 
 q = 0.01  # m^2/s^3
 FEW = 2  # runs that a loop over runs is timed on
@@ -19,6 +20,16 @@ def motion(density: float) -> Any:
         return import_module("trackbench.models.motions").WhiteAcceleration(q=density)
     except ImportError as error:
         raise Skip("this version has no motions to choose from") from error
+
+
+def anew(entrant: Entrant) -> Entrant:
+    """With no gains remembered of an earlier round, as in a new process."""
+
+    def forgetful() -> Outcome:
+        forget()
+        return entrant()
+
+    return forgetful
 
 
 def workloads() -> list[Workload]:
@@ -37,8 +48,9 @@ def _workload(runs: int) -> Workload:
         f"Kalman filter, constant velocity, {runs} runs in one block x {T} steps",
         "filter-step",
         {
-            "trackbench": ours(scenario, tracker, runs, width=runs),
-            "trackbench with metrics": ours(scenario, tracker, runs, whole=True, width=runs),
+            "trackbench": anew(ours(scenario, tracker, runs, width=runs)),
+            "trackbench with metrics": anew(ours(scenario, tracker, runs, whole=True, width=runs)),
+            "trackbench, a later block": ours(scenario, tracker, runs, width=runs),
         },
         truth=seen.truth[:, 1:],
         position=POSITION,

@@ -10,6 +10,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.once import once
 
 
 class Innovation(NamedTuple):
@@ -35,8 +36,14 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
     F and Q are (n, n) or (n, n, *batch).
     """
     predicted = linalg.matvec(F, state.mean) if mean is None else mean
-    FPF = linalg.sandwich(F, state.cov)
-    return Gaussian(predicted, FPF + _matrix_like(Q, FPF))
+    return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
+
+
+@once
+def _predicted_cov(F: Array, P: Array, Q: Array) -> Array:
+    """``F P F' + Q``."""
+    FPF = linalg.sandwich(F, P)
+    return FPF + _matrix_like(Q, FPF)
 
 
 def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian, Innovation]:
@@ -46,10 +53,7 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
     stays symmetric positive definite for any gain.
     """
     P = predicted.cov
-    HP = linalg.matmul(H, P)
-    S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
-    S = S + _matrix_like(R, S)
-    K = linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
+    S, K = _gain(P, H, R)
     innovation = Innovation(nu, S)
     unknown = np.isnan(nu)
     if unknown.any():
@@ -57,9 +61,23 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
     mean = predicted.mean + linalg.matvec(K, nu)
+    return Gaussian(mean, _joseph(P, K, H, R)), innovation
+
+
+@once
+def _gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """``S = H P H' + R`` and ``K = P H' S^-1``."""
+    HP = linalg.matmul(H, P)
+    S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
+    S = S + _matrix_like(R, S)
+    return S, linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
+
+
+@once
+def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
+    """``(I - K H) P (I - K H)' + K R K'``."""
     IKH = linalg.identity_minus(linalg.matmul(K, H))
-    cov = linalg.sandwich(IKH, P) + linalg.sandwich(K, _matrix_like(R, S))
-    return Gaussian(mean, cov), innovation
+    return linalg.sandwich(IKH, P) + linalg.sandwich(K, _matrix_like(R, K))
 
 
 def _matrix_like(A: Array, like: Array) -> Array:

@@ -9,6 +9,7 @@ cloud of a single run only: the last bits of a batch would depend on how many ru
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.core.once import once
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -74,6 +75,7 @@ def diagonal(A: Array) -> Array:
     return np.stack([A[i, i] for i in range(A.shape[0])])
 
 
+@once
 def cholesky(P: Array) -> Array:
     """Lower L with ``L L' = P``; a batch member that is not positive definite becomes NaN.
 
