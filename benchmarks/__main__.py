@@ -28,7 +28,7 @@ def main() -> None:
     started = time.perf_counter()
     print(parts[0], flush=True)
     for name in modules:
-        if not wanted or name.partition("_")[0] in wanted:
+        if not wanted or wanted & {name, name.partition("_")[0]}:
             for part in _sections(name, options.rounds):
                 print(part, flush=True)
                 parts.append(part)
