@@ -256,7 +256,7 @@ def test_the_code_digest_follows_the_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import trackbench
-    from trackbench.experiment.digest import code_digest
+    from trackbench.experiment.code import code_digest
 
     copy = tmp_path / "trackbench"
     shutil.copytree(Path(trackbench.__file__).parent, copy)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.experiment.code import code_digest
 from trackbench.experiment.codec import decode, encode
-from trackbench.experiment.digest import block_key, code_digest
+from trackbench.experiment.digest import block_key
 from trackbench.experiment.files import write_bytes, write_text
 from trackbench.experiment.problems import WriteError
 

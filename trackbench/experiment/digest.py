@@ -4,33 +4,16 @@ import hashlib
 import inspect
 import json
 import os
-import platform
 import sys
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache, lru_cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import trackbench
 from trackbench.evaluation.block import BlockTask
+from trackbench.experiment.code import add_sources, code_digest
 from trackbench.experiment.resolved import as_config
-
-_SOURCES = ("core", "models", "scenarios", "filters", "evaluation")
-_AFTER_BLOCKS = {"merge.py", "statistics.py", "summary.py"}
-"""Files of evaluation/ that only see finished blocks."""
-
-
-@cache
-def code_digest() -> str:
-    """Digest of the package's own source that makes a block's numbers, and of what it runs on."""
-    home = Path(trackbench.__file__).parent
-    platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
-    digest = hashlib.sha256(repr(platform_).encode())
-    for source in _SOURCES:
-        _add_sources(digest, home, home / source)
-    return digest.hexdigest()
 
 
 def block_key(task: BlockTask, used: int) -> str:
@@ -85,14 +68,5 @@ def _package_digest(name: str) -> str:
     except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
         return os.urandom(16).hex()
     digest = hashlib.sha256()
-    _add_sources(digest, file.parent, file.parent if file.name == "__init__.py" else file)
+    add_sources(digest, file.parent, file.parent if file.name == "__init__.py" else file)
     return digest.hexdigest()
-
-
-def _add_sources(digest: "hashlib._Hash", home: Path, source: Path) -> None:
-    files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
-    for file in files:
-        if file.parent == home / "evaluation" and file.name in _AFTER_BLOCKS:
-            continue
-        digest.update(f"\n{file.relative_to(home).as_posix()}\n".encode())
-        digest.update(file.read_bytes())

@@ -14,7 +14,7 @@ from concurrent.futures import (
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.experiment.digest import code_digest
+from trackbench.experiment.code import code_digest
 from trackbench.experiment.engines import OpenEngine
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import RunError

@@ -26,8 +26,8 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
+from trackbench.experiment.code import code_digest
 from trackbench.experiment.definition import Experiment
-from trackbench.experiment.digest import code_digest
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
 from trackbench.experiment.metric_names import base_name, kept_metrics
 from trackbench.experiment.packing import opened, there

@@ -5,17 +5,22 @@ import os
 import pickle
 import signal
 import threading
+from typing import TYPE_CHECKING
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
-from trackbench.experiment.digest import code_digest
-from trackbench.experiment.plugins import Plugin, load_plugin
+from trackbench.experiment.code import code_digest
+
+if TYPE_CHECKING:
+    from trackbench.experiment.plugins import Plugin
 
 
-def compute(task: bytes, plugins: tuple[Plugin, ...], code: str) -> dict[int, BlockResult]:
+def compute(task: bytes, plugins: "tuple[Plugin, ...]", code: str) -> dict[int, BlockResult]:
     """Run the pickled block task, its plugins loaded first; results by number of runs used."""
     if code != code_digest():
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     for plugin in plugins:
+        from trackbench.experiment.plugins import load_plugin  # brings the config's reader along
+
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
     return run_whole_block(block)
