@@ -81,6 +81,23 @@ def test_quadrature_is_converged_and_consistent(speed: float) -> None:
     assert abs(last.mean() - 4.0) < 4.0 * np.sqrt(8.0 / RUNS)
 
 
+def test_the_posterior_is_consistent_on_average_over_speeds() -> None:
+    """The mean of NEES / n_x is 1 if the truth is drawn from the prior, which is flat in the speed.
+
+    At one speed it need not be: it is below 0.8 at rest, and makes up for it above 500 m/s.
+    """
+    nees = []
+    for i, speed in enumerate(np.arange(-10_000.0, 10_001.0, 500.0)):
+        scenario = Banana(velocity_cross=speed, scans=6)
+        data = simulate(scenario, 3 + i, 0, 100)
+        exact = exact_posterior(scenario, data)
+        nees.append(linalg.mahalanobis(exact.mean - data.truth, exact.cov) / 4.0)
+    by_speed = np.stack(nees)  # (41, scans, 100)
+    stderr = np.sqrt(by_speed.var(axis=2).mean(axis=0) / (41 * 100))
+    assert (np.abs(by_speed.mean(axis=(0, 2)) - 1.0) < 4.0 * stderr).all()
+    assert (by_speed[20, 1:].mean(axis=1) < 0.8).all()
+
+
 @pytest.mark.parametrize("speed", [1000.0, 5000.0])
 @pytest.mark.parametrize(("kind", "keys"), RIVALS)
 def test_none_beats_the_posterior_mean(kind: str, keys: dict[str, Any], speed: float) -> None:
