@@ -33,6 +33,16 @@ def test_counts_are_exact(scheme: Scheme, runs: int, N: int, seed: int, spread: 
         assert (counts >= np.floor(N * w - 1e-9)).all()
 
 
+@pytest.mark.parametrize("runs", [1, 3])
+@pytest.mark.parametrize("size", [2**21, 2**23 - 1, 2**23, 2**26])
+def test_systematic_counts_of_millions(runs: int, size: int, rng: np.random.Generator) -> None:
+    """Beyond 2^23 offspring in a block the fixed-point weights have fewer digits."""
+    w = np.array([0.05, 0.4, 0.0, 0.25, 0.3])
+    counts = SCHEMES["systematic"](np.tile(w, (runs, 1)), rng, size)
+    assert (counts.sum(axis=1) == size).all()
+    assert (np.abs(counts - size * w) < 1 + 1e-3).all()
+
+
 @pytest.mark.parametrize("scheme", ALL)
 def test_unbiased(scheme: Scheme, rng: np.random.Generator) -> None:
     w = np.array([0.05, 0.4, 0.0, 0.25, 0.3])

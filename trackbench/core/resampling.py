@@ -15,8 +15,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.core.streams import Streams
 
-_BITS = 40  # of the fraction in fixed-point weights: 2^23 particles in a block fit 63 bits
-_ONE = float(1 << _BITS)
+_BITS = 40  # of the fraction in fixed-point weights, for fewer than 2^23 offspring in a block
 
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
@@ -48,16 +47,18 @@ def systematic(w: Array, rng: Streams, size: int) -> Index:
     by row.
     """
     runs, N = w.shape
+    bits = min(_BITS, 63 - (runs * size).bit_length())  # the sum over all runs fits 63
+    one = float(1 << bits)
     u = rng.random((runs, 1))
     lost = ~np.isfinite(w[:, -1])
     if lost.any():
         w = np.where(lost[:, None], 1.0 / N, w)
-    edges = np.cumsum((w * (size * _ONE)).astype(np.int64)).reshape(runs, N)
-    start = ((1.0 - u) * _ONE).astype(np.int64)
+    edges = np.cumsum((w * (size * one)).astype(np.int64)).reshape(runs, N)
+    start = ((1.0 - u) * one).astype(np.int64)
     start[1:] -= edges[:-1, -1:]  # what the rows before have summed to, rounding included
-    start += np.arange(0, runs * size, size)[:, None] << _BITS
+    start += np.arange(0, runs * size, size)[:, None] << bits
     edges += start
-    edges >>= _BITS
+    edges >>= bits
     edges[:, -1] = np.arange(size, runs * size + 1, size)
     counts, flat = np.empty(runs * N, dtype=np.intp), edges.ravel()
     counts[0] = flat[0]
