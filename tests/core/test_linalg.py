@@ -55,6 +55,19 @@ def test_cholesky_marks_what_is_not_positive_definite_and_keeps_what_is_known() 
     np.testing.assert_array_equal(L[..., 2], np.diag([0.0, 2.0]))
 
 
+@pytest.mark.parametrize("T", [0.1, 1.0, 2.5, 3.0])
+def test_a_singular_covariance_has_a_root(T: float) -> None:
+    """Of rank one, as the noise of a random acceleration is, alone and beside a regular one."""
+    G = np.array([T**2 / 2.0, T, 1.0])
+    Q = 0.3 * np.outer(G, G)
+    for P in (Q, np.stack([Q, np.eye(3)], axis=-1)):
+        L = linalg.root(P)
+        np.testing.assert_allclose(linalg.matmul(L, linalg.transpose(L)), P, atol=1e-14 * T**4)
+    assert linalg.is_singular(Q)
+    assert not linalg.is_singular(Q + 1e-3 * np.diag(np.diag(Q)))
+    assert np.isnan(linalg.root(np.array([[1.0, 2.0], [2.0, 1.0]]))).any()  # no covariance at all
+
+
 def test_cholesky_keeps_its_digits_at_condition_1e10(rng: np.random.Generator) -> None:
     scale = np.array([1e5, 1.0, 1e5, 1.0])
     C = random_covariance(rng, 4, 20)

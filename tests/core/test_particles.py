@@ -18,6 +18,18 @@ def test_dead_runs_are_uniform_and_marked_and_broken_ones_stay_broken() -> None:
     np.testing.assert_allclose(w[2], [0.0, 1.0], atol=1e-300)
 
 
+def test_a_particle_without_weight_has_exactly_none() -> None:
+    """A cloud of which one particle is left has no spread at all, not one that a clip sets."""
+    log_w = np.array([[0.0, -690.0, -701.0, -1e5] * 20, [0.0, -1e4, -1e4, -1e5] * 20])
+    log_w[1, 4:] = -1e4
+    w, _ = particles.normalise(log_w)
+    assert (w[:, 2:4] == 0.0).all()
+    assert (w[0, :2] > 0.0).all()
+    cloud = Particles(np.arange(160.0).reshape(1, 2, 80), w)
+    assert cloud.moments().cov[0, 0, 0] > 0.0
+    assert cloud.moments().cov[0, 0, 1] == 0.0
+
+
 def test_readings_of_a_likelihood_are_what_float64_would_have_seen() -> None:
     log_lik = np.array([[0.0, -700.0, -744.0, -746.0, -1e5]])
     with np.errstate(under="ignore"):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.streams import RunStreams
+from trackbench.keys import MistakenKeyError
 from trackbench.scenarios.maneuver import Launch, Leg, Maneuver
 from trackbench.scenarios.onsets import Onsets
 
@@ -77,7 +78,7 @@ def test_onsets_by_hand() -> None:
     mode[5:7, 0] = 1.0  # on at 6 and 7 s
     mode[3, 1] = 1.0  # on at 4 s
     mode[2:9, 3] = 1.0  # on from 3 s, in quiet: a false alarm, and no detection of either leg
-    got = Onsets(times, inside, quiet).metrics(mode, None)
+    got = Onsets(times, (3.0, 8.0), inside, quiet).metrics(mode, None)
     np.testing.assert_array_equal(got["delay_s[leg 1]"], [3.0, 1.0, np.nan, np.nan])
     np.testing.assert_array_equal(got["missed[leg 1]"], [0, 0, 1, 0])
     np.testing.assert_array_equal(got["already_on[leg 1]"], [0, 0, 0, 1])
@@ -86,10 +87,24 @@ def test_onsets_by_hand() -> None:
     np.testing.assert_allclose(got["false_alarms_per_1000"], [0, 0, 0, 1000.0 / 3.0])
 
 
+def test_a_delay_counts_from_the_onset_between_two_samples() -> None:
+    leg = Leg(start=409.0, end=800.0, ax=0.1, ay=0.0)
+    scenario = Maneuver(T=10.0, launch=Launch(), legs=(leg,))
+    mode = np.where(scenario.times == 430.0, 1.0, 0.0)[:, None]
+    got = scenario.run_metrics({"squared_position": np.ones_like(mode), "mode": mode})
+    assert got["delay_s[leg 1]"][0] == 21.0
+
+
+def test_the_last_sample_may_come_before_the_end() -> None:
+    Maneuver(duration=20.5, score_from=20.0, legs=())
+    with pytest.raises(MistakenKeyError, match=r"no sample after 20\.2 s"):
+        Maneuver(duration=20.5, score_from=20.2, legs=())
+
+
 def test_alarms_are_counted_where_the_filter_reports_them() -> None:
     times = np.arange(1.0, 6.0)
     alarm = np.array([[np.nan], [1.0], [0.0], [1.0], [0.0]])
-    got = Onsets(times, np.zeros((0, 5), dtype=bool), np.ones(5, dtype=bool)).metrics(
+    got = Onsets(times, (), np.zeros((0, 5), dtype=bool), np.ones(5, dtype=bool)).metrics(
         np.zeros((5, 1)), alarm
     )
     assert got["false_alarms_per_1000"][0] == pytest.approx(400.0)

@@ -70,7 +70,7 @@ class Gaussian:
         """``mean + L e`` with e standard normal."""
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
-        root = self._root
+        root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
         return linalg.matvec(root, noise) + with_trailing(self.mean, len(shape) - 1)

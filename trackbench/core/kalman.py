@@ -52,20 +52,23 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
     ``K = P H' S^-1``; the covariance in Joseph's form ``(I - K H) P (I - K H)' + K R K'``, which
     stays symmetric positive definite for any gain.
     """
-    P = predicted.cov
-    S, K = _gain(P, H, R)
-    innovation = Innovation(nu, S)
+    S, K = gain(predicted.cov, H, R)
+    return corrected(predicted, nu, K, H, R), Innovation(nu, S)
+
+
+def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
+    """``m + K nu`` with the covariance of any gain K (n, n_z[, *batch]); no gain where nu is missing."""
     unknown = np.isnan(nu)
     if unknown.any():
         missing = unknown.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
     mean = predicted.mean + linalg.matvec(K, nu)
-    return Gaussian(mean, _joseph(P, K, H, R)), innovation
+    return Gaussian(mean, _joseph(predicted.cov, K, H, R))
 
 
 @once
-def _gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
+def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """``S = H P H' + R`` and ``K = P H' S^-1``."""
     HP = linalg.matmul(H, P)
     S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))

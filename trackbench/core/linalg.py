@@ -11,6 +11,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.once import once
 
+_SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
+
 
 def matvec(A: Array, x: Array) -> Array:
     """``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
@@ -91,20 +93,45 @@ def cholesky(P: Array) -> Array:
         try:
             return np.asarray(np.linalg.cholesky(P))
         except np.linalg.LinAlgError:
-            pass  # semidefinite, or worse: let the loop below tell
+            pass  # semidefinite, or worse: let the loop tell
+    return _factor(P, 0.0)
+
+
+@once
+def root(P: Array) -> Array:
+    """Lower L with ``L L' = P`` of a covariance that may be singular, as ``q G G'`` is.
+
+    For drawing and for sigma points: a direction without spread gets none. What has to be inverted
+    needs `cholesky`.
+    """
+    L = cholesky(P)
+    return L if np.isfinite(L).all() else _factor(P, _SINGULAR)
+
+
+def _factor(P: Array, tolerance: float) -> Array:
+    """Cholesky's factor; a pivot within that share of its variance, or without one, has no column."""
+    n = P.shape[0]
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
             column = [_less(P[i, j], [L[i, m] * L[j, m] for m in range(j)]) for i in range(j, n)]
-            positive = column[0] > 0.0
-            L[j, j] = np.sqrt(column[0])
+            pivot = column[0]
+            least = tolerance * P[j, j] if tolerance else 0.0
+            positive = pivot > least
+            L[j, j] = np.sqrt(pivot)
             for i in range(j + 1, n):
                 L[i, j] = column[i - j] / L[j, j]
             if not positive.all():
-                known = P[j, j] == 0.0
-                L[j + 1 :, j][:, known] = 0.0
+                known = (P[j, j] == 0.0) | (np.abs(pivot) < least)
+                L[j:, j][:, known] = 0.0
                 L[j:, j][:, ~(positive | known)] = np.nan
     return L
+
+
+def is_singular(P: Array) -> bool:
+    """Whether a covariance (n, n) leaves a direction without spread."""
+    std = np.sqrt(np.diagonal(P))
+    return bool((std == 0.0).any() or np.linalg.matrix_rank(P / np.outer(std, std)) < len(P))
 
 
 def solve_lower(L: Array, b: Array) -> Array:

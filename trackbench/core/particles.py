@@ -16,6 +16,7 @@ WeightReading = Literal["log", "naive", "floor"]
 _LOG_SMALLEST = float(np.log(5e-324))  # below it exp() is zero in float64
 _LOG_FLOOR = float(np.log(1e-99))
 CLIP = -700.0  # exp() of less underflows, at six times the cost
+_CLIPPED = float(np.exp(CLIP))
 _SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
@@ -81,10 +82,11 @@ def normalise(log_w: Array) -> Weights:
     top = _row_maxima(log_w)
     dead = top == -np.inf
     if dead.any():
-        top = np.where(dead, 0.0, top)
+        log_w, top = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
     shifted = log_w - top[:, None]
     np.maximum(shifted, CLIP, out=shifted)
     w = np.exp(shifted, out=shifted)
+    w -= _CLIPPED  # zero where the exponent was clipped; lost in rounding everywhere else
     w *= 1.0 / np.einsum("mn->m", w)[:, None]
     return Weights(w, dead)
 

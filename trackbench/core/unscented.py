@@ -28,7 +28,7 @@ class Unscented:
         n = mean.shape[0]
         spread = self.alpha**2 * (n + self.kappa)  # n + lambda
         centre = 1.0 - n / spread  # lambda / (n + lambda)
-        columns = np.sqrt(spread) * linalg.transpose(linalg.cholesky(cov))
+        columns = np.sqrt(spread) * linalg.transpose(linalg.root(cov))
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         x[:, 0] = mean
         for i in range(n):

@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.derived import Consistency, observed
-from trackbench.evaluation.metrics import StepSums, per_run_metrics, series, step_sums
+from trackbench.evaluation.metrics import FOUND, StepSums, per_run_metrics, series, step_sums
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
 
@@ -127,6 +127,7 @@ def _trimmed(
 ) -> BlockResult:
     values = {name: rows[:, :used] for name, rows in values.items()}
     per_run = {name: numbers[:used] for name, numbers in per_run.items()}
+    kept = [name for name in task.keep_steps if name in values]
     tracks, shown = None, task.shown_of(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]
@@ -135,7 +136,7 @@ def _trimmed(
     return BlockResult(
         per_run=per_run,
         steps={name: step_sums(rows, per_run["lost"]) for name, rows in values.items()},
-        kept={name: values[name] for name in task.keep_steps if name in values},
+        kept={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
         tracks=tracks,
         cpu_s=result.cpu_s,
         width=task.width,
@@ -188,6 +189,9 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
             cov.append(every[..., :covariances])
     kept = np.stack(cov, axis=2) if cov else None
     errors = consistency.series()
+    if not data.prior.cov.any():
+        for rows in errors.values():
+            rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
     nees = errors.pop("nees")
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}

@@ -67,8 +67,14 @@ def median(x: Array) -> Estimate:
         return Estimate(_mean(x), np.nan)
     deviations = min(1.96, np.sqrt(M))  # ranks cannot leave the sample
     share = 0.5 * deviations / np.sqrt(M)
-    low, middle, high = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
-    return Estimate(float(middle), float(high - low) / (2.0 * deviations))
+    low, middle, high = _quantiles(x, [0.5 - share, 0.5, 0.5 + share])
+    return Estimate(middle, (high - low) / (2.0 * deviations))
+
+
+def _quantiles(x: Array, shares: list[float]) -> list[float]:
+    """Quantiles of numbers some of which may be infinite: between two infinities lies infinity."""
+    found = np.quantile(x, shares)
+    return [float(q) for q in (np.where(np.isnan(found), x.max(), found))]
 
 
 STATISTICS: dict[str, Callable[[Array], Estimate]] = {

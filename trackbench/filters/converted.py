@@ -12,7 +12,7 @@ from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.filters.kalman import Tracked
 from trackbench.models.base import Model
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
 
@@ -29,6 +29,10 @@ class CMKF:
     start: Conversion | None = None
     """conversion of the two scans that the filter starts from; default: its own"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Starts from two scans."""
+        return two_scan_conflicts(scenario)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
         """Two-point differencing of converted measurements."""
@@ -84,6 +88,10 @@ class Converted:
     conversion: Conversion = "ucm"
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Starts from two scans."""
+        return two_scan_conflicts(scenario)
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> LastTwo:
         """The first two scans."""

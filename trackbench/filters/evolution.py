@@ -5,7 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -33,7 +33,7 @@ class EvolvedCloud(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class _Evolutionary(UnscentedProposal):
     N: Annotated[int, Ge(4)] = 10
-    """number of particles; mutation needs four different ones"""
+    """number of particles, more than the three that make a mutant"""
     F: Annotated[float, Interval(gt=0, le=2)] = 0.9
     """scaling factor of the mutation (eq. 10)"""
     CR: Share = 0.6
@@ -52,6 +52,12 @@ class _Evolutionary(UnscentedProposal):
     """weights of the evolved particles"""
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Keys that would do nothing."""
+        if self.resampling != "systematic":
+            return {"resampling": "the evolution stands in place of resampling"}
+        return super().conflicts(scenario)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:
         """N draws from the prior."""

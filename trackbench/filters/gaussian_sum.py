@@ -14,7 +14,7 @@ from trackbench.core.particles import Particles
 from trackbench.keys import Count, NonNegative, Positive
 from trackbench.models.gaussian import Assumed, extended_step
 from trackbench.models.radar import RangeAzimuth
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
 
@@ -59,6 +59,10 @@ class GaussianSum:
     def N(self) -> int:
         """Components at the start: what a block's width follows from."""
         return self.split**2
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Starts from two scans."""
+        return two_scan_conflicts(scenario)
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
         """A component per pair of azimuths, two-point differenced as if they were known that well."""

@@ -13,7 +13,7 @@ from trackbench.core.unscented import Unscented
 from trackbench.keys import Finite, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.gaussian import Assumed, extended_step, unscented_step
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
 
@@ -40,10 +40,12 @@ class GaussianFilter:
     """conversion of the two scans that a radar's filter starts from; default: the prior's moments"""
 
     def conflicts(self, scenario: Any) -> dict[str, str]:
-        """A start from converted scans needs a radar."""
-        if self.start is None or hasattr(scenario.model.sensor, "reading"):
+        """A start from converted scans needs a radar, and two of its scans."""
+        if self.start is None:
             return {}
-        return {"start": f"scenario {scenario.kind} has no range and azimuth to convert"}
+        if not hasattr(scenario.model.sensor, "reading"):
+            return {"start": f"scenario {scenario.kind} has no range and azimuth to convert"}
+        return two_scan_conflicts(scenario, "start")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
         """The prior's moments, or the two-point start."""

@@ -14,7 +14,7 @@ from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.streams import SomeRuns
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative, OpenShare
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
 
@@ -36,6 +36,12 @@ class LineOfSight(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Starts from two scans, and weighs in the log domain only."""
+        if self.weights != "log":
+            return {"weights": "los-rbpf weighs in the log domain only"}
+        return two_scan_conflicts(scenario)
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn; the triangle of the two measured ranges gives the rest."""
@@ -62,11 +68,12 @@ class LineOfSight(ParticleFilter):
         r, across, along = _seen_from(np.where(missing, 0.0, z[1]), x)
         K, S, P = _corrected(P, sensor.sigma_range**2, missing)
         nu = z[0][:, None] - r
-        log_l = np.square(nu) * (0.5 / S)[:, None]
-        log_l += np.square(np.arctan2(across, along)) * (0.5 / sensor.sigma_azimuth**2)
+        half_distance = np.square(nu) * (0.5 / S)[:, None]
+        half_distance += np.square(np.arctan2(across, along)) * (0.5 / sensor.sigma_azimuth**2)
         if missing.any():
-            nu[missing], log_l[missing] = 0.0, 0.0
-        w, dead = particles.normalise(np.log(state.particles.w) - log_l)
+            nu[missing], half_distance[missing] = 0.0, 0.0
+        with np.errstate(divide="ignore"):
+            w, dead = particles.normalise(np.log(state.particles.w) - half_distance)
         nu /= r
         weighted = Particles(_stretched(x, K, nu), w)
         cloud = self._renewed(weighted, k, rng, self._size(age))

@@ -91,11 +91,11 @@ class KF:
 
 
 class Smoothed(NamedTuple):
-    """N(mean, cov), the last NIS (M,), and the number n of measurements so far."""
+    """N(mean, cov), the last NIS (M,), and the number n of measurements so far, in each run or all."""
 
     posterior: Gaussian
     nis: Array
-    n: int
+    n: Array
 
 
 @register("filters", "alpha-beta")
@@ -133,17 +133,21 @@ class AlphaBeta:
         alpha = 1.0 - r**2
         return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
 
-    def gain(self, n: int, T: float, sigma: float) -> Array:
-        """K (4, 2) at the n-th measurement."""
+    def gain(self, n: Array, T: float, sigma: float) -> Array:
+        """K (4, 2[, M]) at the n-th measurement, n () or (M,)."""
         alpha, beta = self.gains(T, sigma)
+        K = np.zeros((4, 2, *n.shape))
+        K[0, 0], K[1, 0] = alpha, beta / T
         if self.growing:
-            alpha = max(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
-            beta = max(beta, 6.0 / (n * (n + 1)))
-        return np.asarray(np.kron(np.eye(2), np.array([[alpha], [beta / T]])), dtype=float)
+            K[0, 0] = np.maximum(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
+            K[1, 0] = np.maximum(beta, 6.0 / (n * (n + 1))) / T
+        K[2:, 1] = K[:2, 0]
+        return K
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
         """The prior, which stands for two measurements."""
-        return Smoothed(Gaussian(prior.mean, prior.cov), np.full(prior.mean.shape[1], np.nan), n=2)
+        unknown = np.full(prior.mean.shape[1], np.nan)
+        return Smoothed(Gaussian(prior.mean, prior.cov), unknown, np.array(2))
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""
@@ -152,13 +156,11 @@ class AlphaBeta:
         motion, H = ConstantVelocity(q=self.q).sampled(own.T), sensor.H()
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)
-        n = state.n + 1
-        K = self.gain(n, own.T, sensor.sigma)
-        mean = predicted.mean + linalg.matvec(K, np.where(np.isnan(nu), 0.0, nu))
-        IKH = linalg.identity_minus(K @ H)
-        cov = linalg.sandwich(IKH, predicted.cov) + linalg.sandwich(K, sensor.R)
-        S = linalg.sandwich(H, predicted.cov) + sensor.R
-        return Smoothed(Gaussian(mean, cov), Innovation(nu, S).nis, n)
+        missing = np.isnan(nu).any(axis=0)
+        n = np.asarray(state.n + (~missing if missing.any() else 1))
+        posterior = kalman.corrected(predicted, nu, self.gain(n, own.T, sensor.sigma), H, sensor.R)
+        S, _ = kalman.gain(predicted.cov, H, sensor.R)
+        return Smoothed(posterior, Innovation(nu, S).nis, n)
 
     def estimate(self, state: Smoothed) -> Gaussian:
         """The track and its covariance."""

@@ -13,7 +13,7 @@ from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
 
@@ -35,11 +35,11 @@ class MPF(ParticleFilter):
     needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
 
     def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Without process noise nothing but its particle moves a position."""
+        """Without process noise nothing but its particle moves a position; starts from two scans."""
         Q = getattr(scenario.model.motion, "Q", None)
         if Q is not None and Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
-        return {}
+        return two_scan_conflicts(scenario)
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn; their difference over T is the velocity's mean."""

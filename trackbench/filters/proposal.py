@@ -6,15 +6,15 @@ De Freitas et al. 2000; van der Merwe et al. 2000, section 4. Weight: lik * prio
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import particles
+from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gamma, Gaussian
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.unscented import Unscented
@@ -68,6 +68,17 @@ class KalmanProposal:
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Weights need the density of the process noise."""
+        motion = scenario.model.motion
+        if hasattr(motion, "Q") and linalg.is_singular(motion.Q):
+            return {"": "weighs by the density of the process noise, and this motion's is singular"}
+        if self.transition_density == "increment" and not isinstance(
+            getattr(motion, "noise", None), Gamma
+        ):
+            return {"transition_density": "increment is defined for a gamma process noise"}
+        return {}
+
     def drawn(self, prior: Distribution, rng: Generator) -> ProposedCloud:
         """N draws from the prior, each with its own covariance."""
         x = prior.sample(rng, self.N)
@@ -102,9 +113,9 @@ class KalmanProposal:
         if self.transition_density == "model":
             return lik + moved.log_prob(x)
         # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
-        v = np.abs(x[0] - origin[0])
+        noise, v = cast(Any, model.motion).noise, x[0] - origin[0]
         with np.errstate(divide="ignore"):
-            return lik + 2.0 * np.log(v) - 2.0 * (x[0] - origin[0])
+            return lik + (noise.shape - 1.0) * np.log(np.abs(v)) - noise.rate * v
 
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         raise NotImplementedError

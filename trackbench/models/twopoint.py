@@ -1,14 +1,23 @@
 """The first state that two scans of a range-azimuth sensor give, in every form that a filter may ask."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, convert, position
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
-from trackbench.core.streams import Streams
+from trackbench.core.streams import RunStreams, Streams
 from trackbench.models.radar import RangeAzimuth
+
+
+def two_scan_conflicts(scenario: Any, key: str = "") -> dict[str, str]:
+    """What a filter that starts from two scans, because of a key, says of one that has none."""
+    prior = scenario.simulate(RunStreams(0, range(1)), 1).prior
+    if isinstance(prior, TwoPoint):
+        return {}
+    return {key: f"starts from two scans; scenario {scenario.kind} starts from a Gaussian"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ class Maneuver:
             )
         if self.duration < 3 * self.T:
             raise MistakenKeyError(f"{self.duration:g} s hold fewer than three samples", "duration")
-        if self.score_from >= self.duration:
+        if self.score_from > self.times[-1]:
             raise MistakenKeyError(f"no sample after {self.score_from:g} s", "score_from")
 
     @property
@@ -190,7 +190,8 @@ class Maneuver:
         scored = self.times >= self.score_from
         out = {"peak_position": np.sqrt(values["squared_position"][scored].max(axis=0))}
         if "mode" in values:
-            onsets = Onsets(self.times, self._inside, scored & self._quiet)
+            starts = tuple(leg.start for leg in self.turns)
+            onsets = Onsets(self.times, starts, self._inside, scored & self._quiet)
             out |= onsets.metrics(values["mode"], values.get("alarm"))
         return out
 

@@ -9,9 +9,10 @@ from trackbench.core.arrays import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class Onsets:
-    """Sampling times (K,), which of them each leg covers (legs, K), and which are quiet (K,)."""
+    """Sampling times (K,), starts (legs,), times that each leg covers (legs, K), quiet ones (K,)."""
 
     times: Array
+    starts: tuple[float, ...]
     inside: Mask
     quiet: Mask
 
@@ -25,22 +26,19 @@ class Onsets:
         """
         on = mode > 0.5  # the prior's row is NaN: off
         out: dict[str, Array] = {}
-        for n, during in enumerate(self.inside, 1):
+        for n, (start, during) in enumerate(zip(self.starts, self.inside, strict=True), 1):
             if not during.any():
                 continue  # shorter than the sampling time
             first = int(np.argmax(during))
             before = on[first - 1] if first else np.zeros(on.shape[1], dtype=np.bool_)
             found = on[during].any(axis=0)
             # The sample at the onset itself carries none of the turn; `during` starts after it.
-            delay = self.times[during][np.argmax(on[during], axis=0)] - self._onset(first)
+            delay = self.times[during][np.argmax(on[during], axis=0)] - start
             out[f"delay_s[leg {n}]"] = np.where(found & ~before, delay, np.nan)
             out[f"missed[leg {n}]"] = (~found).astype(float)
             out[f"already_on[leg {n}]"] = before.astype(float)
         out["false_alarms_per_1000"] = self._false_alarms(on, alarm)
         return out
-
-    def _onset(self, first: int) -> float:
-        return float(self.times[first - 1]) if first else 0.0
 
     def _false_alarms(self, on: Mask, alarm: Array | None) -> Array:
         was_off = np.vstack([np.ones_like(on[:1]), ~on[:-1]])

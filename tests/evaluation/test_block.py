@@ -1,0 +1,69 @@
+"""What a block makes of a state that is known, of runs that are lost, and of clouds that collapsed."""
+
+import numpy as np
+import pytest
+
+from tests.conftest import make_filter
+from trackbench.core.streams import RunStreams
+from trackbench.evaluation.block import BlockTask, run_block
+from trackbench.evaluation.metrics import FOUND
+from trackbench.evaluation.statistics import median
+from trackbench.scenarios.maneuver import Maneuver
+from trackbench.scenarios.merwe import Merwe
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys"), [("grid", {}), ("ukf", {}), ("pf", {"N": 1000}), ("pf", {"N": 1024})]
+)
+def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]) -> None:
+    """Its error and its covariance are zero: nothing to judge, whatever rounding makes of 0 / 0."""
+    scenario = Merwe(R=1.0, T=20)
+    found = run_block(BlockTask(scenario, make_filter(kind, **keys), 0, 0, 40, 40))
+    assert np.isfinite(found.per_run["nees"]).all()
+    assert found.steps["nees"].number[0] == 0
+    assert found.steps["outside"].number[0] == 0
+    assert (found.steps["nees"].number[1:] == 40).all()
+    assert found.steps["squared"].number[0] == 40  # the error is scored
+
+
+def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
+    scenario = Maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
+    task = BlockTask(scenario, make_filter("kf"), 1, 0, 60, 60, keep_steps=("squared_position",))
+    found = run_block(task)
+    lost = found.per_run["lost"] != FOUND
+    assert 0 < lost.sum() < 60
+    rows = found.kept["squared_position"]
+    assert np.isnan(rows[:, lost]).all()
+    assert np.isfinite(rows[:, ~lost]).all()
+
+
+def test_the_median_of_mostly_infinite_values_is_infinite() -> None:
+    assert median(np.array([1.0, 2.0, np.inf, np.inf, np.inf])).value == np.inf
+    assert median(np.array([1.0, 2.0, 3.0, 4.0, np.inf])).value == 3.0
+
+
+@pytest.mark.parametrize("kind", ["kf", "alpha-beta"])
+def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
+    """Fifty samples missing: error and reported deviation grow together; half a sample is none."""
+    scenario = Maneuver(duration=300.0, legs=())
+    data = scenario.simulate(RunStreams(1, range(500)), 500)
+    z = data.measurements.copy()
+    z[:, 100:150] = np.nan
+    tracker = make_filter(kind, **({"q": 0.01} if kind == "alpha-beta" else {}))
+    rng = np.random.default_rng(0)
+    state = tracker.init(scenario.model, data.prior, rng)
+    for i in range(150):
+        state = tracker.step(scenario.model, state, z[:, i], i + 2, rng)
+    found = tracker.estimate(state)
+    rms = np.sqrt(np.square(found.mean[0] - data.truth[0, 150]).mean())
+    variance = found.cov[0, 0] if found.cov.ndim == 2 else found.cov[0, 0, 0]
+    assert np.sqrt(variance) > 0.9 * rms
+    z[:, 100] = data.measurements[:, 100]
+    z[1, 100] = np.nan
+    again = tracker.init(scenario.model, data.prior, rng)
+    for i in range(101):
+        again = tracker.step(scenario.model, again, z[:, i], i + 2, rng)
+        if i == 99:
+            before = tracker.estimate(again)
+    x, v = before.mean[:2]
+    np.testing.assert_allclose(tracker.estimate(again).mean[0], x + v, rtol=1e-12)
