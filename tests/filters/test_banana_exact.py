@@ -17,7 +17,7 @@ RUNS = 60
 RIVALS: list[tuple[str, dict[str, Any]]] = [
     ("rpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
     ("mpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
-    ("los-rbpf", {"N": 4000}),
+    ("los-rbpf", {"N": 2000, "boost": 20, "boost_scans": 3}),
     ("gaussian-sum", {}),
     ("mcaekf", {}),
     ("iekf", {}),
@@ -114,12 +114,27 @@ def test_none_beats_the_posterior_mean(kind: str, keys: dict[str, Any], speed: f
 def test_the_two_best_are_near_the_posterior_mean(
     kind: str, keys: dict[str, Any], speed: float
 ) -> None:
-    """Position RMSE within 5 % of the least there is, by three paired standard errors."""
+    """Position RMSE within 5 % of the least there is, by three paired standard errors; LOS-RBPF 2 %."""
     _, data, exact = solved(speed)
     mean = estimated(speed, kind, tuple(keys.items())).mean
     found, least = (squared_position_error(m, data) for m in (mean, exact.mean))
-    excess = found - 1.05**2 * least
+    excess = found - (1.02 if kind == "los-rbpf" else 1.05) ** 2 * least
     assert excess.mean() < 3.0 * excess.std() / np.sqrt(RUNS)
+
+
+@pytest.mark.parametrize("speed", [1000.0, 5000.0])
+def test_los_rbpf_keeps_what_the_ranges_tell_of_the_speed(speed: float) -> None:
+    """Velocity RMSE within 10 % of the least there is at every scan, by three paired standard errors.
+
+    While the sign of the cross speed is open the cloud has two modes, and a kernel as wide as both made
+    it three times the least.
+    """
+    _, data, exact = solved(speed)
+    kind, keys = RIVALS[2]
+    mean = estimated(speed, kind, tuple(keys.items())).mean
+    found, least = (np.square((m - data.truth)[1::2]).sum(axis=0) for m in (mean, exact.mean))
+    excess = found - 1.1**2 * least
+    assert (excess.mean(axis=1) < 3.0 * excess.std(axis=1) / np.sqrt(RUNS)).all()
 
 
 def median_rank(runs: int) -> int:

@@ -4,20 +4,29 @@ Musso, Oudjane & Le Gland (2001), section 12.2: whiten by the cloud's covariance
 from the kernel, with the bandwidth that is optimal for a Gaussian target.
 """
 
+from collections.abc import Sequence
 from math import gamma, pi, sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.streams import Streams
 
 Kernel = Literal["epanechnikov", "gaussian"]
 
 
-def bandwidth(n: int, N: int, kernel: Kernel) -> float:
-    """Optimal bandwidth for N particles in n dimensions.
+class Mode(NamedTuple):
+    """A mode of a cloud: its particles (M, N), share of the weight (M,), covariance (n, n, M)."""
+
+    there: Mask
+    share: Array
+    cov: Array
+
+
+def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
+    """Optimal bandwidth for N particles, () or (M,), in n dimensions.
 
     Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
     unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
@@ -27,7 +36,7 @@ def bandwidth(n: int, N: int, kernel: Kernel) -> float:
     else:
         ball = pi ** (n / 2) / gamma(n / 2 + 1)
         factor = 8.0 * (n + 4.0) * (2.0 * sqrt(pi)) ** n / ball
-    return float((factor / N) ** (1.0 / (n + 4)))
+    return np.asarray((factor / N) ** (1.0 / (n + 4)))
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
@@ -52,9 +61,26 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
     A cloud without spread in some direction (its covariance is singular) is left as it is.
     """
     n, _, N = x.shape
-    A = linalg.cholesky(cov)
-    A = np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
     e = kernel_draws(kernel, x.shape, rng)
-    moved = linalg.transform(scale * bandwidth(n, N, kernel) * A, e)
+    moved = linalg.transform(scale * bandwidth(n, N, kernel) * _spread(cov), e)
     moved += x
     return moved
+
+
+def jitter_each(
+    x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
+) -> Array:
+    """`jitter` of a cloud x (n, M, N) of several modes, each by its own particles' number and spread."""
+    n, _, N = x.shape
+    e = kernel_draws(kernel, x.shape, rng)
+    moved = x.copy()
+    for mode in modes:
+        h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+        moved += np.where(mode.there, linalg.transform(h * _spread(mode.cov), e), 0.0)
+    return moved
+
+
+def _spread(cov: Array) -> Array:
+    """Cholesky's factor (n, n, M), zero where there is none."""
+    A = linalg.cholesky(cov)
+    return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
