@@ -18,9 +18,9 @@ Kernel = Literal["epanechnikov", "gaussian"]
 
 
 class Mode(NamedTuple):
-    """A mode of a cloud: its particles (M, N), share of the weight (M,), covariance (n, n, M)."""
+    """A mode of a cloud: its particles (M, N) if not all, share of the weight (M,), cov (n, n, M)."""
 
-    there: Mask
+    there: Mask | None
     share: Array
     cov: Array
 
@@ -60,23 +60,25 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 
     A cloud without spread in some direction (its covariance is singular) is left as it is.
     """
-    n, _, N = x.shape
-    e = kernel_draws(kernel, x.shape, rng)
-    moved = linalg.transform(scale * bandwidth(n, N, kernel) * _spread(cov), e)
-    moved += x
-    return moved
+    return jitter_each(x, [Mode(None, np.ones(x.shape[1]), cov)], kernel, rng, scale)
 
 
 def jitter_each(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
-    """`jitter` of a cloud x (n, M, N) of several modes, each by its own particles' number and spread."""
+    """`jitter` of a cloud of one or several modes, each by its own particles' number and spread."""
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
-    moved = x.copy()
+    moved: Array | None = None
     for mode in modes:
         h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
-        moved += np.where(mode.there, linalg.transform(h * _spread(mode.cov), e), 0.0)
+        move = linalg.transform(h * _spread(mode.cov), e)
+        if moved is None or mode.there is None:
+            moved = move
+        else:
+            moved = np.where(mode.there, move, moved)
+    assert moved is not None
+    moved += x
     return moved
 
 

@@ -113,8 +113,10 @@ def _modes(frame: Particles, x: Array) -> list[Mode]:
     modes, and a kernel as wide as both would undo what the ranges have told. A cloud that is not
     clearly two is one, half of which stands on either side.
     """
-    sides = [frame.x[1] > 0.0, ~(frame.x[1] > 0.0)]
-    weights = [np.where(side, frame.w, 0.0) for side in sides]
+    one_way = frame.x[1] > 0.0
+    if (one_way == one_way[:, :1]).all():
+        return [Mode(None, np.ones(len(one_way)), frame.moments().cov)]
+    weights = [np.where(side, frame.w, 0.0) for side in (one_way, ~one_way)]
     shares = [w.sum(axis=1) for w in weights]
     parts = [
         Particles(frame.x, w / np.maximum(share, 1e-300)[:, None]).moments()
