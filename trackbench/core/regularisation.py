@@ -69,16 +69,11 @@ def jitter_each(
     """`jitter` of a cloud of one or several modes, each by its own particles' number and spread."""
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
-    moved: Array | None = None
+    moved = x.copy()
     for mode in modes:
         h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
         move = linalg.transform(h * _spread(mode.cov), e)
-        if moved is None or mode.there is None:
-            moved = move
-        else:
-            moved = np.where(mode.there, move, moved)
-    assert moved is not None
-    moved += x
+        moved += move if mode.there is None else np.where(mode.there, move, 0.0)
     return moved
 
 
