@@ -63,3 +63,11 @@ def test_padding_fills_with_the_longer_state_or_with_zeros(unbiased: bool) -> No
     np.testing.assert_array_equal(got.mean[:, 0], [1.0, 1.0, 5.0 if unbiased else 0.0])
     np.testing.assert_array_equal(np.diag(got.cov[:, :, 0]), [1.0, 1.0, 2.0 if unbiased else 0.0])
     np.testing.assert_array_equal(padded(long, short, unbiased).mean[:, 0], [5.0, 5.0])
+
+
+def test_weights_stay_as_predicted_where_no_model_explains_the_data() -> None:
+    predicted = np.array([[0.2, 0.5], [0.8, 0.5]])
+    log_likelihood = np.array([[-np.inf, 0.0], [-np.inf, -np.inf]])
+    found = updated_weights(predicted, log_likelihood)
+    np.testing.assert_array_equal(found[:, 0], predicted[:, 0])
+    np.testing.assert_allclose(found[:, 1], [1.0, 0.0], atol=1e-300)

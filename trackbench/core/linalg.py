@@ -181,11 +181,6 @@ def mahalanobis(e: Array, P: Array) -> Array:
     return np.asarray((white * white).sum(axis=0))
 
 
-def log_determinant(P: Array) -> Array:
-    """``log det P`` of a symmetric positive definite P."""
-    return np.asarray(2.0 * np.log(diagonal(cholesky(P))).sum(axis=0))
-
-
 def _constant_product(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A.tolist()):

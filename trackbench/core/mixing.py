@@ -7,6 +7,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.core.particles import CLIP
 
 
 def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
@@ -21,12 +22,12 @@ def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
 
 
 def updated_weights(predicted: Array, log_likelihood: Array) -> Array:
-    """Weights (r, M) after the models' log-likelihoods (r, M); the prediction where none is known."""
+    """Weights (r, M) after the models' log-likelihoods (r, M); the prediction where all are -inf."""
     with np.errstate(divide="ignore", invalid="ignore"):
         log_w = np.log(predicted) + log_likelihood
-        log_w = log_w - log_w.max(axis=0)
-        w = np.exp(np.maximum(log_w, -700.0))
-    return np.asarray(w / w.sum(axis=0))
+        top = log_w.max(axis=0)
+        w = np.exp(np.maximum(log_w - top, CLIP))
+        return np.where(top == -np.inf, predicted, w / w.sum(axis=0))
 
 
 def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:

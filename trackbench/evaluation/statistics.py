@@ -132,14 +132,6 @@ def influence(name: str, x: Array) -> Array:
     raise ValueError(f"no influence of {name!r}")
 
 
-@_quietly
-def contrast(name: str, a: Array, b: Array, factor: float = 1.0) -> Estimate:
-    """``statistic(a) - factor * statistic(b)`` of two filters on common runs, paired."""
-    value = STATISTICS[name](a).value - factor * STATISTICS[name](b).value
-    influences = influence(name, a) - factor * influence(name, b)
-    return Estimate(value, _sd(influences) / np.sqrt(max(len(a), 1)))
-
-
 def paired_difference(a: Array, b: Array) -> Estimate:
     """Mean of ``a - b`` over common runs; what is rounding in a and b is no difference."""
     return mean(np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b))

@@ -25,7 +25,7 @@ class VDF:
 
     A fading sum of the NIS raises the alarm; the maneuver is taken to have begun one window before, and
     the data are refiltered from there. It ends when the acceleration is insignificant. There is no
-    onset estimate, no least window and no second decision.
+    onset estimate, no least window and no second decision. No alarm is raised before step 20.
     """
 
     nmf: ConstantVelocity
@@ -102,6 +102,7 @@ class InputEstimation:
 
     Chan, Hu & Plant 1979; Bogler 1987. A significant input of any onset in the window is added with its
     uncertainty, ``x + M u`` and ``P + M L M'``, and the window begins anew; the model stays the same.
+    No alarm is raised before step 20.
     """
 
     motion: ConstantVelocity
@@ -145,7 +146,7 @@ class InputEstimation:
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start
         if alarm.any():
-            # Where there is no alarm the slot may hold no information: any finite input will do.
+            # Where there is no alarm the slot may hold no information, and what is found is not used.
             found = inputs.chosen(slot, runs)
             quiet = choose(alarm, found.corrected(quiet), quiet)
             inputs = inputs.restarted(alarm, k)
