@@ -59,6 +59,15 @@ def test_a_grid_over_nothing(tmp_path: Path, axis: str, what: str) -> None:
     assert mistakes(tmp_path, grid=[axis]) == [f"--grid {axis}: {what}"]
 
 
+def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
+    text = CONFIG + "grid: {filters.PF.N: [20, 5, 20]}\n"
+    (found,) = mistakes(tmp_path, text)
+    path = tmp_path / "a.yaml"
+    assert found == f"{path}:6:30: grid.filters.PF.N.2: 20 is given twice"
+    (found,) = mistakes(tmp_path, grid=["filters.PF.resampling=residual,residual"])
+    assert found.endswith("grid.filters.PF.resampling.1: 'residual' is given twice")
+
+
 def test_a_label_that_cannot_be_seen(tmp_path: Path) -> None:
     found = mistakes(tmp_path, only=[""])
     assert found == ["--only : only.0: '' is not one line of visible characters"]

@@ -1,6 +1,7 @@
 """The points of a grid: every combination of its values."""
 
 import itertools
+from collections.abc import Iterator
 from math import prod
 from typing import Any
 
@@ -46,9 +47,18 @@ def _is_possible(source: Source, settings: Settings, problems: list[Problem]) ->
                 return False
         if not values:
             problems.append(Problem(source.mark(where), dotted(where), "has no values"))
+        problems += _repeated(source, path, values)
     number = prod(len(values) for values in grid.values())
     if number > _MOST_POINTS:
         what = f"{number} points; a grid has at most {_MOST_POINTS}"
         problems.append(Problem(source.mark(("grid",)), "grid", what))
         return False
     return True
+
+
+def _repeated(source: Source, path: str, values: list[Any]) -> Iterator[Problem]:
+    """Two points of the same values would be one point with every run twice."""
+    for i, value in enumerate(values):
+        if value in values[:i]:
+            where = ("grid", path, i)
+            yield Problem(source.mark(where), dotted(where), f"{value!r} is given twice")
