@@ -11,11 +11,11 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation.statistics import relative_gain
-from trackbench.experiment.published import PublishedNumber
+from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
-from trackbench.report.verdicts import compare, verdict
+from trackbench.report.verdicts import compare, judge, verdict
 
 
 def number(value, digits=4, runs=100):
@@ -107,6 +107,22 @@ def test_the_weakest_comparison_decides_a_claim(made):
     assert judged.z == pytest.approx(min(zs))
     assert "PF (N=50)" in judged.note
     assert expressions.difference(("PF", "mean(rmse)"), ("PF", "mean(rmse)")).value == 0.0
+
+
+@pytest.mark.parametrize(("off", "word"), [(-20, "fails"), (0, "holds"), (20, "fails")])
+def test_equal_to_a_number_within_a_tolerance(made, off, word):
+    results = Results(made)
+    measured = Expressions(results, {}).term("No data", "mean(rmse)")
+    claim = Claim(
+        paper="p",
+        claim="c",
+        left="No data",
+        expression="mean(rmse)",
+        relation="~",
+        factor=measured.value + off * measured.stderr,
+        tolerance=5 * measured.stderr / measured.value,
+    )
+    assert judge(results, claim).verdict == word
 
 
 def test_order_of_the_filters_is_compared(made):

@@ -171,22 +171,23 @@ def _score(expressions: Expressions, claim: Claim, right: str) -> _Score:
     left = (claim.left, claim.expression)
     a = expressions.term(*left)
     why = f"{claim.left} {a.value:.4g}" + (f" ({a.lost} runs lost)" if a.lost else "")
-    if not right:
-        off = Estimate(a.value - claim.factor, a.stderr)
-        return _Score(_signed(claim, off), off.value, True, f"{why}, {claim.factor:g}")
-    other = (right, claim.right_expression or claim.expression)
-    b = expressions.term(*other)
-    difference = expressions.difference(left, other, claim.factor)
-    off, paired = difference.estimate, difference.influences is not None
-    if claim.relation == "~":
-        room = claim.tolerance * abs(claim.factor * b.value)
-        z = z_score(Estimate(room - abs(off.value), off.stderr))
+    if right:
+        other = (right, claim.right_expression or claim.expression)
+        b = expressions.term(*other).value
+        difference = expressions.difference(left, other, claim.factor)
+        off, paired = difference.estimate, difference.influences is not None
+        target, why = claim.factor * b, f"{why}, {right} {b:.4g}"
     else:
-        z = _signed(claim, off)
-    why = f"{why}, {right} {b.value:.4g}"
-    return _Score(z, off.value, paired, why + ("; no standard error" if isnan(off.stderr) else ""))
+        off, paired = Estimate(a.value - claim.factor, a.stderr), True
+        target, why = claim.factor, f"{why}, {claim.factor:g}"
+    why += "; no standard error" if isnan(off.stderr) else ""
+    return _Score(_in_favour(claim, off, target), off.value, paired, why)
 
 
-def _signed(claim: Claim, off: Estimate) -> float:
+def _in_favour(claim: Claim, off: Estimate, target: float) -> float:
+    """z of the claim, whose left side is so far off its target."""
+    if claim.relation == "~":
+        room = claim.tolerance * abs(target)
+        return z_score(Estimate(room - abs(off.value), off.stderr))
     z = z_score(off)
     return -z if claim.relation == "<" else z
