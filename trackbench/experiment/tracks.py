@@ -16,10 +16,15 @@ from trackbench.experiment.plan import Key
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
 
+def prefix_of(i: int, points: int) -> str:
+    """What the names of the arrays of the ``i``-th of so many points of a grid start with."""
+    return f"point{i}/" if points > 1 else ""
+
+
 class Kept:
     """``truth``, ``measurements``, ``mean/<filter>`` and, where it was kept, ``cov/<filter>``.
 
-    Of every run. Names of a grid's points start with ``point<i>/``.
+    Of every run. Names of a grid's points have a prefix.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -31,11 +36,11 @@ class Kept:
         if result.tracks is None:
             return
         i, label = key
-        point = f"point{i}/" if len(self.experiment.points) > 1 else ""
+        prefix = prefix_of(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
         arrays |= self._arrays(label, result.tracks)
-        self.arrays |= {f"{point}{name}": array for name, array in arrays.items()}
+        self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
     def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
         arrays = {"truth": tracks.truth, "measurements": tracks.measurements}

@@ -1,7 +1,7 @@
 """A results folder, read back."""
 
 import json
-from collections.abc import Container, Iterable
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from io import TextIOWrapper
@@ -19,6 +19,7 @@ from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Source, read
 from trackbench.experiment.store import FORMAT, digests
+from trackbench.experiment.tracks import prefix_of
 from trackbench.experiment.validate import build
 from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
@@ -141,12 +142,26 @@ class Results:
 
     @cached_property
     def shown(self) -> dict[str, Array]:
-        """Whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``."""
+        """What shown.npz holds of all points of the grid; empty if every filter failed."""
         path = self.folder / "shown.npz"
         if not path.is_file():
             return {}
         with np.load(path) as arrays:
             return dict(arrays)
+
+    def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
+        """Whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
+
+        None where every filter failed: such points count, too.
+        """
+        points = self.every_point
+        prefixes = [prefix_of(i, len(points)) for i, p in enumerate(points) if _same(p, point)]
+        return {
+            name.removeprefix(prefix): array
+            for prefix in prefixes
+            for name, array in self.shown.items()
+            if name.startswith(prefix)
+        }
 
     def runs(self, point: dict[str, Any]) -> dict[tuple[str, str], Array]:
         """Values per run (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
@@ -178,13 +193,17 @@ class Results:
             cast(IO[bytes], opened(self._path(name))), encoding="utf-8", newline=""
         )
 
+    @cached_property
+    def every_point(self) -> list[dict[str, Any]]:
+        """The points of the config's grid, those where every filter failed among them."""
+        grid = self.config["grid"]
+        return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+
     def points(self) -> list[dict[str, Any]]:
-        """The grid's points in order; one empty point without a grid."""
-        if not self.grid:
-            return [{}]
-        rows: Iterable[Any] = self.summary[self.grid].drop_duplicates().itertuples(index=False)
-        if self.summary.empty:  # every filter failed
-            rows = product(*self.config["grid"].values())
+        """The points that have results, in order; one empty point without a grid."""
+        if not self.grid or self.summary.empty:  # every filter failed
+            return self.every_point
+        rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
@@ -204,6 +223,12 @@ class Results:
         if path is None:
             raise UserError(f"{self.folder / name}: is missing: run the experiment again")
         return path
+
+
+def _same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
+    """Whether a point of the config is one of the files, where nothing and lists are words."""
+    pairs = ((value, read_back[path]) for path, value in point.items())
+    return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 
 
 _TYPES: Any = {"filter": str, "run": int, "step": int} | dict.fromkeys(

@@ -112,31 +112,32 @@ class Posterior:
 
     def draw(self, results: Results) -> "Figure":
         """The measurement's arc of two standard deviations, and an ellipse per filter."""
-        tracks, m = results.shown, self.run - 1
-        prefix = f"point{self.point - 1}/" if results.grid else ""
-        k = int(np.flatnonzero(tracks[f"{prefix}steps"] == self.step)[0])
-        truth = tracks[f"{prefix}truth"][[0, 2], k, m]
-        z = tracks[f"{prefix}measurements"][:, k - 1, m]
         figure, ax = style.subplots(height_in=3.4)
-        a = np.arctan2(truth[1], truth[0])
-        frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-        self._arc(ax, z, truth, frame, results.config["scenario"])
-        ax.plot(0.0, 0.0, "k+", label="Target")
-        labels = results.chosen(self.filters)
-        for i, label in enumerate(labels):
-            at = f"{prefix}cov/{label}"
-            if at not in tracks:
-                continue
-            mean = tracks[f"{prefix}mean/{label}"][[0, 2], k, m]
-            cov = tracks[at][np.ix_([0, 2], [0, 2])][..., k, m]
-            along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
-            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
+        tracks = results.tracks(results.every_point[self.point - 1])
+        if tracks:  # not every filter failed here
+            self._panel(ax, tracks, results)
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
         ax.set_title(self.title)
         style.legend_outside(figure, ax)
         return figure
+
+    def _panel(self, ax: "Axes", tracks: dict[str, Array], results: Results) -> None:
+        k, m = int(np.flatnonzero(tracks["steps"] == self.step)[0]), self.run - 1
+        truth = tracks["truth"][[0, 2], k, m]
+        z = tracks["measurements"][:, k - 1, m]
+        a = np.arctan2(truth[1], truth[0])
+        frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+        self._arc(ax, z, truth, frame, results.config["scenario"])
+        ax.plot(0.0, 0.0, "k+", label="Target")
+        for i, label in enumerate(results.chosen(self.filters)):
+            if f"cov/{label}" not in tracks:
+                continue
+            mean = tracks[f"mean/{label}"][[0, 2], k, m]
+            cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, m]
+            along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
+            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
 
     def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
         azimuths = z[1] + 2e-3 * scenario["sigma_azimuth_mrad"] * np.linspace(-1.0, 1.0, 201)

@@ -153,16 +153,15 @@ class Estimates(Curves):
     def draw(self, results: Results) -> "Figure":
         """One line per filter over the truth's points."""
         figure, panels = self.panels(results)
-        for i, ((ax,), point) in enumerate(panels):
-            prefix = f"point{i}/" if point else ""
-            tracks = results.shown
-            if f"{prefix}truth" not in tracks:  # every filter failed here
+        for (ax,), point in panels:
+            tracks = results.tracks(point)
+            if not tracks:  # every filter failed here
                 continue
-            k, run, c = tracks[f"{prefix}steps"], self.run - 1, self.component - 1
-            truth = tracks[f"{prefix}truth"][c, :, run]
+            k, run, c = tracks["steps"], self.run - 1, self.component - 1
+            truth = tracks["truth"][c, :, run]
             ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
             for label, look in self.labels(results):
-                if f"{prefix}mean/{label}" in tracks:
-                    ax.plot(k, tracks[f"{prefix}mean/{label}"][c, :, run], label=label, **look)
+                if f"mean/{label}" in tracks:
+                    ax.plot(k, tracks[f"mean/{label}"][c, :, run], label=label, **look)
         style.legend_outside(figure, figure.axes)
         return figure

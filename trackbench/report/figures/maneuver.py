@@ -45,11 +45,11 @@ class Track:
     def draw(self, results: Results) -> "Figure":
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
-        tracks, turning = results.shown, results.shaded
-        prefix = next(iter(tracks)).rpartition("/")[0] if tracks else ""
-        prefix = f"{prefix.partition('/')[0]}/" if prefix.startswith("point") else ""
-        truth = tracks[f"{prefix}truth"][list(self.components), :, 0] / 1000.0
-        times = tracks[f"{prefix}times"]
+        turning = results.shaded
+        # of the first point where not every filter failed
+        tracks = next(filter(None, map(results.tracks, results.every_point)))
+        truth = tracks["truth"][list(self.components), :, 0] / 1000.0
+        times = tracks["times"]
         wide, high = np.ptp(truth, axis=1)
         width = min(style.WIDTH_IN, 2.0 + panels * (0.9 + 3.2 * wide / max(high, 1e-9)))
         figure, axes = style.subplots(
@@ -57,8 +57,8 @@ class Track:
         )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
-            if label and f"{prefix}mean/{label}" in tracks:
-                self._estimates(ax, tracks[f"{prefix}mean/{label}"])
+            if label and f"mean/{label}" in tracks:
+                self._estimates(ax, tracks[f"mean/{label}"])
             _truth(ax, truth, times, turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
