@@ -99,6 +99,26 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
             "tables: {t: {kind: metrics, columns: {a: mean(rmse)}, filters: [QF]}}",
             "2:65: tables.t.filters.0: 'QF' is not a filter here",
         ),
+        (
+            "runs: 10",
+            "tables: {t: {kind: differences, against: PFF, columns: {a: rmse}}}",
+            "2:42: tables.t.against: 'PFF' is not a filter here; did you mean PF?",
+        ),
+        (
+            "runs: 10",
+            "tables: {t: {kind: claims, claims: {c: {less: PF, than: PFF, metric: rmse}}}}",
+            "2:57: tables.t.claims.c.than: 'PFF' is not a filter here; did you mean PF?",
+        ),
+        (
+            "runs: 10",
+            "tables: {t: {kind: metrics, columns: {a: anees}, gain: {of: FP, over: PF}}}",
+            "2:61: tables.t.gain.of: 'FP' is not a filter here; did you mean PF?",
+        ),
+        (
+            "runs: 10",
+            "figures: {t: {kind: rmse-vs-time, floor: PFF}}",
+            "2:42: figures.t.floor: 'PFF' is not a filter here; did you mean PF?",
+        ),
     ],
 )
 def test_one_mistake(tmp_path: Path, old: str, new: str, expected: str) -> None:

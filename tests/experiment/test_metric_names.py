@@ -65,6 +65,14 @@ def prepared(folder: Path, more: str) -> list[str]:
             "8:14: figures.a.metric: 'rmse' is not kept: name it under metrics",
         ),
         (
+            "metrics: [rmse, nees]\ntables: {a: {kind: consistency}}",
+            "8:13: tables.a: 'nis' is not kept: name it under metrics",
+        ),
+        (
+            "metrics: [rmse, nis]\ntables: {a: {kind: consistency}}",
+            "8:13: tables.a: 'anees' is not kept: name it under metrics",
+        ),
+        (
             "per_step: []\nfigures: {a: {kind: rmse-vs-time}}",
             "8:14: figures.a.metric: 'rmse' is not kept: name it under per_step",
         ),
@@ -82,6 +90,13 @@ def test_what_there_is_may_be_asked_for(tmp_path: Path) -> None:
     more = f"medians: [nees]\ntables: {{a: {{kind: metrics, columns: {{{columns}}}}}}}\n"
     figures = "figures: {a: {kind: rmse-vs-time, metric: median(nees)}, b: {kind: heat-map}}"
     assert prepared(tmp_path, more + figures) == []
+
+
+def test_what_a_table_shows_by_itself_need_not_be_there(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"  # of a filter that notes no innovations
+    text = CONFIG.replace("  EKF: {kind: ekf}\n", "")
+    path.write_text(text + "metrics: [nees]\ntables: {a: {kind: consistency}}")
+    assert api.prepare(path, api.Options())
 
 
 def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> None:

@@ -1,5 +1,6 @@
 """What must hold between the parts of an experiment; every mistake is added to ``problems``."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -57,14 +58,31 @@ def check_named_filters(
     parts: dict[str, Any],
     problems: list[Problem],
 ) -> None:
-    """Tables and figures may name filters only that the experiment has."""
+    """Tables and figures may name filters only that the experiment has.
+
+    They do under ``filters``, and under what they declare as ``label_keys``.
+    """
     for name, part in parts.items():
-        labels = getattr(part, "filters", None) or ()
-        named: dict[Keys, str | None] = {("filters", i): b for i, b in enumerate(labels)}
-        named |= {(key,): getattr(part, key, None) for key in ("floor", "baseline")}
-        for where, label in named.items():
-            if label is not None and label not in (*settings.filters, settings.bound):
-                problems.append(no_filter(source, settings, (group, name, *where), label))
+        for key in ("filters", *getattr(part, "label_keys", ())):
+            for where, label in _labels(getattr(part, key, None), (group, name, key)):
+                if label not in (*settings.filters, settings.bound):
+                    problems.append(no_filter(source, settings, where, label))
+
+
+def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+    """Every label in what a key holds, and where it stands."""
+    if isinstance(value, str):
+        yield where, value
+        return
+    inner: Iterable[tuple[str | int, Any]]
+    if isinstance(value, dict):
+        inner = value.items()
+    elif isinstance(value, tuple):
+        inner = enumerate(value)
+    else:
+        inner = ((key, getattr(value, key)) for key in getattr(value, "label_keys", ()))
+    for key, part in inner:
+        yield from _labels(part, (*where, key))
 
 
 def no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Problem:

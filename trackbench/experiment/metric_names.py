@@ -74,6 +74,8 @@ class _Asked:
     keys: Keys
     word: str
     role: str
+    named: bool = True
+    """whether the config names it; what a kind shows by itself need not be there, but be kept"""
 
 
 def check_metrics(
@@ -95,7 +97,7 @@ def check_metrics(
     chosen = list({point.scenario: point for point in reversed(there)}.values())
     asked = [*_asked_by_settings(settings), *_asked_by_parts(parts)]
     names = _names(settings, chosen, noted=False)
-    if any(_mistake(a, names, settings) for a in asked):
+    if any(not a.named or _mistake(a, names, settings) for a in asked):
         names = _names(settings, [*chosen, there[-1]], noted=True)
     for a in asked if names is not None else []:
         what = _mistake(a, names, settings)
@@ -113,9 +115,14 @@ def _asked_by_settings(settings: Settings) -> Iterator[_Asked]:
 
 
 def _asked_by_parts(parts: dict[str, dict[str, Any]]) -> Iterator[_Asked]:
-    """What tables and figures say of themselves in ``asks``: key of the config, and its role."""
+    """What tables and figures say of themselves.
+
+    In ``asks`` a key of the config and the role of what it names, in ``needs`` a metric and its role.
+    """
     for group, built in parts.items():
         for name, part in built.items():
+            for word, role in getattr(part, "needs", {}).items():
+                yield _Asked((group, name), word, role, named=False)
             for key, role in getattr(part, "asks", {}).items():
                 value = getattr(part, key)
                 if isinstance(value, str):
@@ -186,6 +193,8 @@ def _mistake(asked: _Asked, names: Any, settings: Settings) -> str | None:
         word = base_name(word)
     else:
         known = getattr(names, role) | (names.given if role == "summary" else set())
+    if word not in known and not asked.named:
+        return None
     if word not in known:
         near = get_close_matches(word, sorted(known), 1, 0.5)
         short = sorted({base_name(name) for name in known})

@@ -23,6 +23,7 @@ class Bars:
     """A statistic per filter with its confidence interval, and the published number beside it."""
 
     asks: ClassVar[dict[str, str]] = {"metric": "expression"}
+    label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
 
     title: str = ""
     """heading"""

@@ -23,6 +23,8 @@ _ROUNDING = 1e-12
 class Curves:
     """Keys shared by the kinds that draw a line per filter in a panel per grid point."""
 
+    label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
+
     title: str = ""
     """heading"""
     filters: tuple[str, ...] | None = None

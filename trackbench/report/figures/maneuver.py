@@ -1,7 +1,7 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -97,6 +97,10 @@ class MeanAndStd:
     Adaptive Kalman filter paper, eqs. 13 and 14: truth minus estimate, the opposite sign of `bias` in
     per_step.csv. The quantities are those the scenario calls x and y.
     """
+
+    needs: ClassVar[dict[str, str]] = {
+        f"{metric}_{quantity}": "per_step" for metric in ("bias", "std") for quantity in "xy"
+    }
 
     title: str = ""
     """heading"""

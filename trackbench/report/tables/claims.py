@@ -18,6 +18,8 @@ _BEYOND = 3.0  # standard errors of the paired difference
 class Claim:
     """That one filter's metric is less than another's."""
 
+    label_keys: ClassVar[tuple[str, ...]] = ("less", "than")
+
     less: str
     """label of the filter said to be better"""
     than: str
@@ -36,6 +38,7 @@ class Claims:
     """
 
     asks: ClassVar[dict[str, str]] = {"claims": "per_run"}
+    label_keys: ClassVar[tuple[str, ...]] = ("claims",)
 
     title: str = ""
     """caption"""

@@ -1,6 +1,7 @@
 """Table kind `consistency`: does a filter's covariance tell the truth about its errors?"""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ class Consistency:
     chi-square of M n degrees of freedom over M n; a consistent filter stays in the 95 % band in 95 % of
     the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
     """
+
+    needs: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
 
     title: str = ""
     """caption"""

@@ -21,6 +21,7 @@ class Differences:
     """
 
     asks: ClassVar[dict[str, str]] = {"columns": "per_run"}
+    label_keys: ClassVar[tuple[str, ...]] = ("against",)
 
     title: str = ""
     """caption"""

@@ -19,6 +19,8 @@ from trackbench.report.table import Cell, Table
 class Gain:
     """A last row: by how much one filter's rms is below another's, on common runs."""
 
+    label_keys: ClassVar[tuple[str, ...]] = ("of", "over")
+
     of: str
     """label of the better filter"""
     over: str
@@ -31,6 +33,7 @@ class Metrics:
     """A row per filter, a column per metric of summary.csv, such as `mean(rmse)`."""
 
     asks: ClassVar[dict[str, str]] = {"columns": "expression"}
+    label_keys: ClassVar[tuple[str, ...]] = ("gain",)
 
     title: str = ""
     """caption"""
