@@ -116,6 +116,53 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         ),
         (
             "runs: 10",
+            "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse)}}",
+            "2:14: figures.f.parameter: there is no grid",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse), parameter: scenario.Q}}\n"
+            "grid: {scenario.R: [1, 2]}",
+            "2:71: figures.f.parameter: 'scenario.Q' is no path of the grid; did you mean scenario.R?",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse)}}\n"
+            "grid: {filters.PF.resampling: [systematic, residual]}",
+            "2:14: figures.f.parameter: 'systematic' in the grid of filters.PF.resampling is no number",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: heat-map, y: N}}\ngrid: {filters.PF.N: [5, 9]}",
+            "2:34: figures.f.y: 'N' is no path of the grid; known: filters.PF.N",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: posterior}}",
+            "2:14: figures.f: scenario merwe has no range and azimuth to show",
+        ),
+        (
+            "scenario: {kind: merwe}",
+            "scenario: {kind: banana}\nfigures: {f: {kind: posterior, point: 2}}",
+            "4:39: figures.f.point: 2 is more than the number of points, 1",
+        ),
+        (
+            "scenario: {kind: merwe}",
+            "scenario: {kind: banana}\nfigures: {f: {kind: posterior, step: 2}}",
+            "4:38: figures.f.step: 2 is not one of the steps 3 to 100",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: track}}",
+            "2:14: figures.f.components: [0, 2]: the state has components 0 to 0",
+        ),
+        (
+            "runs: 10",
+            "figures: {f: {kind: mean-and-std}}",
+            "2:14: figures.f: scenario merwe has no errors in x and y",
+        ),
+        (
+            "runs: 10",
             "figures: {t: {kind: rmse-vs-time, floor: PFF}}",
             "2:42: figures.t.floor: 'PFF' is not a filter here; did you mean PF?",
         ),

@@ -91,9 +91,23 @@ def test_every_filter_fails(tmp_path: Path) -> None:
     )
     kinds = ("rmse-vs-time", "rmse-per-run", "bars", "critical-difference", "heat-map", "estimates")
     text += "figures:\n" + "".join(f"  f{i}: {{kind: {k}}}\n" for i, k in enumerate(kinds))
+    text += "  g: {kind: rmse-vs-parameter, metric: mean(rmse)}\n"
     text += "grid: {scenario.R: [0.1, 1.0]}\n"
     (tmp_path / "c.yaml").write_text(text)
     done = trackbench("run", "c.yaml", "--allow-plugins", "--format", "svg", cwd=tmp_path)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "Raises failed: ValueError: no fifth step" in done.stdout
+
+
+def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text(PLUGIN)
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("filters:", "only: [Raises]\nfilters:"))
+    done = trackbench(
+        *("sweep", "c.yaml", "--allow-plugins", "--grid", "scenario.R=0.1,1", "--format", "svg"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    (header,) = (tmp_path / "results" / "failing-sweep" / "sweep.csv").read_text().splitlines()
+    assert header.startswith("scenario.R,filter,metric")

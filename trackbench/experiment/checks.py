@@ -46,9 +46,15 @@ def check_fit(
             unmet = True
     conflicts = getattr(tracker, "conflicts", None)
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
-    for key, what in (conflicts(scenario) if conflicts and not unmet else {}).items():
+    if conflicts and not unmet:
+        problems += _conflicts(source, keys, conflicts(scenario))
+
+
+def _conflicts(source: Source, keys: Keys, found: dict[str, str]) -> Iterator[Problem]:
+    """What a part says of its keys; an empty key is the part itself."""
+    for key, what in found.items():
         where = (*keys, *key.split(".")) if key else keys
-        problems.append(Problem(source.mark(where), dotted(where), what))
+        yield Problem(source.mark(where), dotted(where), what)
 
 
 def check_named_filters(
@@ -89,6 +95,20 @@ def no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Pr
     """What to say of a label that no filter has."""
     what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
     return Problem(source.mark(where), dotted(where), what)
+
+
+def check_drawable(
+    source: Source,
+    group: Group,
+    parts: dict[str, Any],
+    points: list[Point | None],
+    problems: list[Problem],
+) -> None:
+    """What tables and figures say themselves about these points."""
+    there = [point for point in points if point is not None]
+    for name, part in parts.items() if there and len(there) == len(points) else ():
+        conflicts = getattr(part, "conflicts", None)
+        problems += _conflicts(source, (group, name), conflicts(there) if conflicts else {})
 
 
 def check_figures(

@@ -11,6 +11,7 @@ from typing import Any
 
 from trackbench.experiment.axes import add_axis
 from trackbench.experiment.checks import (
+    check_drawable,
     check_figures,
     check_fit,
     check_named_filters,
@@ -102,10 +103,12 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     settings = with_recorded_runs(source, settings, points, problems)
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
-    check_named_filters(source, settings, "tables", tables, problems)
-    check_named_filters(source, settings, "figures", figures, problems)
+    parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
+    for group, built in parts.items():
+        check_named_filters(source, settings, group, built, problems)
+        check_drawable(source, group, built, points, problems)
     check_figures(source, settings, figures, points, problems)
-    check_metrics(source, settings, points, {"tables": tables, "figures": figures}, problems)
+    check_metrics(source, settings, points, parts, problems)
     published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))

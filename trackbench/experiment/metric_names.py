@@ -18,6 +18,7 @@ from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.definition import Point, Settings
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.registry import Group
 
 STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
 COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
@@ -82,7 +83,7 @@ def check_metrics(
     source: Source,
     settings: Settings,
     points: list[Point | None],
-    parts: dict[str, dict[str, Any]],
+    parts: dict[Group, dict[str, Any]],
     problems: list[Problem],
 ) -> None:
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
@@ -114,7 +115,7 @@ def _asked_by_settings(settings: Settings) -> Iterator[_Asked]:
         yield _Asked(("per_step", i), word, "base")
 
 
-def _asked_by_parts(parts: dict[str, dict[str, Any]]) -> Iterator[_Asked]:
+def _asked_by_parts(parts: dict[Group, dict[str, Any]]) -> Iterator[_Asked]:
     """What tables and figures say of themselves.
 
     In ``asks`` a key of the config and the role of what it names, in ``needs`` a metric and its role.

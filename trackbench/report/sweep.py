@@ -44,7 +44,8 @@ class Sweep:
     def rows(self) -> "pd.DataFrame":
         """One statistic of each metric: rms of errors, ANEES, mean of the rest."""
         frame = self.results.summary
-        return frame[frame["metric"].map(_is_headline)].reset_index(drop=True)
+        wanted = frame["metric"].map(_is_headline).astype(bool)  # also without rows
+        return frame[wanted].reset_index(drop=True)
 
     @property
     def metrics(self) -> list[str]:
@@ -111,6 +112,8 @@ def best_points(sweep: Sweep) -> Iterator[str]:
 
     Points of a filter share their data and noise, so their difference is taken run by run.
     """
+    if not sweep.metrics:  # every filter failed
+        return
     metric = sweep.metrics[0]
     fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
     for label in sweep.varying:

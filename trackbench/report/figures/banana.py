@@ -1,5 +1,6 @@
 """Figure kinds that show the banana itself: `banana` and `posterior`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
+from trackbench.experiment.definition import Point
 from trackbench.keys import Count, Positive
 from trackbench.registry import register
 from trackbench.report import style
@@ -99,6 +101,18 @@ class Posterior:
     """number of the grid's point, from 1"""
     half_height_m: Positive = 20.0
     """half the height of the panel, m"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """It shows a measurement of a radar, so there must be one at that point and step."""
+        if self.point > len(points):
+            return {"point": f"{self.point} is more than the number of points, {len(points)}"}
+        scenario: Any = points[self.point - 1].scenario
+        if not hasattr(scenario, "sigma_range") or not hasattr(scenario, "sigma_azimuth_mrad"):
+            return {"": f"scenario {scenario.kind} has no range and azimuth to show"}
+        first, last = scenario.steps[1], scenario.steps[-1]
+        if not first <= self.step <= last:
+            return {"step": f"{self.step} is not one of the steps {first} to {last}"}
+        return {}
 
     @property
     def shown_runs(self) -> int:

@@ -1,14 +1,17 @@
 """Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
+from trackbench.report.grids import missing_paths
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -37,6 +40,10 @@ class HeatMap:
     """logarithmic colours"""
     bar_label: str = ""
     """label of the colour bar, with the unit; default: the metric"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The axes must be paths of the grid."""
+        return missing_paths(points, x=self.x, y=self.y)
 
     def draw(self, results: Results) -> "Figure":
         """One panel; with two paths, one per filter."""

@@ -1,11 +1,13 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.definition import Point
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
@@ -31,6 +33,13 @@ class Track:
     """number of runs drawn over each other"""
     components: tuple[int, int] = (0, 2)
     """numbers of the state's two positions, from 0"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The state must have the two components."""
+        last = min(len(p.scenario.model.motion.components) for p in points) - 1
+        if all(0 <= c <= last for c in self.components):
+            return {}
+        return {"components": f"{list(self.components)}: the state has components 0 to {last}"}
 
     @property
     def shown_runs(self) -> int:
@@ -106,6 +115,14 @@ class MeanAndStd:
     """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The scenario must have errors in x and y."""
+        scenario: Any = points[0].scenario
+        nowhere = np.zeros((len(scenario.model.motion.components), 1))
+        if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
+            return {}
+        return {"": f"scenario {scenario.kind} has no errors in x and y"}
 
     def draw(self, results: Results) -> "Figure":
         """Mean error above, standard deviation below; x left, y right."""

@@ -1,13 +1,16 @@
 """Figure kind `rmse-vs-parameter`: a metric against a value the experiment's grid varies."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.grids import missing_paths
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -45,6 +48,14 @@ class RmseVsParameter:
     log_y: bool = True
     """logarithmic vertical axis"""
 
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The axis must be a path of the grid, and its values numbers."""
+        path = self.parameter or next(iter(points[0].values), "")
+        found = missing_paths(points, parameter=path)
+        values = [point.values[path] for point in points] if not found else []
+        words = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
+        return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
+
     def draw(self, results: Results) -> "Figure":
         """One panel; other paths of the grid are held at their first values."""
         path = self.parameter or results.grid[0]
@@ -58,9 +69,9 @@ class RmseVsParameter:
             rows = frame[frame["filter"] == label].sort_values(path)
             x, y, stderr = (rows[c].to_numpy(dtype=float) for c in (path, "value", "stderr"))
             self._line(ax, x, y, stderr, label, style.line(i))
-        if self.log_x:
+        if self.log_x and len(frame):
             _logarithmic(ax, np.unique(frame[path].to_numpy(dtype=float)))
-        if self.log_y:
+        if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=float("inf"))
         ax.set_xlabel(self.x_label or path)

@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import paired_difference, z_score
 from trackbench.registry import register
+from trackbench.report import style
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
@@ -50,7 +51,7 @@ class Claims:
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         points = results.points()
-        names = [", ".join(f"{v:g}" for v in point.values()) or "all runs" for point in points]
+        names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
         runs = [results.runs(point) for point in points]
         for words, claim in self.claims.items():
