@@ -11,6 +11,7 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation.statistics import relative_gain
+from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.paired import pairs_of
@@ -255,6 +256,29 @@ def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
     assert verdicts["PF (N=50)"] == verdicts["No data"] == "not measured"
     assert verdicts["PF"] != "not measured"
     assert found.claims[0].verdict == "not measured"
+
+
+def test_a_point_that_the_grid_does_not_have_is_not_measured(folder):
+    for name in ("numbers.csv", "claims.csv"):
+        path = folder / "published" / name
+        head, *rows = path.read_text().splitlines()
+        points = ["scenario.R=5" if i == 1 else "" for i in range(len(rows))]
+        lines = [f"{head},point", *(f"{r},{p}" for r, p in zip(rows, points, strict=True))]
+        path.write_text("\n".join(lines) + "\n")
+    found = api.compare(folder)
+    for judged in (found.numbers[1], found.claims[1]):
+        assert judged.verdict == "not measured"
+        assert judged.note.startswith("no results at scenario.R=5")
+    assert found.numbers[0].verdict == "agrees"
+
+
+def test_a_point_that_cannot_be_read_is_said(folder):
+    path = folder / "published" / "claims.csv"
+    head, *rows = path.read_text().splitlines()
+    lines = [f"{head},point", f"{rows[0]},R", *(f"{row}," for row in rows[1:])]
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(UserError, match="point: 'R' is not path=value; path=value"):
+        api.compare(folder)
 
 
 def test_a_claim_without_a_standard_error_is_not_decided(folder, tmp_path):

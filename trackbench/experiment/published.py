@@ -228,7 +228,10 @@ def _check(
     labels: list[str] | None,
     problems: list[Problem],
 ) -> None:
-    """The row's labels exist in the experiment, its expressions can be read."""
+    """The row's labels exist in the experiment, its point and its expressions can be read."""
+    if not all("=" in part for part in split(row.point)):
+        what = f"{row.point!r} is not path=value; path=value"
+        problems.append(Problem(source.mark((0, "point")), "point", what))
     for label in row.labels:
         if labels is not None and label not in labels:
             key = "left" if label == getattr(row, "left", None) else "right"

@@ -13,7 +13,6 @@ from math import hypot, inf, isfinite, isnan, nan, sqrt
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber, split
 from trackbench.experiment.source import scalar
 from trackbench.report.expressions import Expressions, Term
@@ -104,16 +103,17 @@ def verdict(number: PublishedNumber, measured: Term) -> tuple[str, float]:
 
 def judge(results: Results, claim: Claim) -> Judged:
     """The verdict on a claim: it holds if it does against every filter it names."""
-    if not claim.left or not claim.expression:
-        return Judged(claim, nan, False, NOT_MEASURED, claim.note)
-    expressions = Expressions(results, point_of(results, claim.point))
+    point = point_of(results, claim.point)
+    if point is None or not claim.left or not claim.expression:
+        return Judged(claim, nan, False, NOT_MEASURED, _unmeasured(claim, point))
+    expressions = Expressions(results, point)
     found = [_score(expressions, claim, right) for right in claim.rights or [""]]
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
     z, paired = weakest.z, weakest.paired
     word = "holds" if z >= SURE else "fails" if z <= -SURE else "not decided"
     if isnan(weakest.off):
         word = NOT_MEASURED
-    return Judged(claim, z, paired, word, "; ".join(filter(None, [weakest.why, claim.note])))
+    return Judged(claim, z, paired, word, _joined(weakest.why, claim.note))
 
 
 def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
@@ -135,21 +135,26 @@ def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
         yield Ranked(paper, table, heading, len(rows), float(order))
 
 
-def point_of(results: Results, text: str) -> dict[str, Any]:
-    """The grid point that ``path=value; path=value`` picks; the first one if it is empty."""
+def point_of(results: Results, text: str) -> dict[str, Any] | None:
+    """The point with results that ``path=value; path=value`` picks; the first one if it is empty."""
     wanted = {k.strip(): scalar(v.strip()) for k, _, v in (p.partition("=") for p in split(text))}
-    points = results.points()
-    for point in points:
+    for point in results.points():
         if all(point.get(path) == value for path, value in wanted.items()):
             return point
-    raise UserError(f"{results.folder}: no point of the grid has {text}")
+    return None
+
+
+def _unmeasured(row: PublishedNumber | Claim, point: dict[str, Any] | None) -> str:
+    return _joined("" if point is not None else f"no results at {row.point}", row.note)
 
 
 def _numbers(results: Results, number: PublishedNumber) -> Iterator[Compared]:
-    if not number.labels or not number.expression:
-        yield Compared(number, "", Term(nan, nan, None, 0), nan, NOT_MEASURED, number.note)
+    point = point_of(results, number.point)
+    if point is None or not number.labels or not number.expression:
+        nothing = Term(nan, nan, None, 0)
+        yield Compared(number, "", nothing, nan, NOT_MEASURED, _unmeasured(number, point))
         return
-    expressions = Expressions(results, point_of(results, number.point))
+    expressions = Expressions(results, point)
     for label in number.labels:
         measured = expressions.term(label, number.expression)
         word, z = verdict(number, measured)
@@ -163,7 +168,11 @@ def _note(number: PublishedNumber, measured: Term, word: str) -> str:
     wide = word == "agrees" and not isinstance(number.value, str)
     if wide and SURE * measured.stderr > 0.5 * abs(float(number.value)):
         notes.append("too few runs to tell")
-    return "; ".join([*notes, *filter(None, [number.note])])
+    return _joined(*notes, number.note)
+
+
+def _joined(*notes: str) -> str:
+    return "; ".join(filter(None, notes))
 
 
 def _score(expressions: Expressions, claim: Claim, right: str) -> _Score:
