@@ -6,8 +6,19 @@ import pytest
 from trackbench import api
 from trackbench.experiment.problems import UserError
 from trackbench.report import style
+from trackbench.report.expressions import Expressions
+from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
+
+GRID = """
+name: g
+runs: 4
+scenario: {kind: merwe, T: 5}
+filters: {PF: {kind: pf, N: 5}}
+grid: {scenario.R: [1, 2]}
+published: [n.csv]
+"""
 
 
 def test_mean_ranks_share_ties_and_put_lost_runs_last():
@@ -48,6 +59,35 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
     assert looks["Exact"] == style.FLOOR
     assert looks["No data"] == style.BASELINE
     assert looks["PF"] == style.line(0)
+
+
+@pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
+def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
+    expressions = Expressions(Results(made), {})
+    term = expressions.term("PF", "rmse@5")
+    value, low, high = Bars(metric="rmse@5", level=level)._value(expressions, "PF")
+    assert value == term.value
+    assert (high - value) / term.stderr == pytest.approx(deviations, rel=1e-4)
+    assert (value - low) / term.stderr == pytest.approx(deviations, rel=1e-4)
+
+
+def test_a_published_number_stands_at_its_point(tmp_path):
+    (tmp_path / "c.yaml").write_text(GRID)
+    (tmp_path / "n.csv").write_text(
+        "paper,table,filter,metric,value,label,expression,point\n"
+        "p,t,f,m,1.5,PF,mean(rmse),scenario.R=2\n"
+        "p,t,f,m,2.5,PF,mean(rmse),scenario.R=3\n"
+        "p,t,f,m,3.5,PF,mean(rmse),\n"
+    )
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())
+    results = api.run(tmp_path / "c.yaml", options).results
+    figure = Bars().draw(results)
+    shown = [
+        [line.get_xdata()[0] for line in ax.lines if line.get_label() == "Published"]
+        for ax in figure.axes
+    ]
+    assert shown == [[3.5], [1.5]]
+    style.close(figure)
 
 
 def test_a_dollar_or_a_long_label_is_only_text():

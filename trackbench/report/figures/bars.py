@@ -1,6 +1,7 @@
 """Figure kind `bars`: one statistic per filter with its interval, beside the published number."""
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.expressions import Expressions, over_runs
 from trackbench.report.results import Results
+from trackbench.report.verdicts import point_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +61,7 @@ class Bars:
                 if label in results.labels:
                     value = expressions.term(str(label), self.metric).value
                     ax.axvline(value, label=label, **look)
-            self._published(ax, results, labels)
+            self._published(ax, results, point, labels)
             ax.set_title(style.heading(point), fontsize=9)
             ax.set_xlabel(self.x_label or self.metric)
             if self.log:
@@ -86,13 +88,18 @@ class Bars:
         values = over_runs(expressions, label, self.metric)
         if values is not None:
             return term.value, *interval(*values, level=self.level)
-        width = 1.96 * term.stderr if np.isfinite(term.stderr) else 0.0
+        from scipy.special import ndtri
+
+        width = float(ndtri(0.5 + self.level / 2)) * term.stderr if isfinite(term.stderr) else 0.0
         return term.value, term.value - width, term.value + width
 
-    def _published(self, ax: "Axes", results: Results, labels: list[str]) -> None:
+    def _published(
+        self, ax: "Axes", results: Results, point: dict[str, Any], labels: list[str]
+    ) -> None:
         look: dict[str, Any] = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
         for number in results.published.numbers:
-            for label in number.labels if number.expression == self.metric else ():
+            here = number.expression == self.metric and point_of(results, number.point) == point
+            for label in number.labels if here else ():
                 if label in labels and not isinstance(number.value, str):
                     ax.plot(number.value, labels.index(label), color=style.COLOURS[1],
                             markersize=5, label="Published", **look)  # fmt: skip
