@@ -90,6 +90,11 @@ def test_a_published_number_stands_at_its_point(tmp_path):
     style.close(figure)
 
 
+def test_a_point_in_words():
+    point = {"scenario.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
+    assert style.heading(point) == "R = 0.1, q = low, fast = True"
+
+
 def test_a_dollar_or_a_long_label_is_only_text():
     assert style.words("a $x_$ b") == r"a \$x_\$ b"
     assert max(map(len, style.words("word " * 16).split("\n"))) <= 24

@@ -23,7 +23,7 @@ from trackbench.experiment.definition import Experiment, Point, Settings
 from trackbench.experiment.metric_names import check_metrics
 from trackbench.experiment.parts import build_kind
 from trackbench.experiment.plugins import Plugin, load_plugins
-from trackbench.experiment.points import TOGETHER, grid_points
+from trackbench.experiment.points import grid_points, single_paths
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Source, read
@@ -95,7 +95,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     points = []
     for values, marks in grid_points(source, settings, problems):
         for joint, value in values.items():
-            for path in joint.split(TOGETHER):
+            for path in single_paths(joint):
                 override(source, split_path(source, path), value, marks[joint])
         points.append(_point(source, labels, values, problems))
     others = [label for label in settings.filters if label not in labels]

@@ -11,10 +11,12 @@ from trackbench.experiment.definition import Settings
 from trackbench.experiment.problems import Mark, Problem
 from trackbench.experiment.source import Source, dotted
 
-TOGETHER = " & "
-"""Joins paths that take each value together."""
-
 _MOST_POINTS = 10_000
+
+
+def single_paths(path: str) -> list[str]:
+    """The paths of a grid's key, which take each value together."""
+    return path.split(" & ")
 
 
 def grid_points(
@@ -37,7 +39,7 @@ def _is_possible(source: Source, settings: Settings, problems: list[Problem]) ->
     grid = settings.grid
     for path, values in grid.items():
         where = ("grid", path)
-        for keys in (split_path(source, single) for single in path.split(TOGETHER)):
+        for keys in (split_path(source, single) for single in single_paths(path)):
             if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
                 what = "a grid varies scenario.KEY or filters.LABEL.KEY"
                 problems.append(Problem(source.key_mark(where), dotted(where), what))

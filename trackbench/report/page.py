@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackbench.experiment.files import write_text
+from trackbench.experiment.points import single_paths
 from trackbench.experiment.resolved import as_yaml
 from trackbench.report import style
 from trackbench.report.comparison import (
@@ -155,7 +156,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         ("Seed", config["seed"]),
         ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
     ]
-    together = [path.split(" & ") for path in results.grid]
+    together = [single_paths(path) for path in results.grid]
     grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
     return [*facts, ("Grid", grid)] if grid else facts
 

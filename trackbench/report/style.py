@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from trackbench.experiment.points import single_paths
 from trackbench.report.svg import compact
 
 if TYPE_CHECKING:
@@ -82,12 +83,13 @@ def heading(point: dict[str, Any]) -> str:
 
 def name(path: str) -> str:
     """The last word of a grid's path, of the first of several that vary together."""
-    return path.partition(" & ")[0].rpartition(".")[2]
+    return single_paths(path)[0].rpartition(".")[2]
 
 
 def number(value: Any) -> str:
-    """A grid's value: six digits of a number, words as they are."""
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
+    """A grid's value: six digits of a number, words and truth values as they are."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:g}" if is_number else str(value)
 
 
 def plain_log_axis(ax: "Axes", most: float = 100.0) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.files import write_bytes, write_csv
+from trackbench.experiment.points import single_paths
 from trackbench.report import style
 from trackbench.report.results import Results
 
@@ -59,9 +60,9 @@ class Sweep:
             label
             for label in self.results.labels
             if any(
-                part.startswith(f"filters.{label}.")
+                single.startswith(f"filters.{label}.")
                 for path in self.paths
-                for part in path.split(" & ")
+                for single in single_paths(path)
             )
         ]
         return own or self.results.labels
@@ -138,13 +139,8 @@ def _best(sweep: Sweep, label: str, metric: str, ranked: list[Score]) -> str:
 
 
 def _at(sweep: Sweep, point: Values) -> str:
-    names = [short(path) for path in sweep.paths]
+    names = map(style.name, sweep.paths)
     return ", ".join(f"{name} = {value}" for name, value in zip(names, point, strict=True))
-
-
-def short(path: str) -> str:
-    """``F`` of ``filters.HDEPF.F``."""
-    return path.rpartition(".")[2]
 
 
 def _is_headline(metric: str) -> bool:

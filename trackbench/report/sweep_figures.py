@@ -72,8 +72,8 @@ def _heat_maps(sweep: Sweep, metric: str) -> "Figure | None":
         image = ax.imshow(
             field, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
         )
-        ax.set_xticks(range(len(across)), [_shown(v) for v in across])
-        ax.set_yticks(range(len(down)), [_shown(v) for v in down])
+        ax.set_xticks(range(len(across)), [style.number(v) for v in across])
+        ax.set_yticks(range(len(down)), [style.number(v) for v in down])
         ax.set_title(label)
         ax.grid(visible=False)
         _write_values(ax, field, finite, few=columns == 1)
@@ -114,7 +114,3 @@ def _frame_smallest(ax: "Axes", field: Array) -> None:
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)
-
-
-def _shown(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -4,7 +4,10 @@ from dataclasses import dataclass, field
 from math import floor, isfinite, isinf, log10
 from typing import NamedTuple
 
-from trackbench.evaluation.statistics import Estimate
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import Estimate, paired_difference
 from trackbench.report.text import Text, TextTable
 
 
@@ -14,6 +17,14 @@ class Cell(NamedTuple):
     estimate: Estimate
     runs: int
     lost: int
+
+    @classmethod
+    def difference(cls, a: Array | None, b: Array | None) -> "Cell":
+        """The mean of ``a - b`` over the runs (M,) that both have."""
+        if a is None or b is None:
+            return cls.missing()
+        both = np.isfinite(a) & np.isfinite(b)
+        return cls(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))
 
     @classmethod
     def missing(cls) -> "Cell":

@@ -88,7 +88,7 @@ class HeatMap:
         figure, axes = style.subplots(1, len(panels), height, sharey=True, squeeze=False)
         for ax, (name, values) in zip(axes[0], panels.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
-            _ticks(ax, [_short(c) for c in columns], [_short(v) for v in levels])
+            _ticks(ax, [style.number(c) for c in columns], [style.number(v) for v in levels])
             ax.set_title(style.words(name), fontsize=9)
             ax.set_xlabel(style.name(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
@@ -120,10 +120,6 @@ class HeatMap:
         ax.set_title(self.title, fontsize=9)
         figure.colorbar(image, ax=ax, extend="both", label=f"z of {metric}, row minus column")
         return figure
-
-
-def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
 def _ticks(ax: "Axes", columns: list[str], rows: list[str]) -> None:

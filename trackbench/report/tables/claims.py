@@ -5,14 +5,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import paired_difference, z_score
+from trackbench.evaluation.statistics import z_score
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-
-_BEYOND = 3.0  # standard errors of the paired difference
+from trackbench.report.verdicts import SURE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,17 +54,10 @@ class Claims:
         runs = [results.runs(point) for point in points]
         for words, claim in self.claims.items():
             better, worse = ((label, claim.metric) for label in (claim.less, claim.than))
-            cells = [_cell(found.get(better), found.get(worse)) for found in runs]
+            cells = [Cell.difference(found.get(better), found.get(worse)) for found in runs]
             table.add([words], cells)
             table.notes.append(f"{words}: {_ranges(names, cells)}.")
         return table
-
-
-def _cell(a: Array | None, b: Array | None) -> Cell:
-    if a is None or b is None:
-        return Cell.missing()
-    both = np.isfinite(a) & np.isfinite(b)
-    return Cell(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))
 
 
 def _ranges(names: list[str], cells: list[Cell]) -> str:
@@ -74,5 +65,5 @@ def _ranges(names: list[str], cells: list[Cell]) -> str:
     found: dict[str, list[str]] = {"holds": [], "undecided": [], "fails": []}
     for name, cell in zip(names, cells, strict=True):
         z = z_score(cell.estimate) if cell.runs else np.nan
-        found["holds" if z < -_BEYOND else "fails" if z > _BEYOND else "undecided"].append(name)
+        found["holds" if z <= -SURE else "fails" if z >= SURE else "undecided"].append(name)
     return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)

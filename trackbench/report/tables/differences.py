@@ -3,10 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import paired_difference
 from trackbench.registry import register
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -43,15 +39,8 @@ class Differences:
             runs = results.runs(point)
             for label in (b for b in labels if b != self.against):
                 cells = [
-                    _cell(runs.get((label, metric)), runs.get((self.against, metric)))
+                    Cell.difference(runs.get((label, metric)), runs.get((self.against, metric)))
                     for metric in self.columns.values()
                 ]
                 table.add([*(str(v) for v in point.values()), label], cells)
         return table
-
-
-def _cell(a: Array | None, b: Array | None) -> Cell:
-    if a is None or b is None:
-        return Cell.missing()
-    both = np.isfinite(a) & np.isfinite(b)
-    return Cell(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))
