@@ -11,9 +11,10 @@ from typing import Any
 
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
+from trackbench.report.opening import open_results
 from trackbench.report.page import write_report
 from trackbench.report.render import write_figures
-from trackbench.report.results import Results, open_results
+from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
 from trackbench.running import Options, Report, prepare, preview, run_all

@@ -9,7 +9,8 @@ from typing import Any
 
 from trackbench import api
 from trackbench.report.comparison import claim_rows, number_rows
-from trackbench.report.results import Results, open_results
+from trackbench.report.opening import open_results
+from trackbench.report.results import Results
 from trackbench.report.verdicts import compare
 
 

@@ -9,7 +9,7 @@ import yaml
 from trackbench import api
 from trackbench.experiment.resolved import as_yaml
 from trackbench.experiment.source import parse
-from trackbench.report.results import open_results
+from trackbench.report.opening import open_results
 
 CONFIG = """
 name: a

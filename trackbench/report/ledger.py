@@ -5,8 +5,9 @@ from pathlib import Path
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.report.comparison import LEGEND, summary_lines
+from trackbench.report.opening import open_results
 from trackbench.report.page import together, verdict_tables, write_index
-from trackbench.report.results import Results, open_results
+from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison, compare
 
 _HEAD = """# What reproduces

@@ -12,15 +12,14 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.definition import Settings, labels_to_run
+from trackbench.experiment.definition import labels_to_run
 from trackbench.experiment.packing import opened, there
 from trackbench.experiment.parts import build_kind
+from trackbench.experiment.points import single_paths
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Source, read
-from trackbench.experiment.store import FORMAT, digests
 from trackbench.experiment.tracks import prefix_of
-from trackbench.experiment.validate import build
 from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.table import Table
@@ -118,7 +117,7 @@ class Results:
     @property
     def grid_heads(self) -> list[str]:
         """The paths as headings of a table: of paths that vary together, the first one."""
-        return [path.partition(" & ")[0] for path in self.grid]
+        return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
@@ -235,63 +234,3 @@ _TYPES: Any = {"filter": str, "run": int, "step": int} | dict.fromkeys(
     ["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float
 )
 """Of columns, so that they are the same in a file without rows, where every filter failed."""
-
-_KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}
-"""Of what kind the manifest's entries are that a report shows."""
-
-
-def open_results(folder: Path) -> Results:
-    """The results in a folder; raises UserError if it is not whole, too new, or edited by hand."""
-    if not folder.is_dir():
-        raise UserError(f"{folder}: there is no such folder")
-    if not (folder / "config.yaml").is_file():
-        raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
-    results = Results(folder)
-    _check_manifest(results)
-    problems: list[Problem] = []
-    if not isinstance(results.source.data, dict):
-        problems.append(Problem(results.source.mark(()), "", "is not an experiment's config"))
-    elif build(Settings, results.source, (), problems) is not None:
-        missing = set(results.summary["filter"]) - set(results.labels)
-        if _grid_columns(results) != results.grid:
-            what = "the results were computed over another grid"
-            problems.append(Problem(results.source.mark(("grid",)), "grid", what))
-        elif missing:
-            what = f"{min(missing)!r} has results but is not a filter here any more"
-            problems.append(Problem(results.source.mark(("filters",)), "filters", what))
-    if problems:
-        raise UserError(*problems)
-    return results
-
-
-def _grid_columns(results: Results) -> list[str]:
-    columns = list(results.summary.columns)
-    return columns[: columns.index("filter")]
-
-
-def _check_manifest(results: Results) -> None:
-    folder = results.folder
-    again = "run the experiment again"
-    if not (folder / "manifest.json").is_file():
-        raise UserError(f"{folder}: is half-written, it has no manifest.json: {again}")
-    try:
-        manifest = results.manifest
-        version, recorded = int(manifest["format"]), dict(manifest["files"])
-        whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
-        whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
-    except (ValueError, KeyError, TypeError, AssertionError):
-        whole = False
-    if not whole:
-        raise UserError(f"{folder}: manifest.json cannot be read: {again}")
-    if version > FORMAT:
-        what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
-        raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    found = digests(folder)
-    problems = []
-    for name, digest in recorded.items():
-        if name not in found:
-            problems.append(f"{folder / name}: is missing: {again}")
-        elif found[name] != digest:
-            problems.append(f"{folder / name}: was changed after the run wrote it: {again}")
-    if problems:
-        raise UserError(*problems)
