@@ -19,7 +19,10 @@ from trackbench.registry import register
 @register("filters", "offset")
 @dataclass(frozen=True, kw_only=True)
 class Offset(PriorMean):
+    'A number for every component; fails if it is zero.'
+
     off: float = 0.0
+    'the number'
 
     def step(self, model, state, z, k, rng):
         if self.off == 0.0:
