@@ -15,7 +15,14 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.derived import Consistency, observed
-from trackbench.evaluation.metrics import FOUND, StepSums, per_run_metrics, series, step_sums
+from trackbench.evaluation.metrics import (
+    FOUND,
+    OWN_SERIES,
+    StepSums,
+    per_run_metrics,
+    series,
+    step_sums,
+)
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, Simulation
 
@@ -212,6 +219,9 @@ class _Clock:
 
 def _stacked(noted: list[dict[str, Array]]) -> dict[str, Array]:
     names = noted[0] if noted else {}
+    for name in names:
+        if name.partition("_")[0] in OWN_SERIES:
+            raise ValueError(f"a diagnostic cannot be named {name!r}, as series of errors are")
     rows = {name: np.stack([note[name] for note in noted]) for name in names}
     return {name: np.vstack([np.full_like(r[:1], np.nan), r]) for name, r in rows.items()}
 

@@ -15,6 +15,8 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.scenarios.base import Scenario
 
+OWN_SERIES = frozenset({"squared", "error", "distance", "nees", "outside"})
+"""What names of series begin with that a filter's diagnostics cannot have."""
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
