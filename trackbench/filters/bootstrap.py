@@ -23,7 +23,8 @@ from trackbench.registry import register
 class Cloud(NamedTuple):
     """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
 
-    ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does.
+    ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
+    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows.
     """
 
     particles: Particles
@@ -32,6 +33,7 @@ class Cloud(NamedTuple):
     dead: Mask
     age: int
     P: Array | None = None
+    log_w: Array | float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,8 +159,7 @@ class APF(ParticleFilter):
         cloud = state.particles
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
-        with np.errstate(divide="ignore"):
-            chosen = particles.normalise(first + np.log(cloud.w))
+        chosen = particles.normalise(first + state.log_w)
         # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
         first = np.where(chosen.dead[:, None], 0.0, first)
         size = self._size(state.age + 1)
@@ -167,7 +168,8 @@ class APF(ParticleFilter):
         second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, dead = particles.normalise(second)
         moved = Particles(x, w)
-        return Cloud(moved, moved, moved.moments(), dead, state.age + 1)
+        log_w = np.where(dead[:, None], 0.0, second)
+        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w)
 
     def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
         moved = model.motion.transition(x, k)
