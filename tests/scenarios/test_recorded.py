@@ -8,6 +8,8 @@ import pytest
 
 from trackbench import api
 from trackbench.experiment.config import load
+from trackbench.experiment.digest import block_key
+from trackbench.experiment.plan import make_plan
 from trackbench.experiment.problems import UserError
 
 LIKE = "{kind: merwe, T: 12, R: 0.1}"
@@ -235,6 +237,16 @@ def test_edited_data_are_filtered_again(
     second = run(write(tmp_path), tmp_path / "rec").per_run
     changed = first["value"] != second["value"]
     assert set(first[changed & first["value"].notna()]["run"]) == {0}
+
+
+def test_data_edited_after_they_were_read_do_not_name_the_block(
+    simulated: Path, tmp_path: Path
+) -> None:
+    data = tmp_path / "data" / "m.csv"
+    first = make_plan(load(write(tmp_path))).unique[0]
+    data.write_text(data.read_text().replace("\n3,2,", "\n3,2,1"))
+    second = make_plan(load(write(tmp_path))).unique[0]
+    assert block_key(first, first.used) != block_key(second, second.used)
 
 
 def test_like_from_a_file(simulated: Path, tmp_path: Path) -> None:

@@ -33,8 +33,13 @@ def block_key(task: BlockTask, used: int) -> str:
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
     """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
-    code = [digest for inner in _nested(part) for digest in _foreign_code(type(inner))]
-    return [as_config(part, _content_digest), code]
+    parts = list(_nested(part))
+    code = [digest for inner in parts for digest in _foreign_code(type(inner))]
+    read: dict[str, str] = {}
+    for inner in parts:
+        read |= getattr(inner, "contents", {})
+    # What was read makes the numbers: the file itself may have been edited since.
+    return [as_config(part, lambda path: read.get(path) or _content_digest(path)), code]
 
 
 def _content_digest(path: str) -> str:

@@ -4,6 +4,7 @@ Optional attributes of a scenario class:
 
 ``lost_beyond``  error beyond which a run counts as lost, in the unit of the first quantity of ``errors``
 ``run_metrics``  a method of the series (T + 1, M) by name: further numbers per run (M,) by name
+``contents``     digests of the data files that were read, by path; else the files are hashed anew
 ``spans``        start and end times of stretches that a figure over time shades
 """
 

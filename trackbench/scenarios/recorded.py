@@ -100,6 +100,12 @@ class Recorded:
         return getattr(self.like, "run_metrics", None) if self.has_truth else None
 
     @property
+    def contents(self) -> dict[str, str]:
+        """Digest of all numbers that were read, by file."""
+        paths = (self.measurements, self.truth)
+        return {path: self._key[-1] for path in paths if path is not None}
+
+    @property
     def has_truth(self) -> bool:
         """Whether errors can be measured."""
         return self.truth is not None
