@@ -1,7 +1,9 @@
 """Several experiments in one command, on the same workers."""
 
+import multiprocessing
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,19 @@ def test_the_mistakes_of_all_at_once_and_nothing_runs(pair: list[Path], tmp_path
         "two.yaml:3:7: seed: 'x' is not a whole number",
     ]
     assert not (tmp_path / "results").exists()
+
+
+def test_stopping_early_ends_the_workers_and_nothing_else(pair: list[Path], tmp_path: Path) -> None:
+    mine = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
+    mine.start()
+    options = api.Options(workers=2, quiet=True, fresh=True, formats=(), out=tmp_path)
+    reports = api.run_all(pair, options)
+    next(reports)
+    reports.close()
+    mine.join(0.5)
+    assert multiprocessing.active_children() == [mine]
+    mine.kill()
+    mine.join()
 
 
 def test_two_of_one_name(tmp_path: Path) -> None:

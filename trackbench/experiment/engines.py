@@ -70,7 +70,8 @@ def _processes(workers: int) -> Iterator[Executor]:
     try:
         yield pool
     except BaseException:
-        for process in multiprocessing.active_children():
+        # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
+        for process in list((pool._processes or {}).values()):
             process.terminate()  # a block that is being computed is not waited for
         raise
     finally:
