@@ -4,10 +4,17 @@ import csv
 import io
 import itertools
 import tempfile
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from trackbench import api
+from trackbench.experiment.cache import BlockStore, cache_folder
+from trackbench.experiment.engines import cpu_count, engine
+from trackbench.experiment.plan import check_memory, make_plan
+from trackbench.experiment.runner import execute
+from trackbench.experiment.store import write_results
 from trackbench.report.comparison import claim_rows, number_rows
 from trackbench.report.opening import open_results
 from trackbench.report.results import Results
@@ -49,9 +56,8 @@ def run_changes(results: Results, runs: int, allow_plugins: bool = False) -> lis
     folder = results.folder
     runs = min(runs, results.config["runs"])
     with tempfile.TemporaryDirectory() as temporary:
-        again = Path(temporary) / "again"
-        options = api.Options(runs=runs, out=again, fresh=True, quiet=True, formats=())
-        api.run(folder / "config.yaml", options, allow_plugins=allow_plugins)
+        again = Path(temporary)
+        _compute_again(folder / "config.yaml", again, runs, allow_plugins)
         now = _rows(Results(again), runs)
     stored = _rows(results, runs)
     differing = [
@@ -64,6 +70,19 @@ def run_changes(results: Results, runs: int, allow_plugins: bool = False) -> lis
         f"{folder}/per_run.csv: {len(differing)} of {len(stored)} rows of the first {runs} runs "
         f"differ; the first is {a!r}, computed again {b!r}"
     ]
+
+
+def _compute_again(config: Path, out: Path, runs: int, allow_plugins: bool) -> None:
+    """The first runs, in blocks as wide as all runs had them: `block: fit` follows their number."""
+    experiment = api.prepare(config, api.Options(allow_plugins=allow_plugins))
+    experiment = replace(experiment, figures={})
+    plan = make_plan(experiment).first(runs)
+    workers = min(cpu_count(), len(plan.unique))
+    check_memory(experiment, workers)
+    fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
+    store, opened = BlockStore(cache_folder()), engine("processes", workers)
+    with closing(execute([plan], store, opened, workers, fresh=True, progress=False)) as outcomes:
+        write_results(out, fewer, next(outcomes), tracks=False)
 
 
 def _rows(results: Results, runs: int) -> list[list[str]]:

@@ -32,6 +32,18 @@ def test_what_was_stored_comes_out_again_even_packed(folder):
         command(folder)
 
 
+def test_blocks_that_fit_come_out_again_of_fewer_runs(tmp_path):
+    config = tmp_path / "fitted.yaml"
+    config.write_text(
+        "name: fitted\nruns: 20\nblock: fit\nscenario: {kind: merwe, T: 4}\n"
+        "filters: {PF: {kind: pf, N: 2000}}\n"
+        "figures: {last: {kind: estimates, run: 20}}\n"
+    )
+    folder = api.run(config, out=tmp_path / "out", workers=1, quiet=True, formats=()).folder
+    assert verify(folder, 3) == []
+    assert verify(folder, 12) == []
+
+
 def test_another_verdict_is_found(folder):
     rewrite(folder, "comparison.csv", ",near,", ",agrees,")
     rewrite(

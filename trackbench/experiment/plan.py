@@ -1,7 +1,7 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 from typing import TypeAlias
@@ -39,6 +39,18 @@ class Plan:
             dict.fromkeys(t for tasks in self.tasks.values() for t in tasks),
             key=lambda task: task.index,
         )
+
+    def first(self, runs: int) -> "Plan":
+        """The same blocks, of which only so many runs are used."""
+        tasks = {
+            key: [
+                replace(task, used=min(task.used, runs - task.first_run))
+                for task in blocks
+                if task.first_run < runs
+            ]
+            for key, blocks in self.tasks.items()
+        }
+        return replace(self, tasks=tasks)
 
 
 def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
