@@ -14,7 +14,7 @@ _TEMPLATES = {
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
 WHAT = tuple(_TEMPLATES)
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*([-_ ]?[A-Za-z0-9]+)*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
 def write_new(what: str, name: str, folder: Path) -> list[Path]:
@@ -35,7 +35,7 @@ def write_new(what: str, name: str, folder: Path) -> list[Path]:
 
 def _words(what: str, name: str) -> list[str]:
     mark = Mark(f"new {what} {name}")
-    if not _NAME.fullmatch(name) or len(name) > 60:
+    if len(name) > 60 or not _NAME.fullmatch(name):
         rule = "a name starts with a letter and holds letters, digits, - and _"
         raise UserError(Problem(mark, "", rule))
     words = [word.lower() for word in re.split(r"[-_ ]", name)]
