@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -23,6 +23,8 @@ from trackbench.registry import Group
 STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
 COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
 STEP = re.compile(r"(.+)@(\d+|last)")
+_FEW = 10
+"""Particles that are enough to see what a filter notes."""
 _ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)")
 
 
@@ -175,6 +177,8 @@ def _noted(settings: Settings, scenario: Any, tracker: Any) -> set[str]:
         return set()
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
+    if "N" in getattr(tracker, "__dataclass_fields__", ()):  # nothing is known of the memory yet
+        tracker = replace(tracker, N=min(tracker.N, _FEW))
     with np.errstate(all="ignore"):
         state = tracker.init(model, data.prior, rng)
         k = int(scenario.steps[1])

@@ -1,10 +1,11 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.definition import Experiment, Point, Settings
@@ -17,7 +18,7 @@ _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
 _WIDEST = 500
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
-_TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter
+_TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
 
 
 Key: TypeAlias = tuple[int, str]
@@ -153,9 +154,9 @@ def cautions(point: Point) -> list[str]:
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x = len(scenario.model.motion.components)
-    held: int = getattr(tracker, "held", particle_count(tracker))
-    cloud = held * n_x * _TEMPORARIES
-    return 8 * width * (cloud + len(scenario.steps) * (6 * n_x + 20))
+    cloud = particle_count(tracker) * n_x * _TEMPORARIES
+    held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
+    return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
 
 
 def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:

@@ -7,7 +7,8 @@ Optional attributes of a filter class:
 ``expectation``  posterior means of functions of the state, which may differ from their values at
                  the mean: ``expectation(state, g) -> {name: (M,)}`` for ``g(x) -> {name: (...)}``
 ``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
-``held``         memory per run in points of a cloud, if it is not N; for the runner's estimate
+``held``         a method of the model: numbers alive at once per run beside a cloud of N particles,
+                 if there are many; for the runner's estimate of the memory
 ``counts``       names of diagnostics that are summed over the steps instead
 ``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract/)
 """

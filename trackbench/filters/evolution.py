@@ -126,6 +126,12 @@ class PFDE(_Evolutionary):
     proposal: Literal["prior", "ukf"] = "prior"
     """where particles are drawn from before the evolution"""
 
+    def held(self, model: Model) -> int:
+        """Without a Kalman step: the arrays of a generation, and the covariances of the first."""
+        if self.proposal == "ukf":
+            return super().held(model)
+        return self.N * (10 + len(model.motion.components) ** 2)
+
     @property
     def _evolution(self) -> Evolution:
         return Evolution(

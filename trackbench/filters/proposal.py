@@ -79,6 +79,11 @@ class KalmanProposal:
             return {"transition_density": "increment is defined for a gamma process noise"}
         return {}
 
+    def held(self, model: Model) -> int:
+        """Numbers alive at once per run beside the cloud: some ten covariances per particle."""
+        n_x = len(model.motion.components)
+        return self.N * 10 * n_x * n_x
+
     def drawn(self, prior: Distribution, rng: Generator) -> ProposedCloud:
         """N draws from the prior, each with its own covariance."""
         x = prior.sample(rng, self.N)
@@ -190,6 +195,15 @@ class UnscentedProposal(KalmanProposal):
     """extra weight of the centre in the covariance"""
     kappa: Finite = 2.0
     """secondary scaling of the sigma points"""
+
+    def held(self, model: Model) -> int:
+        """Numbers alive at once per run beside the cloud: sigma points of (x, v, n) per particle.
+
+        Themselves, three arrays each of what motion and sensor make of them, and the covariance.
+        """
+        n_x, n_z = len(model.motion.components), len(model.sensor.components)
+        n = 2 * n_x + n_z
+        return self.N * ((n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1))
 
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         unscented = Unscented(self.alpha, self.beta, self.kappa)

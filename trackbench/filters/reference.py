@@ -83,10 +83,9 @@ class Grid:
     """how many standard deviations of the measurement noise the nodes span on either side"""
     needs: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
 
-    @property
-    def held(self) -> int:
-        """Numbers alive at once per run: a kernel of nodes by nodes, as it were of so many points."""
-        return self.nodes * self.nodes // 2
+    def held(self, model: Model) -> int:
+        """Numbers alive at once per run: kernels of nodes by nodes."""
+        return 7 * self.nodes * self.nodes
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> grid.Posterior:
         """All mass on the known first state."""

@@ -1,0 +1,64 @@
+"""The memory a run is said to need: never less than a block takes, and not many times more."""
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trackbench import api
+from trackbench.evaluation.block import BlockTask, run_whole_block
+from trackbench.experiment.plan import _block_bytes
+from trackbench.registry import kinds
+from trackbench.scenarios.banana import Banana
+from trackbench.scenarios.merwe import Merwe
+
+SCENARIOS = {"merwe": Merwe(T=4, R=1.0), "banana": Banana(scans=5)}
+
+
+def peak(function: Callable[..., object], *args: object) -> int:
+    """Bytes that were alive at once."""
+    tracemalloc.start()
+    try:
+        function(*args)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        ("pf", {}),
+        ("rpf", {}),
+        ("epf", {}),
+        ("epf", {"defensive": 0.2}),
+        ("upf", {}),
+        ("upf", {"defensive": 0.2, "resampling": "residual"}),
+        ("pfde", {}),
+        ("pfde", {"proposal": "ukf"}),
+        ("hdepf", {"target": "ratio", "final_weights": "importance"}),
+    ],
+)
+def test_a_block_takes_no_more_than_estimated(
+    kind: str, keys: dict[str, Any], scenario: str
+) -> None:
+    model, width = SCENARIOS[scenario], 4
+    tracker = kinds("filters")[kind](N=5000, **keys)
+    task = BlockTask(model, tracker, 0, 0, width, width)
+    run_whole_block(replace(task, filter=replace(tracker, N=4)))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(model, tracker, width) <= 2.5 * taken
+
+
+def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> None:
+    """Before anything is known of the memory that its own number would take."""
+    config = tmp_path / "large.yaml"
+    config.write_text(
+        "name: large\nscenario: {kind: merwe, T: 5}\nfilters: {UPF: {kind: upf, N: 300000}}\n"
+        "tables: {t: {kind: metrics, columns: {d: mean(dead_steps)}}}\n"
+    )
+    assert peak(api.prepare, config, api.Options()) < 20_000_000
