@@ -39,6 +39,12 @@ def test_run_and_load(config: Path, tmp_path: Path) -> None:
         assert (tmp_path / "cli" / name).read_bytes() == (tmp_path / "api" / name).read_bytes()
 
 
+def test_the_folder_may_be_a_word(config: Path, tmp_path: Path) -> None:
+    report = trackbench.run(config, runs=2, engine="serial", out=str(tmp_path / "w"), quiet=True)
+    assert report.folder == tmp_path / "w"
+    assert (tmp_path / "w" / "summary.csv").is_file()
+
+
 def test_load_of_something_else(tmp_path: Path) -> None:
     with pytest.raises(UserError):
         trackbench.load(tmp_path)

@@ -37,7 +37,7 @@ class Options:
     runs: int | None = None
     seed: int | None = None
     grid: Sequence[str] = ()
-    out: Path | None = None
+    out: Path | str | None = None
     engine: Engine = "processes"
     workers: int | None = None
     scheduler: str | None = None
@@ -164,8 +164,9 @@ def _job(config: Path, options: Options, alone: bool) -> _Job:
     experiment = prepare(config, options)
     if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
         experiment = replace(experiment, figures={})
-    folder = options.out if options.out is not None and alone else None
-    folder = folder or (options.out or Path("results")) / experiment.settings.name
+    folder = Path("results" if options.out is None else options.out)
+    if options.out is None or not alone:
+        folder /= experiment.settings.name
     _check_out(folder)
     check_memory(experiment, 1, options.save_tracks)
     plan = make_plan(experiment, options.save_tracks)
