@@ -51,7 +51,9 @@ def test_axis_values(text: str, values: list[object]) -> None:
     assert [type(v) for v in found] == [type(v) for v in values]
 
 
-@pytest.mark.parametrize("text", ["1..2", "1..2:0", "log:0..1:3", "log:-1..1:3", "a..b:3"])
+@pytest.mark.parametrize(
+    "text", ["1..2", "1..2:0", "log:0..1:3", "log:-1..1:3", "a..b:3", "0..1:" + "9" * 5000]
+)
 def test_axes_that_are_no_axes(text: str) -> None:
     with pytest.raises(UserError):
         axis_values(text, Mark("--grid"))

@@ -4,7 +4,8 @@ from typing import Annotated, NamedTuple
 
 from annotated_types import Ge, Gt, Interval
 
-Count = Annotated[int, Ge(1)]
+Count = Annotated[int, Interval(ge=1, le=10**15)]
+"""As many as one likes of something: more than there is time for, and small enough to reckon with."""
 MOST_STEPS = 100_000
 Steps = Annotated[int, Interval(ge=1, le=MOST_STEPS)]
 """A number of time steps: every series holds one value per step, so it has an end."""

@@ -195,6 +195,8 @@ HANDMADE = {
     "1e9 particles": MINIMAL.replace("N: 10", "N: 1e9"),
     "a number of 400 digits": MINIMAL.replace("N: 10", "N: " + "9" * 400),
     "a number of 300 digits": MINIMAL.replace("N: 10", "N: " + "9" * 300),
+    "runs of 320 digits": MINIMAL + "runs: " + "9" * 320 + "\n",
+    "runs of 90 digits": MINIMAL + "runs: " + "9" * 90 + "\nblock: fit\n",
     "a trillion runs": MINIMAL + "runs: 1000000000000\n",
     "a block of a trillion runs": MINIMAL + "block: 1000000000000\n",
     "a trillion steps": MINIMAL.replace("kind: merwe", "kind: merwe, T: 1000000000000"),
@@ -261,6 +263,11 @@ HANDMADE = {
     "deep mappings": "".join(" " * i + "a:\n" for i in range(500)),
     "a use of itself": MINIMAL.replace("{kind: pf, N: 10}", "{use: self.yaml}"),
     "a use of a folder": MINIMAL.replace("{kind: pf, N: 10}", "{use: .}"),
+    "a use of a name too long": MINIMAL.replace("{kind: pf, N: 10}", "{use: %s}" % ("a" * 300)),
+    "data of a name too long": MINIMAL.replace(
+        "{kind: merwe}", "{kind: recorded, like: {kind: merwe}, measurements: %s}" % ("a" * 300)
+    ),
+    "a null in the name of a published file": MINIMAL + 'published: ["a\\0b.csv"]\n',
     "a use of a device": MINIMAL.replace("{kind: pf, N: 10}", "{use: /dev/zero}"),
     "a use of no yaml": MINIMAL.replace("{kind: pf, N: 10}", "{use: /etc/passwd}"),
     "a use that is a list": MINIMAL.replace("{kind: pf, N: 10}", "{use: [a]}"),

@@ -8,6 +8,7 @@ import pytest
 
 from tests.conftest import EXPERIMENTS
 from trackbench.experiment.config import load
+from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import EXPRESSION, read_published
 
 FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
@@ -61,6 +62,13 @@ def test_every_row_is_well_formed(path: Path) -> None:
         found = read_published(path.parent, [path.name], experiment)
         for row in [*found.numbers, *found.claims]:
             assert all(EXPRESSION.fullmatch(e) for e in row.expressions), row
+
+
+def test_a_quote_that_is_not_closed_is_said_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text('paper,table,filter,metric,value\nx,y,z,m,1\nx,y,"' + "q" * 140_000)
+    with pytest.raises(UserError, match=r"p\.csv:3:1: not a CSV: field larger than"):
+        read_published(tmp_path, [path.name], "x")
 
 
 def test_experiments_that_measure_something_name_the_file() -> None:

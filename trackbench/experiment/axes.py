@@ -8,7 +8,7 @@ from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.source import Source, dotted, scalar
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_RANGE = re.compile(rf"(log:)?({_NUMBER})\.\.({_NUMBER}):([0-9]+)")
+_RANGE = re.compile(rf"(log:)?({_NUMBER})\.\.({_NUMBER}):([0-9]{{1,9}})")
 _MOST_VALUES = 1000
 
 

@@ -1,5 +1,6 @@
 """Putting a config together: parts from other files, and overrides by path."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     if depth > 10:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     path = folder / name
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
         raise UserError(Problem(mark, dotted(keys), f"there is no file {path}"))
     part = read(path)
     if not isinstance(part.data, dict):

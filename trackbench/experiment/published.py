@@ -138,7 +138,7 @@ def read_published(
     for path in paths:
         try:
             text = (folder / path).read_text(encoding="utf-8-sig")
-        except (OSError, UnicodeDecodeError):
+        except (OSError, ValueError):  # not there, not UTF-8, or a path with a null in it
             where = mark or Mark(str(folder / "config.yaml"))
             problems.append(Problem(where, "published", f"cannot read {folder / path}"))
             continue
@@ -166,12 +166,17 @@ def _read(
     problems: list[Problem],
 ) -> None:
     reader = csv.reader(io.StringIO(text))
-    header = next(reader, [])
+    try:
+        rows = [(reader.line_num, cells) for cells in reader]
+    except csv.Error as error:
+        problems.append(Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}"))
+        return
+    header = rows[0][1] if rows else []
     cls: type[Any] = Claim if "claim" in header else PublishedNumber
-    for cells in reader:
+    for line, cells in rows[1:]:
         if not cells:
             continue
-        source = _source(name, reader.line_num, cls, header, cells, problems)
+        source = _source(name, line, cls, header, cells, problems)
         mistakes: list[Problem] = []
         row = build(cls, source, (0,), mistakes)
         problems += [Problem(p.mark, p.path.removeprefix("0."), p.what) for p in mistakes]

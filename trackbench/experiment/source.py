@@ -19,6 +19,7 @@ Keys: TypeAlias = tuple[str | int, ...]
 _LARGEST_FILE = 1_000_000  # bytes
 _MOST_NODES = 20_000  # after aliases are expanded
 _DEEPEST = 50
+_LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INT = re.compile(r"[-+]?[0-9]+")
 _SPECIAL = {
@@ -105,7 +106,7 @@ def scalar(text: str) -> Any:
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
-        return int(text) if len(text) < 400 else text
+        return int(text) if len(text) < _LONGEST_NUMBER else text
     if _FLOAT.fullmatch(text):
         return float(text)
     return _SPECIAL.get(text.lower(), text)
