@@ -77,6 +77,26 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
             "kind: hdepf\n    preset: litteral",
             "7:13: filters.PF.preset: 'litteral' is not a preset of hdepf; did you mean literal?",
         ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: ukf\n    kappa: -3",
+            "7:12: filters.PF.kappa: n + kappa must be greater than 0; n = 3",
+        ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: ukf\n    start: mucm",
+            "7:12: filters.PF.start: scenario merwe has no range and azimuth to convert",
+        ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: upf\n    kappa: -3.5",
+            "7:12: filters.PF.kappa: n + kappa must be greater than 0; n = 3",
+        ),
+        (
+            "kind: pf\n    N: 10",
+            "kind: ukf\n    alpha: 1e-200",
+            "7:12: filters.PF.alpha: alpha^2 (n + kappa) must be a finite number",
+        ),
         ("name: x", "name: ../x", "1:7: name: '../x' must start with a letter or digit"),
         ("name: x", "name: /etc/x", "1:7: name: '/etc/x' must start with a letter or digit"),
         ("runs: 10", "runs: 0", "2:7: runs: 0 is less than 1"),

@@ -12,7 +12,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.unscented import Unscented
 from trackbench.keys import Finite, NonNegative, Positive
 from trackbench.models.base import Model
-from trackbench.models.gaussian import Assumed, extended_step, unscented_step
+from trackbench.models.gaussian import Assumed, extended_step, spread_conflicts, unscented_step
 from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
@@ -103,6 +103,11 @@ class UKF(GaussianFilter):
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "merwe-demo": {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
     }
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """The same, and sigma points that spread."""
+        spread = spread_conflicts(self.alpha, self.kappa, scenario.model)
+        return super().conflicts(scenario) | spread
 
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update by sigma points."""

@@ -20,7 +20,13 @@ from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.unscented import Unscented
 from trackbench.keys import Finite, NonNegative, Positive, Share
 from trackbench.models.base import Model, log_likelihood
-from trackbench.models.gaussian import Assumed, extended_step, unscented_step
+from trackbench.models.gaussian import (
+    Assumed,
+    augmented_size,
+    extended_step,
+    spread_conflicts,
+    unscented_step,
+)
 from trackbench.registry import register
 
 TransitionReading = Literal["model", "increment"]
@@ -202,8 +208,13 @@ class UnscentedProposal(KalmanProposal):
         Themselves, three arrays each of what motion and sensor make of them, and the covariance.
         """
         n_x, n_z = len(model.motion.components), len(model.sensor.components)
-        n = 2 * n_x + n_z
+        n = augmented_size(model)
         return self.N * ((n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1))
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """The same, and sigma points that spread."""
+        spread = spread_conflicts(self.alpha, self.kappa, scenario.model)
+        return super().conflicts(scenario) | spread
 
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         unscented = Unscented(self.alpha, self.beta, self.kappa)

@@ -60,6 +60,23 @@ def extended_step(
     return kalman.update(predicted, nu, model.sensor.jacobian(predicted.mean, k), seen.cov)
 
 
+def augmented_size(model: Model) -> int:
+    """Components of the augmented state (x, v, n) of which `unscented_step` takes sigma points."""
+    return 2 * len(model.motion.components) + len(model.sensor.components)
+
+
+def spread_conflicts(alpha: float, kappa: float, model: Model) -> dict[str, str]:
+    """What is wrong, by key, if the sigma points do not spread: alpha^2 (n + kappa) must."""
+    n = augmented_size(model)
+    if n + kappa <= 0:
+        return {
+            "kappa": f"n + kappa must be greater than 0; n = {n}, of state, noise and measurement"
+        }
+    if not 0 < alpha * alpha * (n + kappa) < float("inf"):
+        return {"alpha": f"alpha^2 (n + kappa) must be a finite number greater than 0; n = {n}"}
+    return {}
+
+
 def unscented_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, unscented: Unscented
 ) -> tuple[Gaussian, Innovation]:
