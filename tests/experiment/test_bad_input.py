@@ -219,6 +219,14 @@ def test_a_mistake_in_an_override_names_the_option(tmp_path: Path) -> None:
     assert "did you mean PF" in mistakes(tmp_path, GOOD, only=["pf"])[0]
 
 
+@pytest.mark.parametrize("shape", [30, 200])
+def test_gamma_noise_that_the_quadrature_cannot_resolve(tmp_path: Path, shape: int) -> None:
+    text = GOOD.replace("kind: pf\n    N: 10", "kind: grid")
+    text = text.replace("kind: merwe", f"kind: merwe, gamma_shape: {shape}")
+    what = "6:5: filters.PF: grid is exact for gamma noise of a shape up to 20 only"
+    assert mistakes(tmp_path, text) == [what]
+
+
 def test_a_filter_that_cannot_run_on_the_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,8 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
+_LARGEST_SHAPE = 20
+
 
 @register("filters", "prior-mean")
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +84,16 @@ class Grid:
     deviations: Annotated[float, Ge(4)] = 6.5
     """how many standard deviations of the measurement noise the nodes span on either side"""
     needs: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Below its edge the density is continued by its formula, which a large shape makes too steep.
+
+        From a shape of 30 on the estimate is wrong where R is large, without any sign of it.
+        """
+        noise = getattr(scenario.model.motion, "noise", None)
+        if getattr(noise, "shape", 0.0) > _LARGEST_SHAPE:
+            return {"": f"grid is exact for gamma noise of a shape up to {_LARGEST_SHAPE} only"}
+        return {}
 
     def held(self, model: Model) -> int:
         """Numbers alive at once per run: kernels of nodes by nodes."""
