@@ -109,6 +109,15 @@ def test_list_and_describe() -> None:
     described = trackbench("describe", "hdepf").stdout
     for word in ("number of particles", "0.9", "preset literal", "crossover probability"):
         assert word in described
+    for kind, state, seen in (
+        ("merwe", "x", "z"),
+        ("maneuver", "px,vx,py,vy", "x,y"),
+        ("banana", "px,vx,py,vy", "range,azimuth"),
+    ):
+        described = trackbench("describe", kind).stdout
+        assert f"components of the state:       {state}\n" in described
+        assert f"components of the measurement: {seen}\n" in described
+    assert trackbench("describe", "recorded").returncode == 0
     wrong = trackbench("describe", "hdpf")
     assert wrong.returncode == 2
     assert "did you mean hdepf" in wrong.stderr

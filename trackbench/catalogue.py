@@ -46,10 +46,20 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
     for name, keys in getattr(cls, "presets", {}).items():
         given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {given}")
+    if group == "scenarios":
+        lines += _component_rows(cls)
     explain = getattr(cls, "explain", None)
     if explain is not None:
         lines.append("\n" + explain())
     return "\n".join(lines)
+
+
+def _component_rows(cls: type[Any]) -> Iterator[str]:
+    """Components of state and measurement with all keys at their defaults, if all have one."""
+    if "required" not in map(_default, dataclasses.fields(cls)):
+        model = cls().model
+        yield f"\n  components of the state:       {','.join(model.motion.components)}"
+        yield f"  components of the measurement: {','.join(model.sensor.components)}"
 
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
