@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,9 @@ from pathlib import Path
 import pytest
 
 import trackbench
+import trackbench.filters.base as filters_base
+import trackbench.scenarios.base as scenarios_base
+from tests.conftest import ROOT
 from trackbench.registry import Group, kinds
 
 PACKAGE = Path(trackbench.__file__).parent
@@ -54,6 +58,20 @@ def test_imports_go_down_only(path: Path) -> None:
     for other in _imports(path):
         assert FLOORS[other] <= FLOORS[room], f"{path} on floor {room} imports {other} above it"
         assert {room, other} != {"scenarios", "filters"}, f"{path}: filters and scenarios are apart"
+
+
+def test_the_design_names_every_module_of_the_house() -> None:
+    house = (ROOT / "docs" / "design.md").read_text().split("```")[1]
+    for room in FLOORS.keys() - {"__main__"}:
+        assert re.search(rf"\b{room}(/|\.py)", house), room
+
+
+def test_every_hook_of_the_design_is_explained() -> None:
+    hooks = (ROOT / "docs" / "design.md").read_text().partition("## Hooks")[2].partition("They")[0]
+    of_filters, _, of_scenarios = hooks.partition("; a scenario")
+    for text, base in ((of_filters, filters_base), (of_scenarios, scenarios_base)):
+        for hook in re.findall(r"`(\w+)`", text):
+            assert f"``{hook}``" in base.__doc__, hook
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,10 @@ Optional attributes of a filter class:
 ``held``         a method of the model: numbers alive at once per run beside a cloud of N particles,
                  if there are many; for the runner's estimate of the memory
 ``counts``       names of diagnostics that are summed over the steps instead
+``conflicts``    a method of the scenario: what it cannot do there, by key (``""``: as a whole); each is
+                 a mistake with its line before anything runs
+``cautions``     a method of the scenario: sentences on what is no mistake there but should be known
+``explain``      a class method: further lines for ``trackbench describe``
 ``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract/)
 """
 

@@ -5,6 +5,11 @@ Optional attributes of a scenario class:
 ``lost_beyond``  error beyond which a run counts as lost, in the unit of the first quantity of ``errors``
 ``run_metrics``  a method of the series (T + 1, M) by name: further numbers per run (M,) by name
 ``contents``     digests of the data files that were read, by path; else the files are hashed anew
+``bounds``       a method: lower bounds of the errors (T + 1,) by quantity, for the key ``bound``
+``observables``  a method of the state: functions of it by name, whose posterior means are measured
+``marginals``    components by name of a part of the state: its own NEES beside the whole state's
+``has_truth``    False if there are measurements only, and so no errors
+``recorded_runs``  how many runs there are, if one cannot have as many as one likes
 ``spans``        start and end times of stretches that a figure over time shades
 """
 
