@@ -34,6 +34,7 @@ def peak(function: Callable[..., object], *args: object) -> int:
     [
         ("pf", {}),
         ("rpf", {}),
+        ("rpf", {"boost": 4, "boost_scans": 2}),
         ("epf", {}),
         ("epf", {"defensive": 0.2}),
         ("upf", {}),

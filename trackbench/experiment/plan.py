@@ -154,7 +154,8 @@ def cautions(point: Point) -> list[str]:
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x = len(scenario.model.motion.components)
-    cloud = particle_count(tracker) * n_x * _TEMPORARIES
+    boost: int = getattr(tracker, "boost", 1) if getattr(tracker, "boost_scans", 0) else 1
+    cloud = boost * particle_count(tracker) * n_x * _TEMPORARIES
     held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
     return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
 
