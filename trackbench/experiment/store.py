@@ -2,19 +2,14 @@
 
 import hashlib
 import json
-import platform
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
-from importlib.metadata import version
 from lzma import LZMAError
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-import trackbench
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
@@ -26,9 +21,9 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
-from trackbench.experiment.code import code_digest
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
+from trackbench.experiment.manifest import manifest_of
 from trackbench.experiment.metric_names import base_name, kept_metrics
 from trackbench.experiment.packing import opened, there
 from trackbench.experiment.plan import Key
@@ -40,8 +35,6 @@ Row = Iterable[Any]
 
 _DAMAGED = "damaged"  # in place of a digest: no file has it
 
-FORMAT = 1
-"""Counts up when a results folder changes so that older code would misread it."""
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
 """Files that only a run writes; the manifest has their digests."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -114,7 +107,7 @@ def write_results(
             writer.writerows(_bounds(experiment, name))
     for name, collection in kept.items():
         collection.write(folder / name)
-    manifest = _manifest(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
+    manifest = manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
     manifest["files"] = digests(folder)
     write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return losses
@@ -223,41 +216,3 @@ _FRAMES: dict[str, tuple[list[str], Any]] = {
     "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
     "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
 }
-
-
-def _manifest(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
-    return {
-        "format": FORMAT,
-        "trackbench": trackbench.__version__,
-        "commit": _commit(),
-        "experiment": experiment.settings.name,
-        "seed": experiment.settings.seed,
-        "runs": experiment.settings.runs,
-        "python": sys.version.split()[0],
-        "platform": platform.platform(),
-        "packages": {name: version(name) for name in packages},
-        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
-        "code": code_digest(),
-        "failed": [
-            {**experiment.points[i].values, "filter": label, "reason": why}
-            for (i, label), why in outcome.failures.items()
-        ],
-        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
-        "wall_s": round(outcome.wall_s, 3),
-    }
-
-
-def _commit() -> str | None:
-    """The git commit of the package's own source, if it is a checkout."""
-    here = Path(trackbench.__file__).parent
-    try:
-        found = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return found.stdout.strip()

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from trackbench.experiment.definition import Settings
+from trackbench.experiment.manifest import FORMAT
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.store import FORMAT, digests
+from trackbench.experiment.store import digests
 from trackbench.experiment.validate import build
 from trackbench.report.results import Results
 

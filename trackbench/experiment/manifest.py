@@ -1,0 +1,55 @@
+"""What a results folder says of the run that made it: versions, seed, code, what failed."""
+
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import trackbench
+from trackbench.experiment.code import code_digest
+from trackbench.experiment.definition import Experiment
+from trackbench.experiment.runner import Outcome
+
+FORMAT = 1
+"""Counts up when a results folder changes so that older code would misread it."""
+
+
+def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """Content of ``manifest.json`` but for the digests of the files."""
+    packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
+    return {
+        "format": FORMAT,
+        "trackbench": trackbench.__version__,
+        "commit": _commit(),
+        "experiment": experiment.settings.name,
+        "seed": experiment.settings.seed,
+        "runs": experiment.settings.runs,
+        "python": sys.version.split()[0],
+        "platform": platform.platform(),
+        "packages": {name: version(name) for name in packages},
+        "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
+        "code": code_digest(),
+        "failed": [
+            {**experiment.points[i].values, "filter": label, "reason": why}
+            for (i, label), why in outcome.failures.items()
+        ],
+        "blocks": {"computed": outcome.computed, "reused": outcome.reused},
+        "wall_s": round(outcome.wall_s, 3),
+    }
+
+
+def _commit() -> str | None:
+    """The git commit of the package's own source, if it is a checkout."""
+    here = Path(trackbench.__file__).parent
+    try:
+        found = subprocess.run(
+            ["git", "-C", str(here), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return found.stdout.strip()
