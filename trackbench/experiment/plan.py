@@ -16,6 +16,7 @@ from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
+_BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
 _WIDEST = 500
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
@@ -93,10 +94,16 @@ def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500.
 
-    Fewer of long tracks, which a block holds whole, step by step.
+    Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
     """
+    N = particle_count(tracker)
     most = min(_WIDEST, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
-    return max(1, min(most, _PARTICLES_AT_A_TIME // particle_count(tracker)))
+    return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // (_boost(tracker) * N)))
+
+
+def _boost(tracker: AnyFilter) -> int:
+    """By how much a filter's cloud is larger in its first steps."""
+    return int(getattr(tracker, "boost", 1)) if getattr(tracker, "boost_scans", 0) else 1
 
 
 def particle_count(tracker: AnyFilter) -> int:
@@ -154,8 +161,7 @@ def cautions(point: Point) -> list[str]:
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x = len(scenario.model.motion.components)
-    boost: int = getattr(tracker, "boost", 1) if getattr(tracker, "boost_scans", 0) else 1
-    cloud = boost * particle_count(tracker) * n_x * _TEMPORARIES
+    cloud = _boost(tracker) * particle_count(tracker) * n_x * _TEMPORARIES
     held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
     return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
 

@@ -31,7 +31,7 @@ class LineOfSight(ParticleFilter):
     hit the thin banana, as they must where the velocity is marginalised instead (`mpf`). A particle is
     kept as its Cartesian mean, and regularised in (theta, v_c, r, r') so that it stays on its arc, each
     sense of the cross speed by itself. Few of the first draws survive the third range of a fast target:
-    40 000 in the first three scans (`boost`) are enough at 10 km/s.
+    40 000 in the first three scans (`boost`) make a lost run rare, at 10 km/s too.
     """
 
     ess_threshold: OpenShare = 0.5
