@@ -10,7 +10,7 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
-from trackbench.experiment.plan import _block_bytes
+from trackbench.experiment.plan import _block_bytes, block_width
 from trackbench.registry import kinds
 from trackbench.scenarios.banana import Banana
 from trackbench.scenarios.merwe import Merwe
@@ -63,3 +63,11 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
         "tables: {t: {kind: metrics, columns: {d: mean(dead_steps)}}}\n"
     )
     assert peak(api.prepare, config, api.Options()) < 20_000_000
+
+
+@pytest.mark.parametrize(
+    ("N", "boost", "scans", "width"), [(10_000, 10, 8, 3), (2000, 1, 0, 16), (2000, 20, 3, 8)]
+)
+def test_a_boosted_cloud_makes_a_narrower_block(N: int, boost: int, scans: int, width: int) -> None:
+    tracker = kinds("filters")["rpf"](N=N, boost=boost, boost_scans=scans)
+    assert block_width(tracker, Banana()) == width
