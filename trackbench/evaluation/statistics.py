@@ -74,7 +74,7 @@ def median(x: Array) -> Estimate:
 def _quantiles(x: Array, shares: list[float]) -> list[float]:
     """Quantiles of numbers some of which may be infinite: between two infinities lies infinity."""
     found = np.quantile(x, shares)
-    return [float(q) for q in (np.where(np.isnan(found), x.max(), found))]
+    return [float(q) for q in np.where(np.isnan(found), x.max(), found)]
 
 
 STATISTICS: dict[str, Callable[[Array], Estimate]] = {

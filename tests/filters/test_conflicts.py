@@ -1,0 +1,60 @@
+"""What filters say, before anything runs, of scenarios and keys with which they cannot work."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import make_filter
+from trackbench.models.motions import ConstantVelocity
+from trackbench.scenarios.banana import Banana
+from trackbench.scenarios.maneuver import Maneuver
+from trackbench.scenarios.merwe import Merwe
+from trackbench.scenarios.recorded import Recorded
+
+FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
+    ("cmkf", {}, ""),
+    ("conversion", {}, ""),
+    ("gaussian-sum", {}, ""),
+    ("mpf", {}, ""),
+    ("los-rbpf", {}, ""),
+    ("ekf", {"start": "mucm"}, "start"),
+]
+
+
+@pytest.mark.parametrize(("kind", "keys", "key"), FROM_TWO_SCANS)
+def test_two_scans_are_asked_for_where_a_gaussian_is(
+    kind: str, keys: dict[str, Any], key: str, tmp_path: Path
+) -> None:
+    seen = tmp_path / "m.csv"
+    seen.write_text("run,step,range,azimuth\n0,3,2700000,1.2\n")
+    scenario = Recorded(
+        like=Banana(scans=4),
+        measurements=str(seen),
+        prior_mean=(1.0e6, 0.0, 2.5e6, 0.0),
+        prior_sigma=(5e3, 1e2, 5e3, 1e2),
+    )
+    tracker: Any = make_filter(kind, **keys)
+    assert "two scans" in tracker.conflicts(scenario)[key]
+    assert tracker.conflicts(Banana(scans=4)) == {}
+
+
+@pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])
+def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
+    scenario = Maneuver(motion=ConstantVelocity(q=1.0))
+    tracker: Any = make_filter(kind)
+    assert "singular" in tracker.conflicts(scenario)[""]
+    assert tracker.conflicts(Merwe()) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "key"),
+    [
+        ("upf", {"transition_density": "increment"}, "transition_density"),
+        ("hdepf", {"resampling": "residual"}, "resampling"),
+        ("los-rbpf", {"weights": "naive"}, "weights"),
+    ],
+)
+def test_keys_that_mean_nothing_here_are_refused(kind: str, keys: dict[str, Any], key: str) -> None:
+    tracker: Any = make_filter(kind, **keys)
+    assert key in tracker.conflicts(Banana(scans=4))
