@@ -94,10 +94,11 @@ def test_few_and_many_matrices_are_factored_alike(
 
 
 @pytest.mark.parametrize("n", [1, 4])
-def test_a_matrix_per_run_transforms_its_cloud(n: int, rng: np.random.Generator) -> None:
-    A, x = rng.standard_normal((n, n, 3)), rng.standard_normal((n, 3, 7))
-    expected = np.einsum("ijm,jmk->imk", A, x)
-    np.testing.assert_allclose(linalg.transform(A, x), expected, rtol=1e-12, atol=1e-14)
+def test_a_lower_triangle_per_run_transforms_its_cloud(n: int, rng: np.random.Generator) -> None:
+    L = np.stack([np.tril(rng.standard_normal((n, n))) for _ in range(3)], axis=-1)
+    x = rng.standard_normal((n, 3, 7))
+    expected = np.einsum("ijm,jmk->imk", L, x)
+    np.testing.assert_allclose(linalg.lower_product(L, x), expected, rtol=1e-12, atol=1e-14)
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it(rng: np.random.Generator) -> None:

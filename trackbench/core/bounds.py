@@ -26,4 +26,4 @@ def _inverse(P: Array) -> Array:
     """Inverse through a unit diagonal: metres and metres per second differ by many decades."""
     scale = 1.0 / np.sqrt(np.diagonal(P))
     both = np.outer(scale, scale)
-    return linalg.symmetrised(both * np.linalg.inv(both * P))
+    return both * linalg.inverse(both * P)

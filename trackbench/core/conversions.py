@@ -11,6 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import cos_sin, exp, expm1, sinh
 
 Conversion = Literal["ccm", "ucm", "mucm", "ducm"]
 
@@ -33,7 +34,8 @@ def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) ->
 
 def ccm(z: Polar) -> Gaussian:
     """Conventional conversion: z taken literally, first-order covariance (banana paper, eqs. 1-2)."""
-    return Gaussian(position(z.r, z.a), rotated(z.range_variance, z.r**2 * z.azimuth_variance, z.a))
+    cross = np.square(z.r) * z.azimuth_variance
+    return Gaussian(position(z.r, z.a), rotated(z.range_variance, cross, z.a))
 
 
 def ucm(z: Polar) -> Gaussian:
@@ -42,19 +44,19 @@ def ucm(z: Polar) -> Gaussian:
     The covariance is that of the error given the measurement.
     """
     s, v = z.azimuth_variance, z.range_variance
-    square = z.r**2
-    radial = square * (np.expm1(s) + 0.5 * np.expm1(-2.0 * s)) + 0.5 * v * (1.0 + np.exp(-2.0 * s))
-    cross = -0.5 * (square + v) * np.expm1(-2.0 * s)
-    return Gaussian(position(np.exp(0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
+    square, lost = np.square(z.r), expm1(-2.0 * s)
+    radial = square * (expm1(s) + 0.5 * lost) + 0.5 * v * (2.0 + lost)
+    cross = -0.5 * (square + v) * lost
+    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
 
 
 def mucm(z: Polar) -> Gaussian:
     """Modified unbiased conversion: mean and covariance given the measurement (Duan et al. 2004)."""
     s, v = z.azimuth_variance, z.range_variance
-    square = z.r**2
-    radial = np.exp(-s) * (2.0 * square * np.sinh(0.5 * s) ** 2 + v * np.cosh(s))
-    cross = np.exp(-s) * (square + v) * np.sinh(s)
-    return Gaussian(position(np.exp(-0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
+    square, more = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
+    radial = exp(-s) * (square * more + v * (1.0 + more))
+    cross = exp(-s) * (square + v) * sinh(s)
+    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
 
 
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
@@ -65,20 +67,21 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     """
     s, v = z.azimuth_variance, z.range_variance
     where = z if predicted is None else _more_certain(predicted, z)
-    square = where.r**2 + where.range_variance
-    even = 0.5 * (square * np.expm1(s) + np.exp(s) * v)
-    odd = 0.5 * (square * np.expm1(-s) + np.exp(-s) * v) * np.exp(-2.0 * where.azimuth_variance)
-    return Gaussian(position(np.exp(0.5 * s) * z.r, z.a), rotated(even + odd, even - odd, where.a))
+    square = np.square(where.r) + where.range_variance
+    even = 0.5 * (square * expm1(s) + exp(s) * v)
+    odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * where.azimuth_variance)
+    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotated(even + odd, even - odd, where.a))
 
 
 def position(r: Array, a: Array) -> Array:
     """``r (cos a, sin a)`` (2, *batch)."""
-    return np.stack([r * np.cos(a), r * np.sin(a)])
+    c, s = cos_sin(a)
+    return np.stack([r * c, r * s])
 
 
 def rotated(radial: Array | float, cross: Array | float, a: Array) -> Array:
     """``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
-    c, s = np.cos(a), np.sin(a)
+    c, s = cos_sin(a)
     both = (cross - radial) * c * s
     return np.array(
         [[radial * c * c + cross * s * s, -both], [-both, radial * s * s + cross * c * c]]

@@ -10,10 +10,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackbench.core import elementary
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.particles import CLIP
 from trackbench.core.resampling import select
 from trackbench.core.streams import Streams
+from trackbench.core.sums import mean, total
 
 Fitness = Literal["log", "normalised", "raw"]
 Selection = Literal["metropolis", "greedy"]
@@ -59,7 +60,7 @@ class Evolution:
                 best_x, best_fit = np.where(better, x, best_x), np.where(better, fit, best_fit)
             accepted += take
             temperature *= self.rho
-        acceptance = accepted.mean(axis=-1) / max(self.G, 1)
+        acceptance = mean(accepted) / max(self.G, 1)
         return (
             Evolved(best_x, best_fit, acceptance) if self.keep_best else Evolved(x, fit, acceptance)
         )
@@ -76,9 +77,9 @@ class Evolution:
         if self.fitness == "log":
             return log_fitness
         if self.fitness == "raw":
-            return np.exp(log_fitness)
-        total = np.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
-        return total / total.sum(axis=-1, keepdims=True)
+            return elementary.exp(log_fitness)
+        fitness = elementary.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
+        return fitness / total(fitness)[:, None]
 
 
 def mutate(x: Array, F: float, rng: Streams) -> Array:
@@ -93,11 +94,12 @@ def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
 
 
 def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
-    """Accept every gain, and a loss with probability ``exp(gain / temperature)``."""
-    u = rng.random(gain.shape)
-    with np.errstate(over="ignore", invalid="ignore"):
-        exponent = np.maximum(np.minimum(gain / temperature, 0.0), CLIP)
-        return np.asarray((gain > 0.0) | (u < np.exp(exponent)))
+    """Accept every gain, and a loss with probability ``exp(gain / temperature)`` (none below 1e-5)."""
+    loss: Array = rng.standard_gamma(
+        1, gain.shape
+    )  # -log u of a uniform u < exp(gain / temperature)
+    loss *= -temperature
+    return np.asarray(gain > loss)
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:

@@ -7,7 +7,8 @@ the long run, a sum of independent exponentials of means 2 gamma^j: hypo-exponen
 
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from math import log
+
+from trackbench.core.elementary import log
 
 
 @lru_cache(maxsize=256)
@@ -48,7 +49,7 @@ def threshold(alpha: float, gamma: float) -> float:
 
 def significance_threshold(alpha: float) -> float:
     """The eta that a chi-square variable of two degrees of freedom exceeds with probability alpha."""
-    return -2.0 * log(alpha)
+    return -2.0 * float(log(alpha))
 
 
 def _euler_product(g: Decimal, smallest: Decimal) -> Decimal:

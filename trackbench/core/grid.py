@@ -16,6 +16,8 @@ from numpy.polynomial import legendre
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import cos_sin
+from trackbench.core.sums import dot, product, total
 
 Interval = tuple[Array, Array]
 """Lower and upper ends; empty where the lower is not below the upper."""
@@ -60,8 +62,8 @@ def moments(posterior: Posterior) -> Gaussian:
     """Mean (1, M) and variance (1, 1, M)."""
     x = np.concatenate([panel.x for panel in posterior])
     p = np.concatenate([panel.mass for panel in posterior])
-    mean = (p * x).sum(axis=0)
-    return Gaussian(mean[None], (p * (x - mean) ** 2).sum(axis=0)[None, None])
+    mean = total(p * x, axis=0)
+    return Gaussian(mean[None], total(p * np.square(x - mean), axis=0)[None, None])
 
 
 def hull(posterior: Posterior) -> Interval:
@@ -109,8 +111,8 @@ def condition(
         density = sum(_pushed(old, panel.x, transition, reach) for old in prior)
         joint.append(panel._replace(density=likelihood(panel.x) * density * panel.density))
     with np.errstate(invalid="ignore", divide="ignore"):
-        total = sum(panel.mass.sum(axis=0) for panel in joint)
-        return tuple(panel._replace(density=panel.density / total) for panel in joint)
+        mass = sum(total(panel.mass, axis=0) for panel in joint)
+        return tuple(panel._replace(density=panel.density / mass) for panel in joint)
 
 
 def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
@@ -125,7 +127,7 @@ def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interva
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
-    integral = panel.half * np.einsum("jmn,jmn->jm", weights, kernel)
+    integral = panel.half * dot(weights, kernel)
     return np.where(panel.half > 0.0, integral, 0.0)
 
 
@@ -139,7 +141,7 @@ def weights_up_to(t: Array, n: int) -> Array:
         return np.broadcast_to(_rule(n).weights, (*t.shape, n))
     P = legendre.legvander(t, n)
     integrals = np.concatenate([t[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
-    return integrals @ _rule(n).basis
+    return product(integrals, _rule(n).basis)
 
 
 class _Rule(NamedTuple):
@@ -150,5 +152,12 @@ class _Rule(NamedTuple):
 
 @lru_cache
 def _rule(n: int) -> _Rule:
-    nodes, weights = legendre.leggauss(n)
+    # Newton's method from Tricomi's first guess; P_n and its slope by their recurrences.
+    nodes = -cos_sin(np.pi * (np.arange(n) + 0.75) / (n + 0.5))[0]
+    for _ in range(8):
+        P = legendre.legvander(nodes, n)
+        slope = n * (P[:, -2] - nodes * P[:, -1]) / (1.0 - nodes * nodes)
+        nodes = nodes - P[:, -1] / slope
+    nodes = 0.5 * (nodes - nodes[::-1])
+    weights = 2.0 / ((1.0 - nodes * nodes) * np.square(slope))
     return _Rule(nodes, weights, 0.5 * weights * legendre.legvander(nodes, n - 1).T)

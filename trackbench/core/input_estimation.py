@@ -19,6 +19,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.core.sums import total
 
 
 class Hypotheses(NamedTuple):
@@ -83,7 +84,7 @@ class Hypotheses(NamedTuple):
         """zeta (W, M), zero where there is no information yet."""
         known = self.information > 0.0
         L = np.where(known, 1.0, 0.0) / np.where(known, self.information, 1.0)
-        return np.asarray((np.square(self.score) * L).sum(axis=0))
+        return total(np.square(self.score) * L, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
         """The step t (M,) whose onset stands in each run's slot, seen from step k."""

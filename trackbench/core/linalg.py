@@ -2,8 +2,8 @@
 
 Matrices are ``(n, m)`` (constant) or ``(n, m, *batch)``, vectors ``(n, *batch)``. Sums run over the few
 components in Python and over the batch in numpy. A constant matrix is applied without its zeros and
-ones, so ``F x`` of a constant-velocity model is two multiply-adds. BLAS serves constant matrices and the
-cloud of a single run only: the last bits of a batch would depend on how many runs stand side by side.
+ones, so ``F x`` of a constant-velocity model is two multiply-adds. Nothing goes to BLAS or LAPACK: their
+last bits depend on the processor, on the number of threads and on how many runs stand side by side.
 """
 
 import numpy as np
@@ -21,19 +21,18 @@ def matvec(A: Array, x: Array) -> Array:
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
 
 
-def transform(A: Array, x: Array) -> Array:
-    """``A x`` for a matrix per run A (n, n, M) and its whole cloud x (n, M, N); shape (n, M, N)."""
-    if len(A) == 1:
-        return np.asarray(A[0, :, :, None] * x)
+def lower_product(L: Array, x: Array) -> Array:
+    """``L x`` for a lower triangle per run L (n, n, M) and its whole cloud x (n, M, N)."""
     out = np.empty_like(x)
-    np.matmul(A.transpose(2, 0, 1), x.transpose(1, 0, 2), out=out.transpose(1, 0, 2))
+    for i, row in enumerate(out):
+        np.multiply(L[i, 0][:, None], x[0], out=row)
+        for j in range(1, i + 1):
+            row += L[i, j][:, None] * x[j]
     return out
 
 
 def matmul(A: Array, B: Array) -> Array:
     """``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
-    if A.ndim == 2 and B.ndim == 2:
-        return np.asarray(A @ B)
     if A.ndim == 2:
         return _constant_product(A, B)
     if B.ndim == 2:
@@ -89,11 +88,6 @@ def cholesky(P: Array) -> Array:
     if n == 1:
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
-    if P.ndim == 2:
-        try:
-            return np.asarray(np.linalg.cholesky(P))
-        except np.linalg.LinAlgError:
-            pass  # semidefinite, or worse: let the loop tell
     return _factor(P, 0.0)
 
 
@@ -110,6 +104,8 @@ def root(P: Array) -> Array:
 
 def _factor(P: Array, tolerance: float) -> Array:
     """Cholesky's factor; a pivot within that share of its variance, or without one, has no column."""
+    if P.ndim == 2:
+        return _factor(P[..., None], tolerance)[..., 0]
     n = P.shape[0]
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -130,8 +126,7 @@ def _factor(P: Array, tolerance: float) -> Array:
 
 def is_singular(P: Array) -> bool:
     """Whether a covariance (n, n) leaves a direction without spread."""
-    std = np.sqrt(np.diagonal(P))
-    return bool((std == 0.0).any() or np.linalg.matrix_rank(P / np.outer(std, std)) < len(P))
+    return bool((np.diagonal(_factor(P, _SINGULAR)) == 0.0).any())
 
 
 def solve_lower(L: Array, b: Array) -> Array:
@@ -178,7 +173,7 @@ def mahalanobis(e: Array, P: Array) -> Array:
     if len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     white = solve_lower(cholesky(P), e)
-    return np.asarray((white * white).sum(axis=0))
+    return _sum_of(list(white * white))
 
 
 def _constant_product(A: Array, B: Array) -> Array:

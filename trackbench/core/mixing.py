@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trackbench.core import linalg
+from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particles import CLIP
+from trackbench.core.sums import total
 
 
 def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
     """Model weights (r, M) one step on, and the mixing weights (r, r, M): [i, j] of i given j."""
     joint = transition[:, :, None] * weights[:, None]
-    after = joint.sum(axis=0)
+    after = total(joint, axis=0)
     # A model that cannot be reached mixes nothing; its own estimate goes on.
     reachable = after > 0.0
     mixing = joint / np.where(reachable, after, 1.0)
@@ -23,11 +23,10 @@ def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
 
 def updated_weights(predicted: Array, log_likelihood: Array) -> Array:
     """Weights (r, M) after the models' log-likelihoods (r, M); the prediction where all are -inf."""
+    top = np.where(predicted > 0.0, log_likelihood, -np.inf).max(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        log_w = np.log(predicted) + log_likelihood
-        top = log_w.max(axis=0)
-        w = np.exp(np.maximum(log_w - top, CLIP))
-        return np.where(top == -np.inf, predicted, w / w.sum(axis=0))
+        w = predicted * elementary.exp(log_likelihood - top)
+        return np.where(top == -np.inf, predicted, w / total(w, axis=0))
 
 
 def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:

@@ -8,15 +8,17 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackbench.core import elementary
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
+from trackbench.core.sums import dot, total
 
 WeightReading = Literal["log", "naive", "floor"]
 
-_LOG_SMALLEST = float(np.log(5e-324))  # below it exp() is zero in float64
-_LOG_FLOOR = float(np.log(1e-99))
+_LOG_SMALLEST = -744.4400719213812  # log of 5e-324: below it exp() is zero in float64
+_LOG_FLOOR = -227.95592420641054  # log of 1e-99
 CLIP = -700.0  # exp() of less underflows, at six times the cost
-_CLIPPED = float(np.exp(CLIP))
+_CLIPPED = float(elementary.exp(CLIP))
 _SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
@@ -29,11 +31,11 @@ class Particles(NamedTuple):
     @property
     def mean(self) -> Array:
         """Weighted mean (n, M)."""
-        return np.vecdot(self.x, self.w)
+        return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Weighted means (M,) of functions g of the cloud, each (M, N)."""
-        return {name: np.einsum("mn,mn->m", self.w, v) for name, v in g(self.x).items()}
+        return {name: dot(self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
         """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
@@ -42,9 +44,7 @@ class Particles(NamedTuple):
         n = len(e)
         cov = np.empty((n, n, *mean.shape[1:]))
         for i in range(n):
-            weighted = e[i] * self.w
-            for j in range(i + 1):
-                cov[i, j] = cov[j, i] = np.vecdot(weighted, e[j])
+            cov[i, : i + 1] = cov[: i + 1, i] = dot(e[: i + 1], e[i] * self.w)
         return Gaussian(mean, cov)
 
 
@@ -69,7 +69,7 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
     if reading == "naive":
         return np.where(log_likelihood < _LOG_SMALLEST, -np.inf, log_likelihood)
     if reading == "floor":
-        return np.logaddexp(log_likelihood, _LOG_FLOOR)
+        return elementary.logaddexp(log_likelihood, _LOG_FLOOR)
     return log_likelihood
 
 
@@ -85,9 +85,9 @@ def normalise(log_w: Array) -> Weights:
         log_w, top = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
     shifted = log_w - top[:, None]
     np.maximum(shifted, CLIP, out=shifted)
-    w = np.exp(shifted, out=shifted)
+    w = elementary.exp(shifted, out=shifted)
     w -= _CLIPPED  # zero where the exponent was clipped; lost in rounding everywhere else
-    w *= 1.0 / np.einsum("mn->m", w)[:, None]
+    w *= 1.0 / total(w)[:, None]
     return Weights(w, dead)
 
 
@@ -100,4 +100,4 @@ def _row_maxima(a: Array) -> Array:
 
 def effective_sample_size(w: Array) -> Array:
     """1 / sum w^2 (M,), between 1 and N."""
-    return np.asarray(1.0 / np.einsum("mn,mn->m", w, w))
+    return np.asarray(1.0 / dot(w, w))

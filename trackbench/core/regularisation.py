@@ -5,12 +5,12 @@ from the kernel, with the bandwidth that is optimal for a Gaussian target.
 """
 
 from collections.abc import Sequence
-from math import gamma, pi, sqrt
+from math import pi, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core import linalg
+from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.streams import Streams
 
@@ -34,9 +34,15 @@ def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
     if kernel == "gaussian":
         factor = 4.0 / (n + 2.0)
     else:
-        ball = pi ** (n / 2) / gamma(n / 2 + 1)
-        factor = 8.0 * (n + 4.0) * (2.0 * sqrt(pi)) ** n / ball
-    return np.asarray((factor / N) ** (1.0 / (n + 4)))
+        factor = 8.0 * (n + 4.0) / _unit_ball(n)
+        for _ in range(n):
+            factor *= 2.0 * sqrt(pi)
+    return elementary.power(factor / np.asarray(N), 1.0 / (n + 4))
+
+
+def _unit_ball(n: int) -> float:
+    """Volume of the ball of radius one in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
@@ -44,14 +50,16 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
 
     An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
     dimensions (each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1);
-    the other four enter through their squared norm only, ``-2 log(u1 u2)``.
+    the other four enter through their squared norm only, twice a Gamma(2) variate.
     """
     e = rng.standard_normal(shape)
     if kernel == "gaussian":
         return e
-    u = rng.random((2, *shape[1:]))
-    rest = -2.0 * np.log((1.0 - u[0]) * (1.0 - u[1]))
-    e /= np.sqrt(np.einsum("i...,i...->...", e, e) + rest)
+    square: Array = rng.standard_gamma(2, shape[1:])
+    square *= 2.0
+    for row in e:
+        square += row * row
+    e /= np.sqrt(square, out=square)
     return e
 
 
@@ -72,7 +80,7 @@ def jitter_each(
     moved = x.copy()
     for mode in modes:
         h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
-        move = linalg.transform(h * _spread(mode.cov), e)
+        move = linalg.lower_product(h * _spread(mode.cov), e)
         moved += move if mode.there is None else np.where(mode.there, move, 0.0)
     return moved
 

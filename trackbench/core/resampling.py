@@ -14,6 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.streams import Streams
+from trackbench.core.sums import total
 
 _BITS = 40  # of the fraction in fixed-point weights, for fewer than 2^23 offspring in a block
 
@@ -88,7 +89,7 @@ def residual(w: Array, rng: Streams, size: int) -> Index:
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
     missing = size - certain.sum(axis=-1, keepdims=True)
     rest = np.maximum(expected - certain, 0.0) + 1e-300
-    cdf = _cumulative(rest / rest.sum(axis=-1, keepdims=True))
+    cdf = _cumulative(rest / total(rest)[:, None])
     return certain + _tally(cdf, rng.random((runs, size)), np.arange(size) < missing)
 
 

@@ -2,19 +2,24 @@
 
 The data of run m depend on ``(seed, m)`` only, so every filter, batch size and worker count sees the
 same truth and measurements. Filter noise depends on ``(seed, block)``: one SFC64 stream for the whole
-block, because a stream per run costs as much to create (10 us) as half a run of ten particles. Data are
-drawn by numpy's own methods in full float64, the normals of a block by the faster method of `normals`.
+block, because a stream per run costs as much to create (10 us) as half a run of ten particles. Both
+are made of raw words (`noise`), data in full float64, a block's noise by tables: numpy's own methods
+for other than uniform variates take the C library's functions, whose last bit is not the same
+everywhere.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from math import prod
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
+from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.core.normals import NoiseGenerator
+from trackbench.core.noise import NoiseGenerator, box_muller, erlang, is_erlang
+
+D = TypeVar("D", bound=np.generic)
 
 _DATA, _FILTER = 0, 1
 _CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
@@ -36,26 +41,41 @@ class RunStreams:
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         """N(0, 1) variates."""
-        return self._take(("normal", 0.0), lambda g: g.standard_normal(_CHUNK), size)
+        return self._take(
+            ("normal", 0.0),
+            lambda: box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK))),
+            size,
+        )
 
     def random(self, size: tuple[int, ...]) -> Array:
         """Uniform variates in [0, 1)."""
-        return self._take(("uniform", 0.0), lambda g: g.random(_CHUNK), size)
+        return self._take(("uniform", 0.0), lambda: self._columns(lambda g: g.random(_CHUNK)), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Gamma(shape, rate 1) variates."""
-        return self._take(("gamma", shape), lambda g: g.standard_gamma(shape, _CHUNK), size)
+        """Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        if is_erlang(shape):
+            return erlang(self.random((int(shape), *size)))
+        return self._take(
+            ("gamma", shape),
+            lambda: self._columns(lambda g: g.standard_gamma(shape, _CHUNK)),
+            size,
+        )
+
+    def _columns(self, draw: Callable[[Generator], NDArray[D]]) -> NDArray[D]:
+        """A chunk of every run (_CHUNK, M)."""
+        return np.stack([draw(g) for g in self._generators], axis=1)
 
     def _take(
-        self, kind: tuple[str, float], draw: Callable[[Generator], Array], size: tuple[int, ...]
+        self, kind: tuple[str, float], more: Callable[[], Array], size: tuple[int, ...]
     ) -> Array:
+        """The next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
         runs = len(self._generators)
         if size[-1] != runs:
             raise ValueError(f"the last axis of {size} must be the {runs} runs")
         wanted = prod(size[:-1])
         rows = self._waiting.get(kind, np.empty((0, runs)))
         while len(rows) < wanted:
-            rows = np.concatenate([rows, np.stack([draw(g) for g in self._generators], axis=1)])
+            rows = np.concatenate([rows, more()])
         self._waiting[kind] = rows[wanted:]
         return rows[:wanted].reshape(size)
 

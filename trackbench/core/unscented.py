@@ -26,7 +26,7 @@ class Unscented:
     def points(self, mean: Array, cov: Array) -> "SigmaPoints":
         """Sigma points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
         n = mean.shape[0]
-        spread = self.alpha**2 * (n + self.kappa)  # n + lambda
+        spread = self.alpha * self.alpha * (n + self.kappa)  # n + lambda
         centre = 1.0 - n / spread  # lambda / (n + lambda)
         columns = np.sqrt(spread) * linalg.transpose(linalg.root(cov))
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
@@ -38,7 +38,7 @@ class Unscented:
         weights = np.full(2 * n + 1, 0.5 / spread)
         cov_weights = weights.copy()
         weights[0] = centre
-        cov_weights[0] = centre + 1.0 - self.alpha**2 + self.beta
+        cov_weights[0] = centre + 1.0 - self.alpha * self.alpha + self.beta
         return SigmaPoints(x, weights, cov_weights)
 
 

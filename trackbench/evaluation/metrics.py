@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import total
 from trackbench.scenarios.base import Scenario
 
 OWN_SERIES = frozenset({"squared", "error", "distance", "nees", "outside"})
@@ -48,14 +49,14 @@ def series(
     out: dict[str, Array] = {}
     if getattr(scenario, "has_truth", True):
         for quantity, error in scenario.errors(mean, truth).items():
-            out[joined("squared", quantity)] = np.square(error).sum(axis=0)
+            out[joined("squared", quantity)] = total(np.square(error), axis=0)
             if len(error) == 1:
                 out[joined("error", quantity)] = error[0]
         out["nees"] = nees
         out["outside"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
         for quantity, error in scenario.errors(mean, exact).items():
-            out[joined("distance", quantity)] = np.square(error).sum(axis=0)
+            out[joined("distance", quantity)] = total(np.square(error), axis=0)
     return out
 
 
@@ -78,7 +79,7 @@ def per_run_metrics(
             elif head == "distance":
                 out[joined("distance", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
             elif name in counts:
-                out[name + suffix] = np.nansum(rows[mask], axis=0)
+                out[name + suffix] = total(np.where(np.isnan(rows[mask]), 0.0, rows[mask]), axis=0)
             elif head == "error":
                 out[joined("bias", quantity) + suffix] = _mean(rows[mask])
             else:
@@ -97,7 +98,7 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
     lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
     limit = getattr(scenario, "lost_beyond", None)
     if limit is not None:
-        lost = np.where((lost == FOUND) & (first > limit**2).any(axis=0), TOO_FAR, lost)
+        lost = np.where((lost == FOUND) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
     return lost
 
 
@@ -105,9 +106,7 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
     """Sums over the runs that are not lost and whose value exists."""
     counted: Mask = (lost == FOUND) & ~np.isnan(rows)
     kept = np.where(counted, rows, 0.0)
-    return StepSums(
-        kept.sum(axis=1), np.square(kept).sum(axis=1), counted.sum(axis=1).astype(float)
-    )
+    return StepSums(total(kept), total(np.square(kept)), counted.sum(axis=1).astype(float))
 
 
 @cache
@@ -121,5 +120,4 @@ def _gate(n_x: int) -> float:
 def _mean(rows: Array) -> Array:
     """Mean over steps of the values that exist; NaN where none does."""
     there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
-    total = np.where(there, rows, 0.0).sum(axis=0)
-    return np.asarray(total / there.sum(axis=0))
+    return np.asarray(total(np.where(there, rows, 0.0), axis=0) / there.sum(axis=0))

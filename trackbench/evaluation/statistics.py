@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.core.elementary import exp
+from trackbench.core.sums import total
 
 # A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
 _quietly = np.errstate(all="ignore")
@@ -43,11 +45,11 @@ def variance(x: Array) -> Estimate:
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
-    s2 = x.var(ddof=1)  # a numpy scalar: its square overflows to infinity, not to an exception
+    squares = np.square(x - _mean(x))
+    s2 = total(squares) / (M - 1)  # of numpy: its square overflows to infinity
     if M < 4:
         return Estimate(float(s2), np.nan)
-    m4 = ((x - x.mean()) ** 4).mean()
-    spread = np.maximum(m4 - s2**2 * (M - 3) / (M - 1), 0.0)
+    spread = np.maximum(_mean(np.square(squares)) - s2 * s2 * (M - 3) / (M - 1), 0.0)
     return Estimate(float(s2), float(np.sqrt(spread / M)))
 
 
@@ -100,7 +102,7 @@ def relative_gain(a: Array, b: Array) -> Estimate:
 def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
     """Mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
     value = total / count
-    spread = np.maximum(squares - count * value**2, 0.0) / (count - 1)
+    spread = np.maximum(squares - count * np.square(value), 0.0) / (count - 1)
     return Estimates(value, np.where(count < 2, np.nan, np.sqrt(spread / count)))
 
 
@@ -125,7 +127,8 @@ def influence(name: str, x: Array) -> Array:
         squares = np.square(x)
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
     if name == "variance":
-        return np.asarray(np.square(x - _mean(x)) - x.var())
+        squares = np.square(x - _mean(x))
+        return np.asarray(squares - _mean(squares))
     if name == "median":
         value, stderr = median(x)
         return np.asarray(np.sign(x - value) * stderr * np.sqrt(len(x)))
@@ -180,7 +183,8 @@ def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
     width = float(stdtrit(len(x) - 1, 0.5 + level / 2.0)) * stderr
     if name == "mean" or not value > 0:
         return value - width, value + width
-    return value * float(np.exp(-width / value)), value * float(np.exp(width / value))
+    factor = float(exp(width / value))
+    return value / factor, value * factor
 
 
 def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -196,8 +200,8 @@ def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
 
 
 def _mean(x: Array) -> float:
-    return float(x.mean()) if len(x) else np.nan
+    return float(total(x) / len(x)) if len(x) else np.nan
 
 
 def _sd(x: Array) -> float:
-    return float(x.std(ddof=1)) if len(x) > 1 else np.nan
+    return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1))) if len(x) > 1 else np.nan

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import mean as average
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, StepSums, joined
 from trackbench.evaluation.statistics import (
@@ -73,7 +74,7 @@ def _time_means(
             if there.any():
                 metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
                 steps = root(mean_from_sums(total[there], squares[there], number[there]))
-                value, stderr = np.mean(np.stack(steps, axis=1), axis=0).tolist()
+                value, stderr = average(np.stack(steps)).tolist()
                 runs = int(number[mask].max())
                 yield SummaryRow(f"time-mean({metric})", value, stderr, runs, lost)
 
@@ -101,9 +102,11 @@ def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> I
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
             metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
-            rms = float(np.sqrt(np.square(bound[mask]).mean()))
+            rms = float(np.sqrt(average(np.square(bound[mask]))))
             yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
-            yield SummaryRow(f"time-mean({metric})", float(bound[mask].mean()), float("nan"), 0, 0)
+            yield SummaryRow(
+                f"time-mean({metric})", float(average(bound[mask])), float("nan"), 0, 0
+            )
 
 
 def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
@@ -135,7 +138,7 @@ def _step_metrics(
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
     """Standard deviations over runs; their standard errors as of normal values."""
     with np.errstate(all="ignore"):
-        std = np.sqrt(np.maximum(squares / number - (total / number) ** 2, 0.0))
+        std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
         return Estimates(std, std / np.sqrt(2.0 * number))
 
 

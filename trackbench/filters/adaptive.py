@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fading import tail
 from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.sums import total
 from trackbench.filters.axes import (
     SEPARABLE,
     Site,
@@ -190,7 +191,7 @@ class AdaptiveKF:
         missing = np.isnan(seen.nu).any(axis=(0, 1))
         inputs, past = s.inputs, s.past
         if self._estimates_inputs:
-            g = np.array([T**2 / 2, T])
+            g = np.array([T * T / 2, T])
             inputs = inputs.advanced(k, motion.F, g, quiet, seen, R)
         else:
             inputs = inputs.begun(k)
@@ -248,7 +249,7 @@ class AdaptiveKF:
     def _is_over(self, s: Switched, k: int, here: Site) -> Mask:
         """The acceleration has been insignificant over the last p samples (M,)."""
         held = (k - s.since) * here.T >= self.exit.hold_s
-        return held & (s.recent.sum(axis=0) < self.exit.Ta)
+        return held & (total(s.recent, axis=0) < self.exit.Ta)
 
     def _quietened(self, s: Switched, over: Mask, k: int) -> Switched:
         """The non-maneuvering filter taken up again from the maneuvering one's marginal."""

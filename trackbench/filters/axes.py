@@ -13,6 +13,7 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.core.sums import total
 from trackbench.models.base import Model
 from trackbench.models.motions import Axis
 
@@ -31,7 +32,7 @@ def site(model: Model) -> Site:
     """What these filters take from the scenario's model."""
     motion: Any = model.motion
     sensor: Any = model.sensor
-    return Site(motion.T, np.array([[sensor.sigma**2]]))
+    return Site(motion.T, np.array([[sensor.sigma * sensor.sigma]]))
 
 
 def per_axis(prior: Distribution) -> Gaussian:
@@ -83,7 +84,7 @@ def _position(n: int) -> Array:
 
 def over_axes(values: Array) -> Array:
     """Sum over the axes (2, M): of NIS, or of log-likelihoods, zero where nothing was measured."""
-    return np.asarray(np.where(np.isnan(values), 0.0, values).sum(axis=0))
+    return total(np.where(np.isnan(values), 0.0, values), axis=0)
 
 
 def choose(where: Mask, a: Gaussian, b: Gaussian) -> Gaussian:

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import particles, resampling
+from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
@@ -100,8 +100,7 @@ class PF(ParticleFilter):
         x = model.motion.transition(state.particles.x, k).sample(rng)
         log_w = self._log_likelihood(model, z, x, k)
         if self.ess_threshold < 1.0:
-            with np.errstate(divide="ignore"):
-                log_w = log_w + np.log(state.particles.w)
+            log_w = log_w + elementary.log(state.particles.w)
         w, dead = particles.normalise(log_w)
         weighted = Particles(x, w)
         resampled = self._resample_if_needed(weighted, rng, self._size(state.age + 1))

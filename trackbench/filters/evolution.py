@@ -16,6 +16,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.evolution import Evolution, Evolved, Fitness, Selection
 from trackbench.core.particles import Particles
+from trackbench.core.sums import mean, total
 from trackbench.filters.proposal import MERWE_DEMO, Proposed, ProposedCloud, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
 from trackbench.models.base import Model
@@ -207,4 +208,4 @@ class HDEPF(_Evolutionary):
 def _spread(x: Array) -> Array:
     """Root mean square distance from the centre (M,)."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.sqrt(x.var(axis=-1).sum(axis=0))
+        return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))

@@ -7,10 +7,11 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
+from trackbench.core import elementary, linalg, particles
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
+from trackbench.core.sums import dot, total
 from trackbench.keys import Count, NonNegative, Positive
 from trackbench.models.gaussian import Assumed, extended_step
 from trackbench.models.radar import RangeAzimuth
@@ -68,9 +69,11 @@ class GaussianSum:
         """A component per pair of azimuths, two-point differenced as if they were known that well."""
         assert isinstance(prior, TwoPoint)
         s, runs = model.sensor.sigma_azimuth, prior.first.shape[1]
-        nodes = np.linspace(-self.span, self.span, self.split)
+        nodes = self._width * (np.arange(self.split) - 0.5 * (self.split - 1))
         width = self._width
-        log_w = -0.5 * np.square(nodes) / (1.0 - width**2)  # the mixture has the azimuth's variance
+        log_w = (
+            -0.5 * np.square(nodes) / (1.0 - width * width)
+        )  # the mixture has the azimuth's variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         narrow = RangeAzimuth(model.sensor.sigma_range, width * s)
         first, second = (
@@ -85,8 +88,7 @@ class GaussianSum:
         """An EKF per component, weighted by its innovation; then fewer components."""
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, Assumed())
-        with np.errstate(divide="ignore"):
-            log_w = np.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
+        log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
         heaviest = _strongest(Mixture(bank.mean, bank.cov, particles.normalise(log_w).w), self.kept)
         merged = _merged(heaviest, self.merge_within)
         return _strongest(merged, int((merged.w > 0.0).sum(axis=-1).max()))
@@ -106,12 +108,12 @@ def _strongest(mixture: Mixture, number: int) -> Mixture:
     """The components with the largest weights."""
     if number >= mixture.w.shape[1]:
         return mixture
-    index: Index = np.argpartition(-mixture.w, number - 1, axis=-1)[:, :number]
+    index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)
     return Mixture(
         np.take_along_axis(mixture.mean, index[None], axis=-1),
         np.take_along_axis(mixture.cov, index[None, None], axis=-1),
-        w / w.sum(axis=-1, keepdims=True),
+        w / total(w)[:, None],
     )
 
 
@@ -122,16 +124,16 @@ def _merged(mixture: Mixture, within: float) -> Mixture:
     near = linalg.mahalanobis(mixture.mean - centre, mixture.cov) < within
     near |= np.arange(mixture.w.shape[1]) == top
     together = np.where(near, mixture.w, 0.0)
-    total = together.sum(axis=-1, keepdims=True)
-    one = _moments(mixture, together / total)
+    share = total(together)[:, None]
+    one = _moments(mixture, together / share)
     out = Mixture(mixture.mean.copy(), mixture.cov.copy(), np.where(near, 0.0, mixture.w))
     np.put_along_axis(out.mean, top[None], one.mean[..., None], axis=-1)
     np.put_along_axis(out.cov, top[None, None], one.cov[..., None], axis=-1)
-    np.put_along_axis(out.w, top, total, axis=-1)
+    np.put_along_axis(out.w, top, share, axis=-1)
     return out
 
 
 def _moments(mixture: Mixture, w: Array) -> Gaussian:
     """Mean and covariance of the mixture with weights w (M, C)."""
     between = Particles(mixture.mean, w).moments()
-    return Gaussian(between.mean, between.cov + (mixture.cov * w).sum(axis=-1))
+    return Gaussian(between.mean, between.cov + dot(mixture.cov, w))

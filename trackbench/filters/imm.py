@@ -9,6 +9,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.mixing import combined, padded, predicted_weights, updated_weights
+from trackbench.core.sums import total
 from trackbench.filters.linear import LINEAR, extended, linear_step
 from trackbench.keys import MistakenKeyError, Share
 from trackbench.models.base import Model
@@ -85,7 +86,7 @@ class IMM:
             nis.append(seen.nis)
         missing = np.isnan(z).any(axis=0)
         weights = updated_weights(predicted, np.where(missing, 0.0, np.stack(log_likelihood)))
-        nis_of_all = np.where(missing, np.nan, (predicted * np.stack(nis)).sum(axis=0))
+        nis_of_all = np.where(missing, np.nan, total(predicted * np.stack(nis), axis=0))
         return Models(tuple(states), weights, nis_of_all, state.reported)
 
     def _mixed(self, states: tuple[Gaussian, ...], weights: Array, j: int) -> Gaussian:

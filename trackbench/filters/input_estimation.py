@@ -138,7 +138,7 @@ class InputEstimation:
         T, R = site(model)
         motion = self.motion.axis(T)
         quiet, seen = axis_step(state.quiet, motion, z, R)
-        g = np.array([T**2 / 2, T])
+        g = np.array([T * T / 2, T])
         inputs = state.inputs.advanced(k, motion.F, g, quiet, seen, R)
         zeta = inputs.significance()
         slot, runs = zeta.argmax(axis=0), np.arange(zeta.shape[1])

@@ -9,12 +9,15 @@ from numpy.random import Generator
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.mixing import combined
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, Mode, jitter_each
 from trackbench.core.streams import SomeRuns
+from trackbench.core.sums import total
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative, OpenShare
+from trackbench.models.radar import seen_along
 from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
@@ -51,15 +54,15 @@ class LineOfSight(ParticleFilter):
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn; the triangle of the two measured ranges gives the rest."""
         assert isinstance(prior, TwoPoint)
-        T, variance = prior.T, model.sensor.sigma_range**2
+        T, variance = prior.T, model.sensor.R[0, 0]
         r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
         a1, a2 = (prior.azimuths(scan, rng, self._size(0)) for scan in (prior.first, prior.second))
         d = a2 - a1
         r = np.broadcast_to(r2, d.shape)
-        v_c, v_r = r1 * np.sin(d) / T, (r2 - r1 * np.cos(d)) / T
-        x = _states(np.cos(a2), np.sin(a2), v_c, r, v_r)
+        c, s = cos_sin(d)
+        x = _states(*cos_sin(a2), r1 * s / T, r, (r2 - r1 * c) / T)
         walked = prior.q * T / 3.0
-        P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / T**2 + walked]])
+        P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
         cloud = Particles(x, particles.uniform(*x.shape[1:]))
         dead = np.zeros(len(r1), dtype=np.bool_)
@@ -70,15 +73,14 @@ class LineOfSight(ParticleFilter):
         sensor, age = model.sensor, state.age + 1
         x, P = _moved(model.motion, state, rng)
         missing = np.isnan(z[0] + z[1])
-        r, across, along = _seen_from(np.where(missing, 0.0, z[1]), x)
-        K, S, P = _corrected(P, sensor.sigma_range**2, missing)
+        r, across, along = seen_along(np.where(missing, 0.0, z[1]), x[0], x[2])
+        K, S, P = _corrected(P, sensor.R[0, 0], missing)
         nu = z[0][:, None] - r
         half_distance = np.square(nu) * (0.5 / S)[:, None]
-        half_distance += np.square(np.arctan2(across, along)) * (0.5 / sensor.sigma_azimuth**2)
+        half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
-        with np.errstate(divide="ignore"):
-            w, dead = particles.normalise(np.log(state.particles.w) - half_distance)
+        w, dead = particles.normalise(log(state.particles.w) - half_distance)
         nu /= r
         weighted = Particles(_stretched(x, K, nu), w)
         cloud = self._renewed(weighted, k, rng, self._size(age))
@@ -92,7 +94,7 @@ class LineOfSight(ParticleFilter):
         if not poor.any():
             return cloud
         x = cloud.x[:, poor]
-        middle = np.arctan2(x[2, :, 0], x[0, :, 0])
+        middle = arctan2(x[2, :, 0], x[0, :, 0])
         frame = Particles(_to_frame(middle, x), cloud.w[poor])
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
         resampled = self._resampled(frame, noise, size)
@@ -117,7 +119,7 @@ def _modes(frame: Particles, x: Array) -> list[Mode]:
     if (one_way == one_way[:, :1]).all():
         return [Mode(None, np.ones(len(one_way)), frame.moments().cov)]
     weights = [np.where(side, frame.w, 0.0) for side in (one_way, ~one_way)]
-    shares = [w.sum(axis=1) for w in weights]
+    shares = [total(w) for w in weights]
     parts = [
         Particles(frame.x, w / np.maximum(share, 1e-300)[:, None]).moments()
         for w, share in zip(weights, shares, strict=True)
@@ -158,17 +160,6 @@ def _moved(motion: Any, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     return out, linalg.sandwich(F, P) + Q[..., None]
 
 
-def _seen_from(azimuth: Array, x: Array) -> tuple[Array, Array, Array]:
-    """Range of each particle, and its position across and along the line at an azimuth (M,)."""
-    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
-    along, across = c * x[0], c * x[2]
-    along += s * x[2]
-    across -= s * x[0]
-    square = along * along
-    square += across * across
-    return np.sqrt(square, out=square), across, along
-
-
 def _stretched(x: Array, K: Array, nu: Array) -> Array:
     """Each particle corrected along its own sight, in place; nu (M, N) is in parts of its range."""
     for axis in (0, 2):
@@ -193,7 +184,7 @@ def _mixture(cloud: Particles, P: Array) -> Gaussian:
     less than sigma_range^2 / r^2 of what the cloud itself has across.
     """
     moments = cloud.moments()
-    u = moments.mean[0::2] / np.sqrt(np.square(moments.mean[0::2]).sum(axis=0))
+    u = moments.mean[0::2] / np.sqrt(total(np.square(moments.mean[0::2]), axis=0))
     cov = moments.cov.copy()
     for i in range(2):
         for j in range(2):
@@ -207,7 +198,7 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
     2 t is the angle to third order, has no cut within the cloud, and goes back without a cosine.
     """
     px, vx, py, vy = x
-    r, across, along = _seen_from(azimuth, x)
+    r, across, along = seen_along(azimuth, px, py)
     out = np.empty_like(x)
     along += r
     np.divide(across, along, out=out[0])
@@ -227,7 +218,7 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
     t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
     part = 1.0 / (1.0 + t * t)
     c, s = 2.0 * part - 1.0, 2.0 * t * part
-    middle_c, middle_s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    middle_c, middle_s = (wave[:, None] for wave in cos_sin(azimuth))
     return _states(c * middle_c - s * middle_s, s * middle_c + c * middle_s, v_c, r, v_r)
 
 

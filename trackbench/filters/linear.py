@@ -42,7 +42,7 @@ def extended(prior: Distribution, motion: Any) -> Gaussian:
     mean = np.concatenate([prior.mean, np.zeros((2, *prior.mean.shape[1:]))])
     cov = np.zeros((n + 2, n + 2, *prior.cov.shape[2:]))
     cov[:n, :n] = prior.cov
-    cov[n, n] = cov[n + 1, n + 1] = motion.initial_std**2
+    cov[n, n] = cov[n + 1, n + 1] = motion.initial_std * motion.initial_std
     return Gaussian(mean, cov)
 
 
@@ -128,9 +128,9 @@ class AlphaBeta:
         """alpha and beta, from the tracking index ``sqrt(q) T^2 / sigma`` unless given."""
         if self.alpha is not None and self.beta is not None:
             return self.alpha, self.beta
-        index = np.sqrt(self.q) * T**2 / sigma
-        r = (4.0 + index - np.sqrt(8.0 * index + index**2)) / 4.0
-        alpha = 1.0 - r**2
+        index = np.sqrt(self.q) * T * T / sigma
+        r = (4.0 + index - np.sqrt(8.0 * index + index * index)) / 4.0
+        alpha = 1.0 - r * r
         return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
 
     def gain(self, n: Array, T: float, sigma: float) -> Array:

@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
+from trackbench.core.elementary import cos_sin
 from trackbench.filters.converted import polar_moments
 from trackbench.filters.kalman import GaussianFilter, Tracked
 from trackbench.keys import Count, NonNegative, Positive
@@ -75,4 +76,4 @@ class MCAEKF(GaussianFilter):
         gain = expected.azimuth_variance / (expected.azimuth_variance + variance)
         spread = np.sqrt(expected.azimuth_variance * (1.0 - gain))
         turn = np.abs(gain * nu) + self.n_sigma * spread
-        return expected.r * (1.0 / np.cos(np.minimum(turn, 1.5)) - 1.0)
+        return expected.r * (1.0 / cos_sin(np.minimum(turn, 1.5))[0] - 1.0)

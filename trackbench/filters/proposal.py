@@ -15,6 +15,7 @@ from numpy.random import Generator
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gamma, Gaussian
+from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.unscented import Unscented
@@ -112,8 +113,8 @@ class KalmanProposal:
         x = np.where(from_prior, moved.sample(rng), x)
 
         def log_mixture(x: Array) -> Array:
-            kalman = np.log1p(-self.defensive) + posterior.log_prob(x)
-            return np.logaddexp(kalman, np.log(self.defensive) + moved.log_prob(x))
+            kalman = log(1.0 - self.defensive) + posterior.log_prob(x)
+            return logaddexp(kalman, log(self.defensive) + moved.log_prob(x))
 
         return Proposed(x, posterior.cov, log_mixture)
 
@@ -125,8 +126,7 @@ class KalmanProposal:
             return lik + moved.log_prob(x)
         # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
         noise, v = cast(Any, model.motion).noise, x[0] - origin[0]
-        with np.errstate(divide="ignore"):
-            return lik + (noise.shape - 1.0) * np.log(np.abs(v)) - noise.rate * v
+        return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         raise NotImplementedError

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import grid, kalman
+from trackbench.core import elementary, grid, kalman
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.models.base import Model, log_likelihood
@@ -57,7 +57,7 @@ class Inversion:
         x = model.sensor.inverse(z, k)
         R = model.sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):
-            cov = with_trailing(R, 1, leading=2) / model.sensor.jacobian(x, k) ** 2
+            cov = with_trailing(R, 1, leading=2) / np.square(model.sensor.jacobian(x, k))
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
@@ -117,7 +117,7 @@ class Grid:
 
         def likelihood(x_new: Array) -> Array:
             # (J, M) nodes as (1, M, J): the sensor sees them as it sees particles.
-            return np.exp(log_likelihood(model.sensor, z, x_new.T[None], k).T)
+            return elementary.exp(log_likelihood(model.sensor, z, x_new.T[None], k).T)
 
         return grid.condition(
             state,

@@ -69,14 +69,14 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """
     x, v = state.mean
     p11, p12, p22 = state.cov[0, 0], state.cov[0, 1], state.cov[1, 1]
-    a = 2.0 / T**2 * (z - x - T * v)
+    a = 2.0 / (T * T) * (z - x - T * v)
     mean = np.stack([z, v + T * a, a])
     P11 = np.full_like(p11, R)
     P12 = np.full_like(p11, 2.0 * R / T)
-    P13 = np.full_like(p11, 2.0 * R / T**2)
-    P22 = 4.0 / T**2 * (R + p11) + p22 + 4.0 * p12 / T
-    P23 = 4.0 / T**3 * (R + p11) + 2.0 * p22 / T + 6.0 * p12 / T**2
-    P33 = 4.0 / T**4 * (R + p11 + 2.0 * T * p12 + T**2 * p22)
+    P13 = np.full_like(p11, 2.0 * R / (T * T))
+    P22 = 4.0 / (T * T) * (R + p11) + p22 + 4.0 * p12 / T
+    P23 = 4.0 / (T * T * T) * (R + p11) + 2.0 * p22 / T + 6.0 * p12 / (T * T)
+    P33 = 4.0 / (T * T * T * T) * (R + p11 + 2.0 * T * p12 + T * T * p22)
     rows = [[P11, P12, P13], [P12, P22, P23], [P13, P23, P33]]
     return Gaussian(mean, np.stack([np.stack(row) for row in rows]))
 

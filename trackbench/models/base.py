@@ -49,6 +49,14 @@ class DifferentiableSensor(Sensor, Protocol):
         """d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
 
 
+@runtime_checkable
+class NearSensor(Sensor, Protocol):
+    """A sensor that tells how far a measurement is from states near it faster than where they are."""
+
+    def residual(self, z: Array, x: Array, k: int) -> Gaussian:
+        """``innovation(z, E[z_k | x_k = x])`` and its covariance, for z (n_z, M) and x (n_x, M, N)."""
+
+
 class Model(NamedTuple):
     """What a filter knows: how the target moves and how it is seen."""
 
@@ -58,8 +66,12 @@ class Model(NamedTuple):
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     """log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]); zero for a missing measurement."""
-    predicted = sensor.measurement(x, k)
-    z = with_trailing(z, predicted.mean.ndim - 1)
-    value = zero_mean_log_prob(sensor.innovation(z, predicted.mean), predicted.cov)
-    missing = np.isnan(z)
-    return np.where(missing.any(axis=0), 0.0, value) if missing.any() else value
+    if x.ndim == 3 and isinstance(sensor, NearSensor):
+        residual = sensor.residual(z, x, k)
+        value = zero_mean_log_prob(residual.mean, residual.cov)
+    else:
+        predicted = sensor.measurement(x, k)
+        nu = sensor.innovation(with_trailing(z, predicted.mean.ndim - 1), predicted.mean)
+        value = zero_mean_log_prob(nu, predicted.cov)
+    missing = np.isnan(with_trailing(z, value.ndim)).any(axis=0)
+    return np.where(missing, 0.0, value) if missing.any() else value

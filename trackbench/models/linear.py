@@ -34,7 +34,7 @@ class CWNA:
     def Q(self) -> Array:
         """Process noise covariance (4, 4), eq. 6."""
         T = self.T
-        axis = self.q * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
+        axis = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
         return fixed(np.asarray(np.kron(np.eye(2), axis), dtype=float))
 
     def transition(self, x: Array, k: int) -> Gaussian:
@@ -74,7 +74,7 @@ class PositionSensor:
     @cached_property
     def R(self) -> Array:
         """Noise covariance (2, 2), m^2."""
-        return fixed(self.sigma**2 * np.eye(2))
+        return fixed(self.sigma * self.sigma * np.eye(2))
 
     @staticmethod
     @cache

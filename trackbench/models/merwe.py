@@ -10,6 +10,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gamma, Gaussian, Shifted
+from trackbench.core.elementary import cos_sin
 from trackbench.core.grid import Interval
 
 _TAIL = 1e-12  # probability of gamma noise beyond the support handed to the point-mass filter
@@ -27,7 +28,7 @@ class MerweMotion:
 
     def transition(self, x: Array, k: int) -> Shifted:
         """Gamma noise around ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
-        drive = 1.0 + np.sin(self.w * np.pi * (k - self.sine_lag))
+        drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
         return Shifted(self.noise, self.phi1 * x + drive)
 
     def jacobian(self, x: Array, k: int) -> Array:
@@ -38,7 +39,8 @@ class MerweMotion:
         """Where x_k can be if x_{k-1} lies between low and high (M,): ends (M,)."""
         from scipy.special import gammainccinv
 
-        longest = float(gammainccinv(self.noise.shape, _TAIL)) / self.noise.rate
+        # In whole parts of the scale: the library's last bit is not to show.
+        longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
         ends = self.transition(low, k).loc, self.transition(high, k).loc
         return np.minimum(*ends), np.maximum(*ends) + longest
 

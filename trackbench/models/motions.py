@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Discriminator
 
 from trackbench.core.arrays import Array, fixed
+from trackbench.core.elementary import cos_sin
 from trackbench.keys import Finite, NonNegative
 from trackbench.models.linear import CWNA, Linear
 
@@ -47,7 +48,7 @@ class ConstantVelocity:
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """F and Q of one axis (position, velocity)."""
-        G = np.array([T**2 / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
+        G = np.array([T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
@@ -77,8 +78,8 @@ class ConstantAcceleration:
     def axis(self, T: float) -> Axis:
         """F and Q of one axis (position, velocity, acceleration)."""
         standard = self.noise_gain == "standard"
-        G = np.array([T**2 / 2, T, 1.0] if standard else [T**2 / 4, T / 2, 1.0])
-        F = np.array([[1.0, T, T**2 / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+        G = np.array([T * T / 2, T, 1.0] if standard else [T * T / 4, T / 2, 1.0])
+        F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
         return Axis(fixed(F), fixed(self.q * np.outer(G, G)))
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
@@ -128,7 +129,7 @@ class CoordinatedTurn:
         w = np.deg2rad(self.turn_rate_deg_s)
         if abs(w * T) < self._straight:
             return straight
-        s, c = np.sin(w * T), np.cos(w * T)
+        c, s = cos_sin(w * T)
         F = np.array(
             [
                 [1.0, s / w, 0.0, (c - 1.0) / w],

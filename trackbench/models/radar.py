@@ -11,6 +11,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2, cos_sin
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class RangeAzimuth:
     @cached_property
     def R(self) -> Array:
         """Noise covariance (2, 2)."""
-        return np.diag([self.sigma_range**2, self.sigma_azimuth**2])
+        return np.diag(np.square([self.sigma_range, self.sigma_azimuth]))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N((range, azimuth), R) for x (4, *batch)."""
@@ -40,7 +41,7 @@ class RangeAzimuth:
         px, py = (x[i] for i in self.position)
         out = np.empty((2, *px.shape))
         np.sqrt(px * px + py * py, out=out[0])
-        np.arctan2(py, px, out=out[1])
+        out[1] = arctan2(py, px)
         return out
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
@@ -48,6 +49,15 @@ class RangeAzimuth:
         nu = z - z_pred
         nu[1] = wrapped(nu[1])
         return nu
+
+    def residual(self, z: Array, x: Array, k: int) -> Gaussian:
+        """``innovation(z, polar(x))`` of each particle of a cloud, and R."""
+        nu = np.empty((2, *x.shape[1:]))
+        i, j = self.position
+        r, across, along = seen_along(z[1], x[i], x[j])
+        np.subtract(z[0][:, None], r, out=nu[0])
+        np.negative(arctan2(across, along), out=nu[1])
+        return Gaussian(nu, self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """d(range, azimuth)/dx (2, 4, *batch)."""
@@ -62,7 +72,18 @@ class RangeAzimuth:
 
     def reading(self, z: Array) -> Polar:
         """The measurement with its variances."""
-        return Polar(z[0], z[1], self.sigma_range**2, self.sigma_azimuth**2)
+        return Polar(z[0], z[1], *np.diagonal(self.R).tolist())
+
+
+def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
+    """Range of positions (M, N), and their coordinates across and along the line at an azimuth (M,)."""
+    c, s = (wave[:, None] for wave in cos_sin(azimuth))
+    along, across = c * px, c * py
+    along += s * py
+    across -= s * px
+    square = along * along
+    square += across * across
+    return np.sqrt(square, out=square), across, along
 
 
 def wrapped(angle: Array) -> Array:

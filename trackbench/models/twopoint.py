@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, convert, position
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.elementary import log
 from trackbench.core.streams import RunStreams, Streams
 from trackbench.models.radar import RangeAzimuth
 
@@ -67,7 +68,7 @@ class TwoPoint:
         mean[p], mean[v] = two.mean, velocity
         cov[p, p] = two.cov
         cov[p, v] = cov[v, p] = two.cov / self.T
-        cov[v, v] = (one.cov + two.cov) / self.T**2 + noise
+        cov[v, v] = (one.cov + two.cov) / (self.T * self.T) + noise
         return Gaussian(mean, cov)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
@@ -101,11 +102,11 @@ class TwoPoint:
         px, vx, py, vy = x
         earlier = np.stack([px - self.T * vx, vx, py - self.T * vy, vy])
         now, then = self.sensor.polar(x), self.sensor.polar(earlier)
-        walked = self.q * self.T**3 / 3.0
+        walked = self.q * self.T * self.T * self.T / 3.0
         R = np.zeros((2, 2, *then.shape[1:]))
-        R[0, 0] = self.sensor.sigma_range**2 + walked
-        R[1, 1] = self.sensor.sigma_azimuth**2 + walked / then[0] ** 2
-        jacobian = 2.0 * np.log(self.T) - np.log(now[0]) - np.log(then[0])
+        R[0, 0] = self.sensor.R[0, 0] + walked
+        R[1, 1] = self.sensor.R[1, 1] + walked / np.square(then[0])
+        jacobian = log(self.T * self.T / (now[0] * then[0]))
         return (
             jacobian
             + zero_mean_log_prob(self._innovation(self.second, now), self.sensor.R)

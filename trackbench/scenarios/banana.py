@@ -12,6 +12,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.conversions import position, rotated
+from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
 from trackbench.keys import MOST_STEPS, Finite, NonNegative, Positive
 from trackbench.models.base import Model
@@ -108,7 +109,7 @@ class Banana:
         """Vector errors, and signed ones in polar coordinates and along and across the line of sight."""
         e = mean - truth
         (r, a), (r_true, a_true) = self._sensor.polar(mean), self._sensor.polar(truth)
-        c, s = np.cos(a_true), np.sin(a_true)
+        c, s = cos_sin(a_true)
         return {
             "position": e[0::2],
             "velocity": e[1::2],
@@ -134,7 +135,7 @@ class Banana:
         J = self._sensor.jacobian(path[:, 1:], 0)
         polar = linalg.sandwich(J, P)
         a = self._sensor.polar(path[:, 1:])[1]
-        c, s = np.cos(a), np.sin(a)
+        c, s = cos_sin(a)
         frame = np.stack([np.stack([c, s]), np.stack([-s, c])])
         seen = linalg.sandwich(frame, P[0::2, 0::2])
         squares = {
@@ -161,20 +162,23 @@ class Banana:
         """States (4, scans) without process noise."""
         path = [self._start]
         for _ in range(self.scans - 1):
-            path.append(self._motion.F @ path[-1])
+            path.append(linalg.matvec(self._motion.F, path[-1]))
         return np.stack(path, axis=-1)
 
     def _initial_bound(self, path: Array) -> Array:
         r, a = self._sensor.polar(path[:, :2])
-        R = rotated(self.sigma_range**2, (r * self._sensor.sigma_azimuth) ** 2, a)
+        across = np.square(r) * self._sensor.R[1, 1]
+        R = rotated(self._sensor.R[0, 0], across, a)
         P = np.empty((4, 4))
         P[0::2, 0::2] = R[..., 1]
         P[0::2, 1::2] = P[1::2, 0::2] = R[..., 1] / self.T
-        P[1::2, 1::2] = R.sum(axis=-1) / self.T**2 + self.q * self.T / 3.0 * np.eye(2)
+        P[1::2, 1::2] = (R[..., 0] + R[..., 1]) / (
+            self.T * self.T
+        ) + self.q * self.T / 3.0 * np.eye(2)
         return P
 
     def _information(self, path: Array) -> Iterator[Array]:
-        R_inverse = np.linalg.inv(self._sensor.R)
+        R_inverse = linalg.inverse(self._sensor.R)
         for x in path[:, 2:].T:
             H = self._sensor.jacobian(x, 0)
-            yield H.T @ R_inverse @ H
+            yield linalg.sandwich(H.T, R_inverse)

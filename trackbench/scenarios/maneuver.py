@@ -163,7 +163,7 @@ class Maneuver:
         vx, vy = np.full_like(t, start.vx), np.full_like(t, start.vy)
         for leg in self.turns:
             since, after = np.maximum(t - leg.start, 0.0), np.maximum(t - leg.end, 0.0)
-            speed, distance = since - after, (since**2 - after**2) / 2
+            speed, distance = since - after, (since * since - after * after) / 2
             px, py = px + leg.ax * distance, py + leg.ay * distance
             vx, vy = vx + leg.ax * speed, vy + leg.ay * speed
         return np.stack([px, vx, py, vy])
@@ -175,7 +175,8 @@ class Maneuver:
         z = path[[0, 2], :, None] + self.sigma * noise
         velocity = (z[:, 1] - z[:, 0]) / self.T
         mean = np.stack([z[0, 1], velocity[0], z[1, 1], velocity[1]])
-        axis = self.sigma**2 * np.array([[1.0, 1.0 / self.T], [1.0 / self.T, 2.0 / self.T**2]])
+        T, R = self.T, self.sigma * self.sigma
+        axis = R * np.array([[1.0, 1.0 / T], [1.0 / T, 2.0 / (T * T)]])
         prior = Gaussian(mean, np.asarray(np.kron(np.eye(2), axis), dtype=float))
         truth = np.broadcast_to(path[:, 1:, None], (4, len(self.steps), runs))
         return Simulation(truth, z[:, 2:], prior)

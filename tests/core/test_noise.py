@@ -6,7 +6,7 @@ import pytest
 from numpy.random import SFC64
 from scipy import stats
 
-from trackbench.core.normals import NoiseGenerator
+from trackbench.core.noise import NoiseGenerator
 from trackbench.core.streams import SomeRuns, block_stream
 
 MANY = 4_000_000

@@ -1,0 +1,144 @@
+"""Normal and gamma variates from raw words: the same on every machine, and fast for a filter's noise.
+
+Noise of a block comes from tables of 2^16 quantiles, looked up by 16 bits at a time. Four such draws,
+added and subtracted (a Hadamard matrix over two), are four normals: uncorrelated, on a lattice of 2^64
+points, each a sum of four. Their variance and kurtosis are exact; probabilities beyond four standard
+deviations are right to 1e-3, beyond five to 1e-2, and none is beyond 8.8. A gamma variate of a small
+whole shape is a sum of exponentials, right to 1 % where a probability is above 1e-4. That is enough
+for the noise of a Monte Carlo filter, whose own error is of the order of 1/sqrt(N). Truth and
+measurements are drawn in full float64 (`box_muller`, `erlang`).
+"""
+
+from functools import cache
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from trackbench.core import elementary
+from trackbench.core.arrays import Array, fixed
+
+Words = NDArray[np.uint64]
+
+ERLANG = 8
+"""Largest whole shape of a gamma variate that is drawn as a sum of exponentials."""
+_CELLS = 1 << 16
+_QUADS = 4096  # words at a time: what is made of them stays in the cache
+_OUTERMOST = 4.412675502108261  # quantile that gives the table the normal's kurtosis
+_GRAIN = 2.0**26
+
+
+class NoiseGenerator(Generator):
+    """numpy's generator with normals and Erlang variates of our own, from its raw words.
+
+    What comes out depends on the bit generator's state and the size only.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.bit_generator,)
+
+    def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
+        """N(0, 1) variates; numpy's own if they are of another type."""
+        if args or kwargs:
+            return super().standard_normal(size, *args, **kwargs)
+        shape = _shape(size)
+        quads = -(-prod(shape) // 4)
+        out = np.empty(4 * quads)
+        for start in range(0, quads, _QUADS):
+            some = min(_QUADS, quads - start)
+            _hadamard(self._looked_up(halved_normals(), some), out[4 * start : 4 * (start + some)])
+        return out[: prod(shape)].reshape(shape)[()]
+
+    def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
+        """Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        if args or kwargs or not is_erlang(shape):
+            return super().standard_gamma(shape, size, *args, **kwargs)
+        whole, count = int(shape), prod(_shape(size))
+        out, step = np.empty(count), 4 * _QUADS
+        for start in range(0, count, step):
+            some = min(step, count - start)
+            drawn = self._looked_up(exponentials(), -(-whole * some // 4))
+            piece = out[start : start + some]
+            piece[:] = drawn[:some]
+            for i in range(1, whole):
+                piece += drawn[i * some : (i + 1) * some]
+        return out.reshape(_shape(size))[()]
+
+    def _looked_up(self, table: Array, words: int) -> Array:
+        """Four entries of the table for each word."""
+        drawn: Array = table.take(self.bit_generator.random_raw(words).view(np.uint16), mode="clip")
+        return drawn
+
+
+def is_erlang(shape: float) -> bool:
+    """Whether a gamma variate of this shape is drawn as a sum of exponentials."""
+    return shape in range(1, ERLANG + 1)
+
+
+def box_muller(words: Words) -> Array:
+    """N(0, 1) variates (n, M) from 64-bit words (n, M), n even (Box & Muller 1958)."""
+    half = len(words) // 2
+    r = np.sqrt(-2.0 * elementary.log(_open_unit(words[:half])))
+    c, s = elementary.cos_sin(2.0 * np.pi * _open_unit(words[half:]))
+    return np.concatenate([r * c, r * s])
+
+
+def erlang(u: Array) -> Array:
+    """Gamma(n, rate 1) variates (...) from uniform ones (n, ...) in [0, 1)."""
+    product = 1.0 - u[0]  # in (0, 1]: its logarithm is finite
+    for more in u[1:]:
+        product *= 1.0 - more
+    return -elementary.log(product)
+
+
+@cache
+def halved_normals() -> Array:
+    """Half of the normal's quantiles at the middles of 2^16 cells of equal probability.
+
+    The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that
+    scipy's own rounding does not show.
+    """
+    from scipy.special import ndtri
+
+    z = ndtri((np.arange(_CELLS // 2, _CELLS) + 0.5) / _CELLS)
+    z[-1] = _OUTERMOST
+    z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 * _GRAIN)) / _GRAIN
+    return fixed(np.concatenate([-z[::-1], z]))
+
+
+@cache
+def exponentials() -> Array:
+    """Means of a standard exponential over 2^16 cells of equal probability."""
+    u = np.arange(1, _CELLS + 1) / _CELLS
+    primitive = np.concatenate([[0.0], u - u * elementary.log(u)])  # of -log u
+    return fixed(np.diff(primitive) * _CELLS)
+
+
+def _hadamard(t: Array, out: Array) -> None:
+    """``(1/2) H t`` of quarters of t, with its half already in the table."""
+    quarter = len(t) // 4
+    a, b, c, d = t.reshape(4, quarter)
+    first, second, third, fourth = out.reshape(4, quarter)
+    np.add(a, b, out=first)
+    np.subtract(a, b, out=second)
+    np.add(c, d, out=third)
+    np.subtract(c, d, out=fourth)
+    np.subtract(first, third, out=a)
+    first += third
+    third[:] = a
+    np.subtract(second, fourth, out=a)
+    second += fourth
+    fourth[:] = a
+
+
+def _open_unit(words: Words) -> Array:
+    """Numbers strictly between zero and one, on a lattice of 2^52."""
+    return ((words >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
+
+
+def _shape(size: Any) -> tuple[int, ...]:
+    if size is None:
+        return ()
+    return tuple(size) if isinstance(size, tuple | list) else (size,)
