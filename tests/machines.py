@@ -1,7 +1,7 @@
-"""Do the same bytes come out under other processors' arithmetic? Fresh processes, one for each setting.
+"""Do the same bytes come out under other processors' arithmetic? A fresh process for each setting.
 
-``python -m tests.machines --runs 20 experiments/*.yaml`` (``make check-machines``). A setting chooses the
-kernels of OpenBLAS and numpy's code for the processor as another machine would, as far as this one
+``python -m tests.machines --runs 20 experiments/*.yaml`` (``make check-machines``). A setting chooses
+the kernels of OpenBLAS and numpy's code for the processor as another machine would, as far as this one
 has the instructions. One setting runs on two workers, the others serially.
 """
 

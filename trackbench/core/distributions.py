@@ -14,6 +14,7 @@ from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.streams import Streams
 
+_SMALLEST = float(np.finfo(float).tiny)
 LOG_2PI = 1.8378770664093453
 _SQRT_2 = 1.4142135623730951
 
@@ -125,8 +126,11 @@ class Gamma:
     def density(self, v: Array) -> Array:
         """Density at v: zero for v <= 0, or its formula continued there if ``smooth``."""
         base = v if self.smooth else np.maximum(v, 0.0)
-        tilted = elementary.exp(self._log_norm - self.rate * base)
-        return np.asarray(tilted * elementary.power(base, self.shape - 1.0))
+        tilted = base * -self.rate
+        tilted += self._log_norm
+        tilted = elementary.exp(tilted, out=tilted)
+        tilted *= elementary.power(base, self.shape - 1.0)
+        return tilted
 
     @property
     def smooth(self) -> bool:
@@ -135,10 +139,10 @@ class Gamma:
 
     def log_density(self, v: Array) -> Array:
         """Log-density at v, -inf for v <= 0."""
-        with np.errstate(invalid="ignore"):
-            inside = elementary.log(v)
-            inside *= self.shape - 1.0
-            inside -= self.rate * v
+        inside = np.maximum(v, _SMALLEST)
+        inside = elementary.log(inside, out=inside)
+        inside *= self.shape - 1.0
+        inside -= self.rate * v
         inside += self._log_norm
         return np.where(v <= 0.0, -np.inf, inside)
 

@@ -67,12 +67,12 @@ def _constants() -> _Constants:
 
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
-    """``e^x``; zero below -708. ``out`` may be a contiguous x itself."""
+    """``e^x``; zero below -708. ``out`` may be x itself."""
     return _piecewise(_exp, x, out)
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
-    """Natural logarithm. ``out`` may be a contiguous x itself."""
+    """Natural logarithm. ``out`` may be x itself."""
     return _piecewise(_log, x, out)
 
 
@@ -127,8 +127,8 @@ def power(x: ArrayLike, y: float) -> Array:
     """``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
     x = np.asarray(x, dtype=float)
     if y == int(y) and 0 <= y <= 16:
-        product = np.ones_like(x)
-        for _ in range(int(y)):
+        product = x if y else np.ones_like(x)
+        for _ in range(int(y) - 1):
             product = product * x
         return product[()]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,11 +156,16 @@ def _piecewise(kernel: Kernel, x: ArrayLike, out: Array | None) -> Array:
         return _of_number(kernel, x)
     x = np.asarray(x, dtype=float)
     flat = np.ascontiguousarray(x).reshape(-1)
-    target = np.empty(flat.shape) if out is None else out.reshape(-1)
+    in_place = out is not None and out.flags.c_contiguous
+    target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
     for i in range(0, len(flat), _PIECE):
         piece = slice(i, i + _PIECE)
         kernel(flat[piece], target[piece])
-    return target.reshape(x.shape)[()] if out is None else out
+    if out is None:
+        return target.reshape(x.shape)[()]
+    if not in_place:
+        out[...] = target.reshape(x.shape)
+    return out
 
 
 @lru_cache(maxsize=4096)

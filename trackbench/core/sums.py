@@ -5,7 +5,7 @@ rows are added to each other, one after the other: nothing but elementwise sums.
 blocks, which are such rows.
 """
 
-from math import prod
+from math import frexp, ldexp, prod
 
 import numpy as np
 
@@ -32,13 +32,19 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> Array:
-    """``A B`` (..., p) of A (..., n) and B (n, p), n <= 128, to some 45 bits of the largest terms.
+    """``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), n <= 128, to some 45 bits of the largest.
 
     Each factor is the sum of two with 23 bits (Ozaki et al. 2012). Their products are whole numbers that
     a sum of 128 holds exactly, so that BLAS may add them in any order.
     """
-    (A1, A2), (B1, B2) = _halves(A, -1), _halves(B, 0)
-    return A1 @ B1 + (A1 @ B2 + A2 @ B1)
+    B1, B2 = _halves(B)
+    out = np.empty((*A.shape[:-1], B.shape[1]))
+    for rows, found in zip(A, out, strict=True):  # a piece that stays in the cache
+        A1, A2 = _halves(rows)
+        np.matmul(A1, B2, out=found)
+        found += A2 @ B1
+        found += A1 @ B1
+    return out
 
 
 def mean(a: Array, axis: int = -1) -> Array:
@@ -46,13 +52,14 @@ def mean(a: Array, axis: int = -1) -> Array:
     return total(a, axis) / a.shape[axis]
 
 
-def _halves(a: Array, axis: int) -> tuple[Array, Array]:
-    """The leading 23 bits of each number, of its row's largest, and the next 23."""
-    _, exponent = np.frexp(np.abs(a).max(axis=axis, keepdims=True))
+def _halves(a: Array) -> tuple[Array, Array]:
+    """The leading 23 bits of each number, counted from the largest one's, and the next 23."""
+    _, exponent = frexp(max(a.max(), -a.min()))
     out, rest = [], a
     for bits in (23, 46):
-        rounding = np.ldexp(1.5, exponent + 52 - bits)  # numbers added to it lose what is smaller
-        head = (rest + rounding) - rounding
+        rounding = ldexp(1.5, exponent + 52 - bits)  # what is added to it loses its lower bits
+        head = rest + rounding
+        head -= rounding
         out.append(head)
         rest = rest - head
     return out[0], out[1]

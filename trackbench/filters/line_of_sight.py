@@ -9,7 +9,7 @@ from numpy.random import Generator
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.elementary import arctan2, cos_sin, log
+from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.core.mixing import combined
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, Mode, jitter_each
@@ -80,32 +80,35 @@ class LineOfSight(ParticleFilter):
         half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
-        w, dead = particles.normalise(log(state.particles.w) - half_distance)
+        log_w = state.log_w - half_distance
+        w, dead = particles.normalise(log_w)
         nu /= r
         weighted = Particles(_stretched(x, K, nu), w)
-        cloud = self._renewed(weighted, k, rng, self._size(age))
-        return Cloud(cloud, weighted, _mixture(weighted, P), dead, age, P)
+        log_w = np.where(dead[:, None], 0.0, log_w)
+        cloud = Cloud(weighted, weighted, _mixture(weighted, P), dead, age, P, log_w)
+        return self._renewed(cloud, k, rng, self._size(age))
 
-    def _renewed(self, cloud: Particles, k: int, rng: Generator, size: int) -> Particles:
+    def _renewed(self, cloud: Cloud, k: int, rng: Generator, size: int) -> Cloud:
         """The cloud with its poor runs resampled and regularised."""
-        poor = ~(particles.effective_sample_size(cloud.w) >= self.ess_threshold * size)
-        if size != cloud.w.shape[1]:
+        x, w = cloud.weighted
+        poor = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
+        if size != w.shape[1]:
             poor[:] = True
         if not poor.any():
             return cloud
-        x = cloud.x[:, poor]
-        middle = arctan2(x[2, :, 0], x[0, :, 0])
-        frame = Particles(_to_frame(middle, x), cloud.w[poor])
+        old = x[:, poor]
+        middle = arctan2(old[2, :, 0], old[0, :, 0])
+        frame = Particles(_to_frame(middle, old), w[poor])
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
         resampled = self._resampled(frame, noise, size)
         modes = _modes(frame, resampled.x)
-        x = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
-        x = _from_frame(middle, x)
+        new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
+        new = _from_frame(middle, new)
         if poor.all():
-            return Particles(x, resampled.w)
-        out = Particles(cloud.x.copy(), cloud.w.copy())
-        out.x[:, poor], out.w[poor] = x, resampled.w
-        return out
+            return cloud._replace(particles=Particles(new, resampled.w), log_w=0.0)
+        out = Particles(x.copy(), w.copy())
+        out.x[:, poor], out.w[poor] = new, resampled.w
+        return cloud._replace(particles=out, log_w=np.where(poor[:, None], 0.0, cloud.log_w))
 
 
 def _modes(frame: Particles, x: Array) -> list[Mode]:

@@ -1,6 +1,7 @@
 """What a motion and a sensor model are, and what may be asked of a pair of them."""
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from functools import cache
+from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -50,11 +51,16 @@ class DifferentiableSensor(Sensor, Protocol):
 
 
 @runtime_checkable
-class NearSensor(Sensor, Protocol):
-    """A sensor that tells how far a measurement is from states near it faster than where they are."""
+class NearSensor(Protocol):
+    """A sensor that tells how far states are from a measurement faster than where they are."""
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
         """``innovation(z, E[z_k | x_k = x])`` and its covariance, for z (n_z, M) and x (n_x, M, N)."""
+
+
+@cache
+def _is_near(kind: type[object]) -> bool:
+    return issubclass(kind, NearSensor)
 
 
 class Model(NamedTuple):
@@ -66,8 +72,8 @@ class Model(NamedTuple):
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     """log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]); zero for a missing measurement."""
-    if x.ndim == 3 and isinstance(sensor, NearSensor):
-        residual = sensor.residual(z, x, k)
+    if x.ndim == 3 and _is_near(type(sensor)):
+        residual = cast(NearSensor, sensor).residual(z, x, k)
         value = zero_mean_log_prob(residual.mean, residual.cov)
     else:
         predicted = sensor.measurement(x, k)
