@@ -36,7 +36,7 @@ def test_an_unreachable_model_keeps_its_own_estimate() -> None:
 
 
 def test_weights_survive_a_huge_likelihood_ratio() -> None:
-    w = updated_weights(np.array([[0.5], [0.5]]), np.array([[-5000.0], [-1.0]]))
+    w = updated_weights(np.full((2, 1), 0.5), np.array([[10_000.0], [2.0]]), np.ones((2, 1)))
     assert np.isfinite(w).all()
     assert w.sum() == pytest.approx(1.0)
     assert w[0, 0] < 1e-300
@@ -67,7 +67,7 @@ def test_padding_fills_with_the_longer_state_or_with_zeros(unbiased: bool) -> No
 
 def test_weights_stay_as_predicted_where_no_model_explains_the_data() -> None:
     predicted = np.array([[0.2, 0.5], [0.8, 0.5]])
-    log_likelihood = np.array([[-np.inf, 0.0], [-np.inf, -np.inf]])
-    found = updated_weights(predicted, log_likelihood)
+    nis = np.array([[np.inf, 0.0], [np.inf, np.inf]])
+    found = updated_weights(predicted, nis, np.ones((2, 2)))
     np.testing.assert_array_equal(found[:, 0], predicted[:, 0])
     np.testing.assert_allclose(found[:, 1], [1.0, 0.0], atol=1e-300)

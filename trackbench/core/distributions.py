@@ -73,7 +73,9 @@ class Gaussian:
         root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
-        return linalg.matvec(root, noise) + with_trailing(self.mean, len(shape) - 1)
+        x = linalg.matvec(root, noise)
+        x += with_trailing(self.mean, len(shape) - 1)
+        return x
 
     def log_prob(self, x: Array) -> Array:
         """Log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
@@ -83,10 +85,11 @@ class Gaussian:
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
     """Log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     L = linalg.cholesky(cov) if root is None else root
-    halves = linalg.solve_lower(_SQRT_2 * L, e)
-    np.square(halves, out=halves)  # now they sum to e' P^-1 e / 2
-    total = halves[0]
+    halves = linalg.whitened(_SQRT_2 * L, e)
+    total = halves[0]  # of squares, e' P^-1 e / 2
+    total *= total
     for row in halves[1:]:
+        row *= row
         total += row
     scale = L[0, 0]
     for i in range(1, len(e)):

@@ -71,6 +71,11 @@ def exp(x: ArrayLike, out: Array | None = None) -> Array:
     return _piecewise(_exp, x, out)
 
 
+def exp_of_moderate(x: Array) -> Array:
+    """`exp` in place for a contiguous x from -708 to 709, or NaN, which is not looked at beforehand."""
+    return _piecewise(_exp_of_moderate, x, x)
+
+
 def log(x: ArrayLike, out: Array | None = None) -> Array:
     """Natural logarithm. ``out`` may be x itself."""
     return _piecewise(_log, x, out)
@@ -285,11 +290,14 @@ def _cos_sin(a: Array, c: Array, s: Array) -> None:
 def _arctan2(y: Array, x: Array, out: Array) -> None:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
+        widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
+        if widest <= _NARROW and np.minimum.reduce(x) > 0.0:
+            _arctan_of_narrow(t, out)
+            return
+        _arctan2_anywhere(y, x, out)
         narrow = (np.abs(t) <= _NARROW) & (x > 0.0)
-        if not narrow.all():
-            _arctan2_anywhere(y, x, out)
         if narrow.any():  # a value does not depend on those beside it
-            near = out if narrow.all() else np.empty_like(t)
+            near = np.empty_like(t)
             _arctan_of_narrow(t, near)
             np.copyto(out, near, where=narrow)
 

@@ -24,6 +24,15 @@ class Innovation(NamedTuple):
         """Normalised innovation squared, nu' S^-1 nu (*batch); expected n_z."""
         return linalg.mahalanobis(self.nu, self.S)
 
+    def judged(self) -> tuple[Array, Array]:
+        """NIS (*batch) and the square root of det S, from one factor."""
+        L = linalg.cholesky(self.S)
+        rows = linalg.whitened(L, self.nu)
+        nis, scale = rows[0] * rows[0], L[0, 0]
+        for i in range(1, len(rows)):
+            nis, scale = nis + rows[i] * rows[i], scale * L[i, i]
+        return nis, scale
+
     @property
     def log_likelihood(self) -> Array:
         """log N(nu; 0, S) (*batch)."""

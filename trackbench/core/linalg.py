@@ -133,17 +133,23 @@ def _factor_of_one(P: Array, tolerance: float) -> Array:
     rows, n = P.tolist(), len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        pivot = rows[j][j] - sum(a * a for a in L[j][:j])
+        pivot = _rest_of_one(rows[j][j], L[j], L[j], j)
         least = tolerance * rows[j][j]
         if pivot > least:
             L[j][j] = sqrt(pivot)
             for i in range(j + 1, n):
-                rest = rows[i][j] - sum(a * b for a, b in zip(L[i][:j], L[j][:j], strict=True))
-                L[i][j] = rest / L[j][j]
+                L[i][j] = _rest_of_one(rows[i][j], L[i], L[j], j) / L[j][j]
         elif not (rows[j][j] == 0.0 or abs(pivot) < least):
             for i in range(j, n):
                 L[i][j] = nan
     return np.array(L)
+
+
+def _rest_of_one(value: float, a: list[float], b: list[float], n: int) -> float:
+    """``value`` less the first n products, in order (from Python 3.12 on, `sum` has another one)."""
+    for i in range(n):
+        value -= a[i] * b[i]
+    return value
 
 
 def is_singular(P: Array) -> bool:
@@ -153,8 +159,11 @@ def is_singular(P: Array) -> bool:
 
 def solve_lower(L: Array, b: Array) -> Array:
     """``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
-    if len(L) == 1:
-        return b * (1.0 / L[0])
+    return b * (1.0 / L[0]) if len(L) == 1 else np.array(whitened(L, b))
+
+
+def whitened(L: Array, b: Array) -> list[Array]:
+    """The rows of `solve_lower`, new arrays each."""
     rows: list[Array] = []
     for i in range(L.shape[0]):
         rest = b[i]
@@ -162,7 +171,7 @@ def solve_lower(L: Array, b: Array) -> Array:
             if L.ndim > 2 or L[i, j] != 0.0:
                 rest = rest - L[i, j] * rows[j]
         rows.append(rest * (1.0 / L[i, i]))
-    return np.array(rows)
+    return rows
 
 
 def inverse(S: Array) -> Array:
@@ -194,15 +203,20 @@ def mahalanobis(e: Array, P: Array) -> Array:
     """``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
     if len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    white = solve_lower(cholesky(P), e)
-    return _sum_of(list(white * white))
+    return _sum_of([row * row for row in whitened(cholesky(P), e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A.tolist()):
+        total = out[i, ...]
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
-        out[i] = _sum_of(terms) if terms else 0.0
+        if len(terms) < 2:
+            total[...] = terms[0] if terms else 0.0
+            continue
+        np.add(terms[0], terms[1], out=total)
+        for term in terms[2:]:
+            total += term
     return out
 
 

@@ -21,12 +21,15 @@ def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
     return after, np.where(reachable, mixing, stay)
 
 
-def updated_weights(predicted: Array, log_likelihood: Array) -> Array:
-    """Weights (r, M) after the models' log-likelihoods (r, M); the prediction where all are -inf."""
-    top = np.where(predicted > 0.0, log_likelihood, -np.inf).max(axis=0)
+def updated_weights(predicted: Array, nis: Array, scale: Array) -> Array:
+    """Weights (r, M) after Gaussian likelihoods ``exp(-nis / 2) / scale`` of the models, (r, M) each.
+
+    The prediction where all are zero.
+    """
+    least = np.where(predicted > 0.0, nis, np.inf).min(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        w = predicted * elementary.exp(log_likelihood - top)
-        return np.where(top == -np.inf, predicted, w / total(w, axis=0))
+        w = predicted / scale * elementary.exp(-0.5 * (nis - least))
+        return np.where(least == np.inf, predicted, w / total(w, axis=0))
 
 
 def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:

@@ -1,7 +1,7 @@
 """Functions of matrices that compute what does not depend on the data once for all runs."""
 
 from collections.abc import Callable
-from functools import lru_cache, wraps
+from functools import wraps
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -11,30 +11,34 @@ from trackbench.core.arrays import Array, fixed
 F = TypeVar("F", bound=Callable[..., Any])
 
 _REMEMBERED = 4096  # results per function, a few hundred bytes each: two tracks of 1700 steps
-_memories: list[Any] = []
+_memories: list[dict[Any, Any]] = []
 
 
 def once(function: F) -> F:
-    """Remember what a function made of constant matrices ``(n, m)``; with a batch axis it is called.
+    """Remember the new arrays that a function made of constant matrices; with a batch axis it is called.
 
     The blocks of a batch, the points of a grid and the steps of a filter that has come to its steady
     state then share one covariance recursion. Results are read-only, and depend on the arguments'
     values only: a matrix is always handed on in C order.
     """
 
-    @lru_cache(maxsize=_REMEMBERED)
-    def remembered(*matrices: tuple[str, tuple[int, ...], bytes]) -> Any:
-        made = function(*map(_array, matrices))
-        return tuple(map(fixed, made)) if isinstance(made, tuple) else fixed(made)
-
-    _memories.append(remembered)
+    memory: dict[Any, Any] = {}
+    _memories.append(memory)
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
         for A in matrices:
             if A.ndim > 2:
                 return function(*matrices)
-        return remembered(*[(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
+        key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
+        found = memory.get(key)
+        if found is None:
+            made = function(*map(np.ascontiguousarray, matrices))
+            found = tuple(map(fixed, made)) if isinstance(made, tuple) else fixed(made)
+            if len(memory) >= _REMEMBERED:
+                del memory[next(iter(memory))]  # the oldest
+            memory[key] = found
+        return found
 
     return cast(F, call)
 
@@ -42,9 +46,4 @@ def once(function: F) -> F:
 def forget() -> None:
     """Empty all memories, for measuring what a new process does."""
     for memory in _memories:
-        memory.cache_clear()
-
-
-def _array(matrix: tuple[str, tuple[int, ...], bytes]) -> Array:
-    kind, shape, values = matrix
-    return np.frombuffer(values, kind).reshape(shape)
+        memory.clear()

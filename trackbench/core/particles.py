@@ -39,12 +39,16 @@ class Particles(NamedTuple):
 
     def moments(self) -> Gaussian:
         """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
-        mean = self.mean
+        products = self.x * self.w  # written over: memory at hand is fast
+        mean = total(products)
         e = self.x - mean[..., None]
         n = len(e)
         cov = np.empty((n, n, *mean.shape[1:]))
+        weighted = np.empty_like(e[0])
         for i in range(n):
-            cov[i, : i + 1] = cov[: i + 1, i] = dot(e[: i + 1], e[i] * self.w)
+            np.multiply(e[i], self.w, out=weighted)
+            np.multiply(e[: i + 1], weighted, out=products[: i + 1])
+            cov[i, : i + 1] = cov[: i + 1, i] = total(products[: i + 1])
         return Gaussian(mean, cov)
 
 
@@ -85,7 +89,7 @@ def normalise(log_w: Array) -> Weights:
         log_w, top = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
     shifted = log_w - top[:, None]
     np.maximum(shifted, CLIP, out=shifted)
-    w = elementary.exp(shifted, out=shifted)
+    w = elementary.exp_of_moderate(shifted)
     w -= _CLIPPED  # zero where the exponent was clipped; lost in rounding everywhere else
     w *= 1.0 / total(w)[:, None]
     return Weights(w, dead)

@@ -77,12 +77,13 @@ def jitter_each(
     """`jitter` of a cloud of one or several modes, each by its own particles' number and spread."""
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
-    moved = x.copy()
     for mode in modes:
         h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
         move = linalg.lower_product(h * _spread(mode.cov), e)
-        moved += move if mode.there is None else np.where(mode.there, move, 0.0)
-    return moved
+        moved = move if mode.there is None else np.where(mode.there, move, 0.0)
+        moved += x
+        x = moved
+    return x
 
 
 def _spread(cov: Array) -> Array:

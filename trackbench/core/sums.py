@@ -11,15 +11,16 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 
-_BLOCK = 128
+_SHORT, _LONG = 128, 512  # lengths of a block
 
 
 def total(a: Array, axis: int = -1) -> Array:
     """Sum over an axis of any length."""
     n = a.shape[axis]
-    if axis in (-1, a.ndim - 1) and n >= 2 * _BLOCK:
-        whole = n - n % _BLOCK
-        blocks = a[..., :whole].reshape(*a.shape[:-1], -1, _BLOCK)
+    if axis in (-1, a.ndim - 1) and n >= 2 * _SHORT:
+        block = _LONG if n >= 8 * _LONG else _SHORT
+        whole = n - n % block
+        blocks = a[..., :whole].reshape(*a.shape[:-1], -1, block)
         sums = np.add.reduce(blocks, axis=-2)
         sums[..., : n - whole] += a[..., whole:]
         return _in_order(np.moveaxis(sums, -1, 0))

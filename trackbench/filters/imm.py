@@ -76,17 +76,20 @@ class IMM:
         own: Any = model.motion
         sensor: Any = model.sensor
         predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
-        states, log_likelihood, nis = [], [], []
+        states, judged = [], []
         for j, motion in enumerate(self.motions):
             sampled = motion.sampled(own.T)
             mixed = self._mixed(state.states, mixing[:, j], j)
             posterior, seen = linear_step(mixed, sampled.F, sampled.Q, z, sensor)
             states.append(posterior)
-            log_likelihood.append(seen.log_likelihood)
-            nis.append(seen.nis)
+            judged.append(seen.judged())
+        nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
+        weights = updated_weights(predicted, nis, scale)
+        nis_of_all = total(predicted * nis, axis=0)
         missing = np.isnan(z).any(axis=0)
-        weights = updated_weights(predicted, np.where(missing, 0.0, np.stack(log_likelihood)))
-        nis_of_all = np.where(missing, np.nan, total(predicted * np.stack(nis), axis=0))
+        if missing.any():
+            weights = np.where(missing, predicted, weights)
+            nis_of_all = np.where(missing, np.nan, nis_of_all)
         return Models(tuple(states), weights, nis_of_all, state.reported)
 
     def _mixed(self, states: tuple[Gaussian, ...], weights: Array, j: int) -> Gaussian:
