@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 
@@ -29,7 +29,7 @@ class RangeAzimuth:
     @cached_property
     def R(self) -> Array:
         """Noise covariance (2, 2)."""
-        return np.diag([self.sigma_range**2, self.sigma_azimuth**2])
+        return fixed(np.diag([self.sigma_range**2, self.sigma_azimuth**2]))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N((range, azimuth), R) for x (4, *batch)."""
