@@ -66,6 +66,17 @@ class WritesMeasurement(Base):
         return super().step(model, state, z, k, rng)
 
 
+class WritesPrior(Base):
+    def init(self, model: Any, prior: Any, rng: Any) -> Any:
+        prior.mean[:] += 0.0001
+        return super().init(model, prior, rng)
+
+
+class Leaves(Base):
+    def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
+        raise SystemExit
+
+
 class OwnNoise(Base):
     def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
         return super().step(model, state, z + np.random.default_rng().normal(), k, rng)
@@ -122,6 +133,8 @@ class Needy(EKF):
         (WrongShape, "shapes", "mean at step 0 is (5, 4), not (4, 5)"),
         (WritesState, "step changes nothing", "is written to"),
         (WritesMeasurement, "step changes nothing", "is written to"),
+        (WritesPrior, "step changes nothing", "the prior is written to"),
+        (Leaves, "shapes", "raised SystemExit()"),
         (OwnNoise, "step changes nothing", "gives another estimate"),
         (SeesOthers, "a run does not see", "changes the estimates of the others"),
         (FillsGaps, "a missing measurement", "not finite where"),

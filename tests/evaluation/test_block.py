@@ -67,11 +67,3 @@ def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
             before = tracker.estimate(again)
     x, v = before.mean[:2]
     np.testing.assert_allclose(tracker.estimate(again).mean[0], x + v, rtol=1e-12)
-
-
-def test_a_diagnostic_cannot_take_the_name_of_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    tracker = make_filter("kf")
-    named = {"nees_velocity": np.ones(3)}
-    monkeypatch.setattr(type(tracker), "diagnostics", lambda self, state: named)
-    with pytest.raises(ValueError, match="cannot be named 'nees_velocity'"):
-        run_block(BlockTask(Maneuver(duration=60.0, legs=()), tracker, 1, 0, 3, 3))

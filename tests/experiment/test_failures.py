@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.test_cli import trackbench
+from trackbench.experiment.config import load
+from trackbench.experiment.problems import UserError
 
 PLUGIN = """
 from dataclasses import dataclass, replace
@@ -111,3 +113,132 @@ def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
     (header,) = (tmp_path / "results" / "failing-sweep" / "sweep.csv").read_text().splitlines()
     assert header.startswith("scenario.R,filter,metric")
+
+
+LEAVING = """
+from dataclasses import dataclass
+from typing import Literal
+
+from trackbench.filters.reference import PriorMean
+from trackbench.registry import register
+
+
+class Own(BaseException):
+    pass
+
+
+ENDS = {"exit": SystemExit, "interrupt": KeyboardInterrupt, "close": GeneratorExit, "own": Own}
+
+
+@register("filters", "leaves")
+@dataclass(frozen=True, kw_only=True)
+class Leaves(PriorMean):
+    'Ends the program.'
+
+    how: Literal["exit", "interrupt", "close", "own"] = "exit"
+    'what is raised'
+    where: str = "step"
+    'the method that raises it'
+
+    def __post_init__(self):
+        self._leave("__post_init__")
+
+    def init(self, model, prior, rng):
+        self._leave("init")
+        return super().init(model, prior, rng)
+
+    def step(self, model, state, z, k, rng):
+        self._leave("step")
+        return super().step(model, state, z, k, rng)
+
+    def estimate(self, state):
+        self._leave("estimate")
+        return super().estimate(state)
+
+    def diagnostics(self, state):
+        self._leave("diagnostics")
+        return {}
+
+    def _leave(self, where):
+        if where == self.where:
+            raise ENDS[self.how]()
+"""
+LEFT = """
+name: left
+runs: 20
+block: 10
+scenario: {kind: merwe, T: 5}
+plugins: [leaving.py]
+filters:
+  UKF: {kind: ukf}
+  Exit: {kind: leaves}
+  Init: {kind: leaves, where: init}
+  Estimate: {kind: leaves, where: estimate}
+  Notes: {kind: leaves, where: diagnostics}
+  Interrupt: {kind: leaves, how: interrupt}
+  Close: {kind: leaves, how: close}
+  Own: {kind: leaves, how: own}
+"""
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_a_filter_cannot_end_the_program(tmp_path: Path, engine: str) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT)
+    done = trackbench(
+        *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    raised = dict.fromkeys(["Exit", "Init", "Estimate", "Notes"], "SystemExit")
+    raised |= {"Interrupt": "KeyboardInterrupt", "Close": "GeneratorExit", "Own": "Own"}
+    for label, name in raised.items():
+        assert sum(f"error: {label} failed: " in e and f" {name}()" in e for e in errors) == 1
+    assert len(errors) == len(raised)
+    assert "UKF,mean(rmse)," in (tmp_path / "results" / "left" / "summary.csv").read_text()
+
+
+def test_a_filter_that_ends_the_program_as_it_is_made_is_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT.replace("where: init", "where: __post_init__"))
+    with pytest.raises(UserError, match=r"c\.yaml: code of a filter or scenario raised SystemExit"):
+        load(tmp_path / "c.yaml", allow_plugins=True)
+
+
+def test_a_look_at_what_a_filter_notes_does_not_end_the_program(tmp_path: Path) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT + "medians: [mode]\n")
+    load(tmp_path / "c.yaml", allow_plugins=True)
+
+
+WRITING = """
+from dataclasses import dataclass
+
+from trackbench.filters.kalman import UKF
+from trackbench.registry import register
+
+
+@register("filters", "writes")
+@dataclass(frozen=True, kw_only=True)
+class Writes(UKF):
+    def step(self, model, state, z, k, rng):
+        z -= 0.5
+        return super().step(model, state, z, k, rng)
+"""
+
+
+def test_a_filter_that_writes_to_the_measurements_spoils_no_other(tmp_path: Path) -> None:
+    (tmp_path / "writing.py").write_text(WRITING)
+    config = "name: w\nruns: 4\nscenario: {kind: merwe, T: 5}\nplugins: [writing.py]\n"
+    config += "filters: {Writes: {kind: writes}, UKF: {kind: ukf}}\n"
+    (tmp_path / "c.yaml").write_text(config)
+    options = ("run", "c.yaml", "--allow-plugins", "--engine", "serial", "--fresh")
+    both = trackbench(*options, "--out", "both", cwd=tmp_path)
+    alone = trackbench(*options, "--out", "alone", "--only", "UKF", cwd=tmp_path)
+    assert (both.returncode, alone.returncode) == (1, 0)
+    reason = "what a filter is given is read-only: copy it before you write to it"
+    assert f"error: Writes failed: ValueError: {reason}" in both.stderr
+    for name in ("per_run.csv", "summary.csv"):
+        assert (tmp_path / "both" / name).read_text() == (tmp_path / "alone" / name).read_text()

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from trackbench import api
+from trackbench.experiment.config import load
 from trackbench.experiment.engines import engine
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import UserError, WriteError
@@ -66,6 +67,72 @@ def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
     assert found == f"{path}:6:30: grid.filters.PF.N.2: 20 is given twice"
     (found,) = mistakes(tmp_path, grid=["filters.PF.resampling=residual,residual"])
     assert found.endswith("grid.filters.PF.resampling.1: 'residual' is given twice")
+
+
+@pytest.mark.parametrize(
+    ("axes", "column", "where", "what"),
+    [
+        (
+            '{scenario.R: [1, 2], "scenario.R & scenario.x1": [3, 4]}',
+            28,
+            "scenario.R & scenario.x1",
+            "scenario.R is varied by 'scenario.R', too",
+        ),
+        (
+            '{"scenario.x1 & scenario.R": [3, 4], scenario.R: [1, 2]}',
+            44,
+            "scenario.R",
+            "scenario.R is varied by 'scenario.x1 & scenario.R', too",
+        ),
+        (
+            "{filters.PF: [{kind: pf}, {kind: apf}], filters.PF.N: [5, 9]}",
+            47,
+            "filters.PF.N",
+            "filters.PF.N is varied by 'filters.PF', too",
+        ),
+        (
+            "{filters.PF.N: [5, 9], filters.PF: [{kind: pf}, {kind: apf}]}",
+            30,
+            "filters.PF",
+            "filters.PF.N is varied by 'filters.PF.N', too",
+        ),
+        (
+            '{"scenario.R & scenario.R": [3, 4]}',
+            8,
+            "scenario.R & scenario.R",
+            "scenario.R is varied by 'scenario.R & scenario.R', too",
+        ),
+    ],
+)
+def test_axes_of_a_grid_that_overlap(
+    tmp_path: Path, axes: str, column: int, where: str, what: str
+) -> None:
+    found = mistakes(tmp_path, f"{CONFIG}grid: {axes}\n")
+    assert found == [f"{tmp_path / 'a.yaml'}:6:{column}: grid.{where}: {what}"]
+
+
+def test_axes_of_the_command_line_that_overlap(tmp_path: Path) -> None:
+    axis = "scenario.x1 & scenario.R=1,2"
+    found = mistakes(tmp_path, CONFIG + "grid: {scenario.R: [3, 4]}\n", grid=[axis])
+    what = "grid.scenario.x1 & scenario.R: scenario.R is varied by 'scenario.R', too"
+    assert found == [f"--grid {axis}: {what}"]
+
+
+def test_an_axis_that_is_typed_twice(tmp_path: Path) -> None:
+    found = mistakes(tmp_path, grid=["scenario.R=1,2", "scenario.R=3,4"])
+    assert found == ["--grid scenario.R=3,4: grid.scenario.R: is given twice"]
+    (tmp_path / "a.yaml").write_text(CONFIG + "grid: {scenario.R: [1, 2]}\n")
+    (point,) = load(tmp_path / "a.yaml", grid=["scenario.R=3"]).points  # the file's is replaced
+    assert point.values == {"scenario.R": 3}
+
+
+def test_a_preset_that_is_overruled_by_all_keys(tmp_path: Path) -> None:
+    """As in the config that a run has written: every point would be the first preset."""
+    given = "{kind: ukf, Q: 1.0, R: 1.0, P0: null, noise_mean: true}"
+    text = CONFIG.replace("{kind: ukf}", given)
+    (found,) = mistakes(tmp_path, text, grid=["filters.UKF.preset=merwe-demo"])
+    what = "no preset of ukf changes anything: all that they set is given"
+    assert found.endswith(f": filters.UKF.preset: {what}")
 
 
 def test_a_label_that_cannot_be_seen(tmp_path: Path) -> None:

@@ -6,10 +6,14 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.conftest import EXPERIMENTS
 from trackbench import api
-from trackbench.experiment.resolved import as_yaml
+from trackbench.experiment.config import load
+from trackbench.experiment.definition import Experiment
+from trackbench.experiment.resolved import as_yaml, resolved
 from trackbench.experiment.source import parse
 from trackbench.report.opening import open_results
+from trackbench.verification import verify
 
 CONFIG = """
 name: a
@@ -46,8 +50,10 @@ GRID = ["filters.HDEPF.F=0.5,0.9", "scenario.R=log:1e-5..1e-3:2"]
         {"grid": GRID},
         {"grid": GRID, "only": ["PF"]},
         {"grid": ["filters.PF.N & filters.HDEPF.N=4,6"]},
+        {"grid": ["filters.HDEPF.preset=matched,literal,merwe-demo"]},
+        {"grid": ["filters.PF.kind=pf,apf"]},
     ],
-    ids=["plain", "only", "set", "grid", "grid-only", "together"],
+    ids=["plain", "only", "set", "grid", "grid-only", "together", "preset", "kind"],
 )
 def test_the_resolved_config_gives_the_same_bytes(tmp_path: Path, options: dict[str, Any]) -> None:
     config = tmp_path / "a.yaml"
@@ -61,6 +67,61 @@ def test_the_resolved_config_gives_the_same_bytes(tmp_path: Path, options: dict[
         assert (again / name).read_bytes() == (first / name).read_bytes(), name
     tables = [(folder / "tables" / "t.csv").read_bytes() for folder in (first, again)]
     assert tables[0] == tables[1]
+    assert verify(first, 3) == []
+
+
+def again(experiment: Experiment, folder: Path) -> Experiment:
+    """What the config says that the experiment would write there; it says the same again."""
+    (folder / "published").mkdir()
+    for name, text in experiment.published.files.items():
+        (folder / "published" / name).write_text(text)
+    (folder / "config.yaml").write_text(as_yaml(resolved(experiment, folder)))
+    found = load(folder / "config.yaml")
+    assert resolved(found, folder) == resolved(experiment, folder)
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_the_resolved_config_is_the_same_experiment(tmp_path: Path, path: Path) -> None:
+    experiment = load(path)
+    assert again(experiment, tmp_path).points == experiment.points
+
+
+VARIED = """
+name: varied
+runs: 4
+scenario: {kind: maneuver, duration: 100, legs: []}
+filters:
+  A: {nmf: {q: 0}, mf: {q: 0}, kind: adaptive-kf, preset: seconds, exit: {p: 3}}
+  B: {kind: kf, motion: {kind: cwna, q: 0.01}}
+  C: {kind: ukf}
+  D: {kind: imm, motions: [{kind: cv, q: 0.1}, {kind: cv, q: 1}], transition: [[0.9, 0.1], [0.1, 0.9]]}
+"""
+
+
+@pytest.mark.parametrize("only", [[], ["C"]])
+@pytest.mark.parametrize(
+    "axis",
+    [
+        "filters.A.preset: [paper-eta20, seconds, paper-eta35]",
+        "filters.C.preset: [merwe-demo]",
+        "filters.C.kind: [ukf, pf, ekf]",
+        "filters.A.kind: [adaptive-kf]",
+        "filters.B.motion.kind: [cv, cwna]",
+        "filters.D.motions.0.kind: [cv, cwna, ca]",
+        "filters.B.motion: [{kind: cv, q: 0.1}, {kind: cwna, q: 0.2}]",
+        "filters.C: [{kind: ukf}, {kind: pf, N: 50}, {kind: ukf, preset: merwe-demo}]",
+        "scenario.kind: [maneuver]",
+        "scenario.legs: [[], [{start: 20, end: 60, ax: 0.1, ay: 0}]]",
+    ],
+)
+def test_each_point_of_a_grid_has_the_defaults_of_its_own_kind_and_preset(
+    tmp_path: Path, axis: str, only: list[str]
+) -> None:
+    path, _, values = axis.partition(": ")
+    (tmp_path / "a.yaml").write_text(f'{VARIED}grid: {{"{path}": {values}}}\n')
+    experiment = load(tmp_path / "a.yaml", only=only)
+    assert again(experiment, tmp_path).points == experiment.points
 
 
 def test_only_may_be_taken_back(tmp_path: Path) -> None:

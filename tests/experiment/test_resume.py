@@ -162,18 +162,19 @@ def test_a_killed_worker_costs_nothing_but_time(undisturbed: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_an_interrupted_run_says_how_to_go_on(
-    undisturbed: Path, tmp_path: Path, number: signal.Signals
+    undisturbed: Path, tmp_path: Path, number: signal.Signals, workers: str
 ) -> None:
     config = write(tmp_path)
-    process = start(config, "--workers", "2", start_new_session=True)
+    process = start(config, "--workers", workers, start_new_session=True)
     wait_for(lambda: kept_blocks(config) > 3)
     # Ctrl-C reaches every process of the terminal, a polite kill only the program.
     target = os.killpg if number == signal.SIGINT else os.kill
     target(process.pid, number)
     stdout, stderr = process.communicate(timeout=10)
     assert process.returncode == 130
-    assert f"trackbench run {config} --format png --workers 2" in stderr
+    assert f"trackbench run {config} --format png --workers {workers}" in stderr
     assert "Traceback" not in stdout + stderr
     kept = kept_blocks(config)
     code, stderr = finish(config, "--workers", "2")

@@ -7,6 +7,7 @@ import pytest
 
 from trackbench import api
 from trackbench.report import style
+from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 
 PLUGIN = """
@@ -88,3 +89,52 @@ def test_points_are_found_as_they_are_written(tmp_path: Path, path: str, values:
     found = [results.tracks(point)["truth"] for point in results.points()]
     for i, truth in enumerate(found):
         np.testing.assert_array_equal(truth, results.shown[f"point{i}/truth"])
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        ("filters.A.N: [5, 9]", [5.0, 9.0]),
+        ("filters.A.N & filters.B.off: [5, 9]", [5.0, 9.0]),
+        ("scenario.R: [1, 2]", [7.0, 7.0]),
+        ("filters.A: [{kind: pf}, {kind: pf, N: 6}]", [100.0, 6.0]),
+        ("filters.A.kind: [pf, apf]", [7.0, 7.0]),
+    ],
+)
+def test_a_key_in_a_table_is_that_of_the_point(
+    tmp_path: Path, axis: str, expected: list[float]
+) -> None:
+    path, _, values = axis.partition(": ")
+    more = "filters: {A: {kind: pf, N: 7}, B: {kind: offset, off: 1.0}}\n"
+    more += "tables: {t: {kind: metrics, columns: {N: N}, filters: [A]}}\n"
+    results = ran(tmp_path, f'{more}grid: {{"{path}": {values}}}\n')
+    assert [cells[0].estimate.value for cells in results.tables["t"].cells] == expected
+
+
+def test_a_key_of_a_plugin_that_is_not_loaded_is_the_given_one(tmp_path: Path) -> None:
+    results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [1, 2]}\n")
+    unknown = Results(results.folder)
+    unknown.config["filters"]["A"]["kind"] = "nobody-knows"
+    assert [keys_at(unknown, point, ("filters", "A"))["off"] for point in unknown.points()] == [
+        1,
+        2,
+    ]
+
+
+def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
+    """Two standard deviations of range to either side, so twice as thick with twice the noise."""
+    more = "filters: {A: {kind: cmkf}}\ngrid: {scenario.sigma_range: [10, 20]}\n"
+    text = (CONFIG + more).replace("{kind: merwe, T: 5}", "{kind: banana, scans: 4}")
+    figure = "{kind: posterior, half_height_m: 1000, point: %d}"
+    (tmp_path / "own.py").write_text(PLUGIN)
+    heights = []
+    for point in (1, 2):
+        (tmp_path / "c.yaml").write_text(text.replace("{kind: estimates}", figure % point))
+        options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=())
+        results = api.run(tmp_path / "c.yaml", options, allow_plugins=True).results
+        drawn = results.parts("figures")["f"].draw(results)
+        (arc,) = drawn.axes[0].collections
+        middle = arc.get_paths()[0].vertices
+        heights.append(np.ptp(middle[np.abs(middle[:, 0]) < 1e-3 * np.ptp(middle[:, 0]), 1]))
+        style.close(drawn)
+    assert heights[1] == pytest.approx(2.0 * heights[0], rel=0.05)

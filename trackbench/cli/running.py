@@ -79,12 +79,13 @@ def sweep(
 
 def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options") -> None:
     from trackbench import api
+    from trackbench.experiment.interrupts import interrupt
 
     if dry_run:
         for line in api.preview(configs, options):
             typer.echo(line)
         return
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, interrupt)
     sweeps = (api.sweep(config, options) for config in configs)
     reports = api.run_all(configs, options) if command == "run" else sweeps
     failed = False
@@ -110,10 +111,6 @@ def _print(report: "Report") -> None:
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
     typer.echo(f"results in {report.folder}/", err=True)
-
-
-def _interrupt(signal_number: int, frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 def this_command() -> str:

@@ -45,7 +45,10 @@ def _check_array(name: str, array: Any, shapes: list[tuple[int, ...]]) -> None:
 
 def _purity(tracker: Any, scenario: Any) -> None:
     data = simulated(scenario, 5)
+    prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, noise())
+    if not _same(prior, data.prior):
+        raise BrokenError("the prior is written to; make a new array")
     z, k = data.measurements[:, 0], int(scenario.steps[1])
     kept = deepcopy((state, z))
     first = tracker.estimate(tracker.step(scenario.model, state, z, k, noise()))

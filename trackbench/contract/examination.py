@@ -12,6 +12,7 @@ from trackbench.contract.checks import CHECKS
 from trackbench.contract.finding import BrokenError, Finding
 from trackbench.contract.linear import Linear
 from trackbench.experiment.checks import has
+from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.plugins import load_plugin, read_plugin
 from trackbench.experiment.problems import UserError
 from trackbench.registry import kinds
@@ -62,7 +63,7 @@ def check_filter(
 
 def _tried(name: str, check: Callable[[Any, Any], None], tracker: Any, scenario: Any) -> Finding:
     try:
-        with np.errstate(all="ignore"):
+        with guarded(), np.errstate(all="ignore"):
             check(tracker, scenario)
     except BrokenError as error:
         return Finding(name, "bad", str(error))

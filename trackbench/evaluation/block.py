@@ -12,12 +12,17 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.evaluation.checked import (
+    check_estimate,
+    check_names,
+    checked_numbers,
+    told_to_copy,
+)
 from trackbench.evaluation.derived import Consistency, observed
 from trackbench.evaluation.metrics import (
     FOUND,
-    OWN_SERIES,
     StepSums,
     per_run_metrics,
     series,
@@ -108,6 +113,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
         counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
+        check_names(counts)
         finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
         per_run = per_run_metrics(task.scenario, values, counts, finite)
@@ -162,20 +168,23 @@ def _keep_freed_memory() -> None:
 
 @lru_cache(maxsize=2)
 def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """The block's data; cached, because every filter of a block sees the same."""
+    """The block's data; cached, because every filter of a block sees the same, and read-only."""
     rng = RunStreams(seed, range(first_run, first_run + width))
-    return scenario.simulate(rng, width)
+    return frozen(scenario.simulate(rng, width))
 
 
+@told_to_copy()
 def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimates:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
-    Only the filter is timed. Covariances are kept of the first runs only.
+    Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
+    filter writes to what it is given, or gives back what is no estimate.
     """
-    scenario, tracker = task.scenario, task.filter
-    model, rng = scenario.model, block_stream(task.seed, task.index)
+    scenario, tracker, n = task.scenario, task.filter, len(data.truth)
+    model, rng = frozen(scenario.model), block_stream(task.seed, task.index)
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
-    mean, cov, noted, others = [], [], [], []
+    mean = np.empty((n, len(scenario.steps), task.width))
+    cov, noted, others = [], [], []
     consistency, clock = Consistency(scenario, task.width), _Clock()
     with clock:
         state = tracker.init(model, data.prior, rng)
@@ -185,15 +194,16 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
             with clock:
                 state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
-            noted.append(note(state))
-        mean.append(found.mean)
-        consistency.add(found, data.truth[:, i])
+            noted.append(checked_numbers("diagnostic", note(state), task.width))
+        check_estimate(found, n, task.width)
+        mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
+        consistency.add(mean[:, i], found.cov, data.truth[:, i])
         others.append(observed(scenario, tracker, state, data.truth[:, i]))
         if covariances:
             every = np.broadcast_to(
                 with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
             )
-            cov.append(every[..., :covariances])
+            cov.append(every[..., :covariances].copy())
     kept = np.stack(cov, axis=2) if cov else None
     errors = consistency.series()
     if not data.prior.cov.any():
@@ -202,7 +212,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     nees = errors.pop("nees")
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
-    return Estimates(np.stack(mean, axis=1), nees, kept, notes, clock.cpu_s)
+    return Estimates(mean, nees, kept, notes, clock.cpu_s)
 
 
 class _Clock:
@@ -219,9 +229,7 @@ class _Clock:
 
 def _stacked(noted: list[dict[str, Array]]) -> dict[str, Array]:
     names = noted[0] if noted else {}
-    for name in names:
-        if name.partition("_")[0] in OWN_SERIES:
-            raise ValueError(f"a diagnostic cannot be named {name!r}, as series of errors are")
+    check_names(names)
     rows = {name: np.stack([note[name] for note in noted]) for name in names}
     return {name: np.vstack([np.full_like(r[:1], np.nan), r]) for name, r in rows.items()}
 
@@ -236,4 +244,4 @@ def _cached_reference(
     scenario: Scenario, reference: AnyFilter, seed: int, index: int, width: int
 ) -> Array:
     task = BlockTask(scenario, reference, seed, index, width, used=width)
-    return estimate(task, simulate(scenario, seed, index * width, width)).mean
+    return fixed(estimate(task, simulate(scenario, seed, index * width, width)).mean)

@@ -5,6 +5,7 @@
                           their posterior mean, for filters that know it (``expectation``)
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.evaluation.checked import checked_numbers
 from trackbench.scenarios.base import Scenario
 
 _ENOUGH = 1024  # columns: a call on so many is worth its price
@@ -23,12 +25,12 @@ class Consistency:
     def __init__(self, scenario: Scenario, runs: int) -> None:
         self._parts = {f"nees_{name}": list(part) for name, part in marginals(scenario).items()}
         self._steps_at_a_time = max(1, _ENOUGH // runs)
-        self._waiting: list[tuple[Gaussian, Array]] = []
+        self._waiting: list[tuple[Array, Array, Array]] = []
         self._series: dict[str, list[Array]] = {name: [] for name in ("nees", *self._parts)}
 
-    def add(self, found: Gaussian, truth: Array) -> None:
-        """The next step's estimate and truth (n_x, M)."""
-        self._waiting.append((found, truth))
+    def add(self, mean: Array, cov: Array, truth: Array) -> None:
+        """The next step's estimate and truth (n_x, M); of the covariance a copy is kept."""
+        self._waiting.append((mean, np.array(cov, dtype=np.float64), truth))
         if len(self._waiting) == self._steps_at_a_time:
             self._reduce()
 
@@ -39,21 +41,21 @@ class Consistency:
         return {name: np.concatenate(rows) for name, rows in self._series.items()}
 
     def _reduce(self) -> None:
-        found = _side_by_side([found for found, _ in self._waiting])
-        truth = np.stack([truth for _, truth in self._waiting], axis=1)
+        means, covs, truths = zip(*self._waiting, strict=True)
         self._waiting.clear()
+        found, truth = _side_by_side(means, covs), np.stack(truths, axis=1)
         self._series["nees"].append(normalised_error(found, truth))
         for name, part in self._parts.items():
             of_part = Gaussian(found.mean[part], found.cov[np.ix_(part, part)])
             self._series[name].append(normalised_error(of_part, truth[part]))
 
 
-def _side_by_side(steps: list[Gaussian]) -> Gaussian:
+def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
     """S estimates (n, M) as one (n, S, M); a covariance that the runs share stays one."""
-    mean = np.stack([found.mean for found in steps], axis=1)
-    if len(steps) == 1 and steps[0].cov.ndim == 2:
-        return Gaussian(mean, steps[0].cov)
-    covs = [with_trailing(found.cov, 1, leading=2) for found in steps]
+    mean = np.stack(means, axis=1)
+    if len(covs) == 1 and covs[0].ndim == 2:
+        return Gaussian(mean, covs[0])
+    covs = [with_trailing(cov, 1, leading=2) for cov in covs]
     widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
     return Gaussian(mean, np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2))
 
@@ -65,7 +67,8 @@ def observed(scenario: Scenario, tracker: Any, state: Any, truth: Array) -> dict
     expectation = getattr(tracker, "expectation", None)
     if observables is not None and expectation is not None:
         exact = observables(truth)
-        for name, value in expectation(state, observables).items():
+        given = expectation(state, observables)
+        for name, value in checked_numbers("expectation", given, truth.shape[1]).items():
             error = value - exact[name]
             out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
     return out

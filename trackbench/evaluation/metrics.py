@@ -16,8 +16,10 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.scenarios.base import Scenario
 
-OWN_SERIES = frozenset({"squared", "error", "distance", "nees", "outside"})
-"""What names of series begin with that a filter's diagnostics cannot have."""
+OWN_NAMES = frozenset(
+    {"squared", "error", "distance", "nees", "outside", "rmse", "bias", "std", "anees", "lost"}
+)
+"""What names of series and of metrics begin with that a filter's diagnostics cannot have."""
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
@@ -66,7 +68,7 @@ def per_run_metrics(
     """Numbers per run (M,): root mean squares over each window, means of the rest; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
-    says whose estimates stayed within the numbers.
+    says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
     """
     lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
@@ -85,13 +87,16 @@ def per_run_metrics(
             else:
                 out[name + suffix] = _mean(rows[mask])
     more = getattr(scenario, "run_metrics", None)
-    out |= more(values) if more else {}
+    for name, numbers in more(values).items() if more else ():
+        if name in out:
+            raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
+        out[name] = numbers
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
     """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
-    errors = [rows for name, rows in values.items() if name.startswith("squared")]
+    errors = [rows for name, rows in values.items() if name.partition("_")[0] == "squared"]
     if not errors:
         return np.where(finite, FOUND, NOT_FINITE)
     first = errors[0]

@@ -55,9 +55,10 @@ def summary_rows(
         found = values[~np.isnan(values)]
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
-        if metric.startswith("nees"):
+        head, _, part = metric.partition("[")[0].partition("_")
+        if head == "nees":
             value, stderr = mean(found)
-            n = sizes[metric.partition("[")[0].partition("_")[2]]
+            n = sizes[part]
             yield SummaryRow(f"a{metric}", value / n, stderr / n, len(found), lost)
     yield from _time_means(result, windows, lost)
 

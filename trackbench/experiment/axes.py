@@ -19,6 +19,8 @@ def add_axis(source: Source, text: str) -> None:
     if not isinstance(source.data.get("grid"), dict):
         source.data["grid"] = {}
         source.marks["grid",] = source.key_marks["grid",] = mark
+    if path in source.data["grid"] and not source.mark(("grid", path)).line:
+        raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
     found = source.data["grid"][path] = axis_values(values, mark)
     for at in (("grid", path), *(("grid", path, i) for i in range(len(found)))):
         source.marks[at] = source.key_marks[at] = mark

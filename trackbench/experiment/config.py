@@ -18,13 +18,14 @@ from trackbench.experiment.checks import (
     chosen_labels,
     with_recorded_runs,
 )
-from trackbench.experiment.compose import assignment, inline_parts, override, split_path
+from trackbench.experiment.compose import assignment, inline_parts, override
 from trackbench.experiment.definition import Experiment, Point, Settings
+from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.metric_names import check_metrics
 from trackbench.experiment.parts import build_kind
 from trackbench.experiment.plugins import Plugin, load_plugins
-from trackbench.experiment.points import grid_points, single_paths
-from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.points import grid_points, take
+from trackbench.experiment.problems import Mark, Problem, RunError, UserError
 from trackbench.experiment.published import Published, read_published
 from trackbench.experiment.source import Source, read
 from trackbench.experiment.validate import build
@@ -61,7 +62,10 @@ def load(
     _set_only(source, only or [])
     plugins = load_plugins(source, path.parent, allow_plugins)
     try:
-        experiment = _validated(source, path.parent, plugins)
+        with guarded():
+            experiment = _validated(source, path.parent, plugins)
+    except RunError as error:
+        raise UserError(Problem(Mark(str(path)), "", str(error))) from None
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
     if unread:
@@ -94,9 +98,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     labels = chosen_labels(source, settings, problems)
     points = []
     for values, marks in grid_points(source, settings, problems):
-        for joint, value in values.items():
-            for path in single_paths(joint):
-                override(source, split_path(source, path), value, marks[joint])
+        take(source, values, marks)
         points.append(_point(source, labels, values, problems))
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others, problems)

@@ -16,6 +16,7 @@ from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.definition import Point, Settings
+from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.registry import Group
@@ -179,7 +180,7 @@ def _noted(settings: Settings, scenario: Any, tracker: Any) -> set[str]:
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in getattr(tracker, "__dataclass_fields__", ()):  # nothing is known of the memory yet
         tracker = replace(tracker, N=min(tracker.N, _FEW))
-    with np.errstate(all="ignore"):
+    with guarded(), np.errstate(all="ignore"):
         state = tracker.init(model, data.prior, rng)
         k = int(scenario.steps[1])
         return set(tracker.diagnostics(tracker.step(model, state, data.measurements[:, 0], k, rng)))

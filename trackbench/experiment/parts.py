@@ -91,11 +91,14 @@ def _with_preset(
     if name is None or not presets:
         return data
     del data["preset"]
+    where = (*keys, "preset")
     if not isinstance(name, str) or name not in presets:
         what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
-        where = (*keys, "preset")
         problems.append(Problem(source.mark(where), dotted(where), what))
         return data
+    if any(presets.values()) and all(_laid_over(p, data) == data for p in presets.values()):
+        what = f"no preset of {cls.kind} changes anything: all that they set is given"
+        problems.append(Problem(source.mark(where), dotted(where), what))
     return _laid_over(presets[name], data)
 
 

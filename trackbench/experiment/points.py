@@ -6,10 +6,10 @@ from math import prod
 from typing import Any
 
 from trackbench.experiment.checks import no_filter
-from trackbench.experiment.compose import split_path
+from trackbench.experiment.compose import override, split_path
 from trackbench.experiment.definition import Settings
 from trackbench.experiment.problems import Mark, Problem
-from trackbench.experiment.source import Source, dotted
+from trackbench.experiment.source import Keys, Source, dotted
 
 _MOST_POINTS = 10_000
 
@@ -35,6 +35,13 @@ def grid_points(
     return out
 
 
+def take(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
+    """Give the config the values of one point, which stand at these marks."""
+    for joint, value in values.items():
+        for path in single_paths(joint):
+            override(source, split_path(source, path), value, marks[joint])
+
+
 def _is_possible(source: Source, settings: Settings, problems: list[Problem]) -> bool:
     grid = settings.grid
     for path, values in grid.items():
@@ -50,12 +57,26 @@ def _is_possible(source: Source, settings: Settings, problems: list[Problem]) ->
         if not values:
             problems.append(Problem(source.mark(where), dotted(where), "has no values"))
         problems += _repeated(source, path, values)
+    overlaps = list(_overlapping(source, grid))
+    problems += overlaps
     number = prod(len(values) for values in grid.values())
     if number > _MOST_POINTS:
         what = f"{number} points; a grid has at most {_MOST_POINTS}"
         problems.append(Problem(source.mark(("grid",)), "grid", what))
         return False
-    return True
+    return not overlaps
+
+
+def _overlapping(source: Source, grid: dict[str, list[Any]]) -> Iterator[Problem]:
+    """Of two axes that set the same value, one would head rows with what the other took back."""
+    varied: dict[Keys, str] = {}
+    for path in grid:
+        for keys in (split_path(source, single) for single in single_paths(path)):
+            for other, name in varied.items():
+                if all(a == b for a, b in zip(keys, other, strict=False)):
+                    what = f"{dotted(max(keys, other, key=len))} is varied by {name!r}, too"
+                    yield Problem(source.key_mark(("grid", path)), dotted(("grid", path)), what)
+            varied[keys] = path
 
 
 def _repeated(source: Source, path: str, values: list[Any]) -> Iterator[Problem]:

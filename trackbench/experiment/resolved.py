@@ -8,35 +8,61 @@ from typing import Any
 
 import yaml
 
+from trackbench.experiment.compose import split_path
 from trackbench.experiment.definition import Experiment
-from trackbench.experiment.source import scalar
-from trackbench.experiment.validate import file_keys
+from trackbench.experiment.points import single_paths
+from trackbench.experiment.source import Keys, scalar
+from trackbench.experiment.validate import at, file_keys
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     """The config as plain data with every default; a grid keeps its list of values.
+
+    A part whose kind or preset the grid varies has only the keys that were given, since each kind
+    and preset has other defaults.
 
     A filter that ``only`` leaves out stays in it, so that tables, figures and published numbers may
     go on naming it.
 
     Paths are relative to ``folder``, where the config is to be written.
     """
-    first = experiment.points[0]
+    first, unfilled = experiment.points[0], _with_varied_defaults(experiment)
     out = asdict(experiment.settings)
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)
 
+    def written(part: Any, keys: Keys) -> Any:
+        full = as_config(part, relative)
+        return _only_given(full, at(experiment.source, keys)) if keys in unfilled else full
+
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
-    out["scenario"] = as_config(first.scenario, relative)
+    out["scenario"] = written(first.scenario, ("scenario",))
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
     parts = {"filters": filters, "tables": experiment.tables, "figures": experiment.figures}
     for group, built in parts.items():
-        out[group] = {name: as_config(part, relative) for name, part in built.items()}
+        out[group] = {name: written(part, (group, name)) for name, part in built.items()}
     return out
+
+
+def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
+    """Where the parts stand of which the grid varies a kind or preset."""
+    paths = [path for joint in experiment.settings.grid for path in single_paths(joint)]
+    varied = [split_path(experiment.source, path) for path in paths]
+    varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
+    return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
+
+
+def _only_given(full: Any, given: Any) -> Any:
+    """``full`` without the keys that were not given."""
+    if isinstance(full, dict) and isinstance(given, dict):
+        return {key: _only_given(full.get(key, value), value) for key, value in given.items()}
+    if isinstance(full, list) and isinstance(given, list):
+        return [_only_given(*pair) for pair in zip(full, given, strict=True)]
+    return full
 
 
 def as_yaml(data: Any) -> str:

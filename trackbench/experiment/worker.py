@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
 from trackbench.experiment.code import code_digest
+from trackbench.experiment.interrupts import guarded
 
 if TYPE_CHECKING:
     from trackbench.experiment.plugins import Plugin
@@ -23,7 +24,8 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", code: str) -> dict[int, 
 
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
-    return run_whole_block(block)
+    with guarded():
+        return run_whole_block(block)
 
 
 def start_local_worker() -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
@@ -30,7 +30,7 @@ class RangeAzimuth:
     @cached_property
     def R(self) -> Array:
         """Noise covariance (2, 2)."""
-        return np.diag(np.square([self.sigma_range, self.sigma_azimuth]))
+        return fixed(np.diag(np.square([self.sigma_range, self.sigma_azimuth])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N((range, azimuth), R) for x (4, *batch)."""

@@ -13,6 +13,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.statistics import STATISTICS, Estimate, influence
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
+from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 
 
@@ -136,7 +137,9 @@ class Expressions:
         """A row of summary.csv or timing.csv, or a number that the config gives the filter."""
         if (label, name) in self._summary:
             return self._summary[label, name]
-        given = self.results.config["filters"].get(label, {}).get(name)
+        if label not in self.results.filters:
+            return _MISSING
+        given = keys_at(self.results, self.point, ("filters", label)).get(name)
         if isinstance(given, int | float) and not isinstance(given, bool):
             return Term(float(given), 0.0, None, 1)
         return _MISSING

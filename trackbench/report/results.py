@@ -154,7 +154,7 @@ class Results:
         None where every filter failed: such points count, too.
         """
         points = self.every_point
-        prefixes = [prefix_of(i, len(points)) for i, p in enumerate(points) if _same(p, point)]
+        prefixes = [prefix_of(i, len(points)) for i, p in enumerate(points) if is_same(p, point)]
         return {
             name.removeprefix(prefix): array
             for prefix in prefixes
@@ -224,7 +224,7 @@ class Results:
         return path
 
 
-def _same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
+def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
     """Whether a point of the config is one of the files, where nothing and lists are words."""
     pairs = ((value, read_back[path]) for path, value in point.items())
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)

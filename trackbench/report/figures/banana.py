@@ -14,6 +14,7 @@ from trackbench.experiment.definition import Point
 from trackbench.keys import Count, Positive
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -127,9 +128,10 @@ class Posterior:
     def draw(self, results: Results) -> "Figure":
         """The measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
-        tracks = results.tracks(results.every_point[self.point - 1])
+        point = results.every_point[self.point - 1]
+        tracks = results.tracks(point)
         if tracks:  # not every filter failed here
-            self._panel(ax, tracks, results)
+            self._panel(ax, tracks, results, keys_at(results, point, ("scenario",)))
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
@@ -137,13 +139,15 @@ class Posterior:
         style.legend_outside(figure, ax)
         return figure
 
-    def _panel(self, ax: "Axes", tracks: dict[str, Array], results: Results) -> None:
+    def _panel(
+        self, ax: "Axes", tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
+    ) -> None:
         k, m = int(np.flatnonzero(tracks["steps"] == self.step)[0]), self.run - 1
         truth = tracks["truth"][[0, 2], k, m]
         z = tracks["measurements"][:, k - 1, m]
         a = np.arctan2(truth[1], truth[0])
         frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-        self._arc(ax, z, truth, frame, results.config["scenario"])
+        self._arc(ax, z, truth, frame, scenario)
         ax.plot(0.0, 0.0, "k+", label="Target")
         for i, label in enumerate(results.chosen(self.filters)):
             if f"cov/{label}" not in tracks:

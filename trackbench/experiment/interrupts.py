@@ -1,0 +1,46 @@
+"""Ctrl-C, told from a filter that raises the same or leaves by `sys.exit`."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from trackbench.experiment.problems import RunError
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal to stop the program, which no filter raises by itself."""
+
+
+def interrupt(signal_number: int, frame: object) -> None:
+    """Handler of such a signal."""
+    raise Interrupted
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Run code that is not the package's own: it cannot end the program, and Ctrl-C still does.
+
+    SystemExit, or a KeyboardInterrupt that no signal made, becomes a RunError.
+    """
+    with _marked():
+        try:
+            yield
+        except (Exception, Interrupted):
+            raise
+        except BaseException as error:
+            raise RunError(f"code of a filter or scenario raised {error!r}") from None
+
+
+@contextmanager
+def _marked() -> Iterator[None]:
+    """Let Ctrl-C raise Interrupted where it would raise KeyboardInterrupt; workers ignore it."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
