@@ -11,6 +11,7 @@ measurements are drawn in full float64 (`box_muller`, `erlang`).
 
 from functools import cache
 from math import prod
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -97,12 +98,11 @@ def erlang(u: Array) -> Array:
 def halved_normals() -> Array:
     """Half of the normal's quantiles at the middles of 2^16 cells of equal probability.
 
-    The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that
-    scipy's own rounding does not show.
+    The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that the
+    C library's last bit does not show.
     """
-    from scipy.special import ndtri
-
-    z = ndtri((np.arange(_CELLS // 2, _CELLS) + 0.5) / _CELLS)
+    quantile = NormalDist().inv_cdf
+    z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
     z[-1] = _OUTERMOST
     z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 * _GRAIN)) / _GRAIN
     return fixed(np.concatenate([-z[::-1], z]))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.block import BlockTask
+from trackbench.experiment import arithmetic
 from trackbench.experiment.code import add_sources, code_digest
 from trackbench.experiment.resolved import as_config
 
@@ -25,7 +26,7 @@ def block_key(task: BlockTask, used: int) -> str:
         _part(task.reference) if task.reference is not None else None,
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
-        code_digest(),
+        [code_digest(), arithmetic.own()],
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 
@@ -39,7 +40,8 @@ def _part(part: Any) -> list[Any]:
     for inner in parts:
         read |= getattr(inner, "contents", {})
     # What was read makes the numbers: the file itself may have been edited since.
-    return [as_config(part, lambda path: read.get(path) or _content_digest(path)), code]
+    keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
+    return [keys, code, arithmetic.numpys() if code else None]
 
 
 def _content_digest(path: str) -> str:

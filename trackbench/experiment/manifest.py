@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import trackbench
+from trackbench.experiment import arithmetic
 from trackbench.experiment.code import code_digest
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.runner import Outcome
@@ -31,6 +32,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "packages": {name: version(name) for name in packages},
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
+        "arithmetic": {"own": arithmetic.own(), "numpy": arithmetic.numpys()},
         "failed": [
             {**experiment.points[i].values, "filter": label, "reason": why}
             for (i, label), why in outcome.failures.items()

@@ -14,11 +14,10 @@ from concurrent.futures import (
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.experiment.code import code_digest
 from trackbench.experiment.engines import OpenEngine
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import RunError
-from trackbench.experiment.worker import compute
+from trackbench.experiment.worker import compute, ground
 
 _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""
@@ -65,11 +64,11 @@ class Queue:
         return [task, *left_out]
 
     def _drain(self, executor: Executor) -> Iterator[tuple[BlockTask, Found]]:
-        code = code_digest()
+        expected = ground()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
                 task = self._waiting[0]
-                future = executor.submit(compute, pickle.dumps(task), self._plugins[task], code)
+                future = executor.submit(compute, pickle.dumps(task), self._plugins[task], expected)
                 self._running[future] = self._waiting.popleft()
                 if future.done():
                     break  # a serial engine: keep each block before the next is begun

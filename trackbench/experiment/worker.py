@@ -5,9 +5,11 @@ import os
 import pickle
 import signal
 import threading
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
+from trackbench.experiment import arithmetic
 from trackbench.experiment.code import code_digest
 from trackbench.experiment.interrupts import guarded
 
@@ -15,17 +17,47 @@ if TYPE_CHECKING:
     from trackbench.experiment.plugins import Plugin
 
 
-def compute(task: bytes, plugins: "tuple[Plugin, ...]", code: str) -> dict[int, BlockResult]:
-    """Run the pickled block task, its plugins loaded first; results by number of runs used."""
-    if code != code_digest():
+class Ground(NamedTuple):
+    """Digests of what a block's numbers stand on: code, own arithmetic, numpy's arithmetic."""
+
+    code: str
+    own: str
+    numpys: str
+
+
+@cache
+def ground() -> Ground:
+    """That of this process."""
+    return Ground(code_digest(), arithmetic.own(), arithmetic.numpys())
+
+
+def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dict[int, BlockResult]:
+    """Run the pickled block task, its plugins loaded first; results by number of runs used.
+
+    Raises RuntimeError where its numbers might not be those of the process that asks for them.
+    """
+    here = ground()
+    if here.code != expected.code:
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
+    if here.own != expected.own:
+        raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
         from trackbench.experiment.plugins import load_plugin  # brings the config's reader along
 
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
+    if here.numpys != expected.numpys and _has_foreign_code(block):
+        raise RuntimeError(
+            "numpy computes otherwise on this worker (another processor or C library), so that "
+            "code of one's own may have other numbers here: use workers of one kind"
+        )
     with guarded():
         return run_whole_block(block)
+
+
+def _has_foreign_code(task: BlockTask) -> bool:
+    parts = (task.scenario, task.filter, task.reference)
+    return any(not type(part).__module__.startswith("trackbench.") for part in parts if part)
 
 
 def start_local_worker() -> None:

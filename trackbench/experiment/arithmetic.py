@@ -1,0 +1,73 @@
+"""What a machine makes of the same inputs, bit for bit, as digests: where they are equal, so are blocks.
+
+Blocks of the package's own filters are made of its own arithmetic, which is the same wherever floating
+point is IEEE 754's (docs/design.md). Code of one's own may take any function of numpy; these depend on
+the processor, on the kernels of BLAS and LAPACK, on the C library and on numpy's version.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from functools import cache
+
+import numpy as np
+
+from trackbench.core import elementary, linalg, noise, sums
+from trackbench.core.arrays import Array
+from trackbench.core.streams import RunStreams, block_stream
+
+
+@cache
+def own() -> str:
+    """Digest of what the package's own arithmetic gives here."""
+    x, y = _inputs()
+    square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
+    stream = block_stream(1, 0)
+    results = [
+        elementary.exp(40.0 * x - 30.0),
+        elementary.log(x),
+        *elementary.cos_sin(20.0 * x - 10.0),
+        elementary.arctan2(x - 0.5, y - 0.5),
+        elementary.arctan2(0.01 * x, y + 1.0),
+        sums.total(x),
+        sums.dot(x.reshape(4, -1), y.reshape(4, -1)),
+        sums.product(square[None], y[:64].reshape(8, 8)),
+        linalg.inverse(linalg.matmul(square, square.T) + np.eye(8)),
+        noise.halved_normals()[::97],
+        noise.exponentials()[::97],
+        stream.standard_normal(1000),
+        stream.standard_gamma(3, 1000),
+        stream.random(10),
+        runs.standard_normal((5, 3)),
+        runs.standard_gamma(3, (5, 3)),
+    ]
+    return _digest(results)
+
+
+@cache
+def numpys() -> str:
+    """Digest of what numpy's functions give here that a filter of one's own may take."""
+    x, y = _inputs()
+    square = x[:4096].reshape(64, 64)
+    positive = square @ square.T + np.eye(64)
+    functions = (np.exp, np.log, np.log1p, np.expm1, np.sin, np.cos, np.tan, np.arctan, np.sqrt)
+    results = [function(a) for function in functions for a in (x, x.astype(np.float32))]
+    results += [np.arctan2(x, y), np.hypot(x, y), np.power(x, y), np.add.reduce(x), x.var()]
+    results += [np.vecdot(x, y), square @ square, np.einsum("ij,ij->i", square, square.T)]
+    results += [np.linalg.cholesky(positive), np.linalg.inv(positive)]
+    results += [np.random.default_rng(1).standard_normal(1000)]
+    return _digest(results)
+
+
+def _inputs() -> tuple[Array, Array]:
+    """Numbers (8192,) twice, between zero and one and never either."""
+    n = np.arange(8192, dtype=np.uint64)
+    words = (n * np.uint64(k) % np.uint64(2**32) for k in (2654435761, 40503))
+    x, y = ((w.astype(float) + 0.5) / 2.0**32 for w in words)
+    return x, y
+
+
+def _digest(results: Iterable[Array]) -> str:
+    digest = hashlib.sha256()
+    for result in results:
+        digest.update(np.ascontiguousarray(result).tobytes())
+    return digest.hexdigest()
