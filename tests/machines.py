@@ -29,8 +29,13 @@ SETTINGS: dict[str, dict[str, str]] = {
 _FILES = ("per_run.csv", "per_step.csv", "summary.csv")
 
 
-def digests(configs: Sequence[str], runs: int, block: int | None, workers: int) -> dict[str, str]:
-    """A digest of the first runs' CSV files for each config, computed in this process or its workers."""
+def digests(
+    configs: Sequence[str], runs: int, block: int | None, scans: int | None, workers: int
+) -> dict[str, str]:
+    """A digest of the first runs' CSV files for each config, computed in this process or its workers.
+
+    ``scans`` is the most that a scenario of scans has.
+    """
     from trackbench import api
     from trackbench.experiment.cache import BlockStore
     from trackbench.experiment.engines import engine
@@ -43,6 +48,12 @@ def digests(configs: Sequence[str], runs: int, block: int | None, workers: int) 
         sets = [f"block={block}"] if block else []
         experiment = api.prepare(Path(config), api.Options(set=sets))
         experiment = replace(experiment, figures={})
+        if scans is not None and hasattr(experiment.points[0].scenario, "scans"):
+            short = [
+                replace(point, scenario=replace(point.scenario, scans=scans))
+                for point in experiment.points
+            ]
+            experiment = replace(experiment, points=short)
         plan = make_plan(experiment).first(runs)
         fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
         with tempfile.TemporaryDirectory() as folder:
@@ -85,14 +96,17 @@ def main() -> int:
     parser.add_argument("configs", nargs="+")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--block", type=int)
+    parser.add_argument("--scans", type=int)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--here", action="store_true", help="in this process only")
     options = parser.parse_args()
     if options.here:
-        print(json.dumps(digests(options.configs, options.runs, options.block, options.workers)))
+        o = options
+        print(json.dumps(digests(o.configs, o.runs, o.block, o.scans, o.workers)))
         return 0
     arguments = [*options.configs, "--runs", str(options.runs)]
     arguments += ["--block", str(options.block)] if options.block else []
+    arguments += ["--scans", str(options.scans)] if options.scans else []
     expected: dict[str, str] = {}
     differs = False
     for name in SETTINGS:

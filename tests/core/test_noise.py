@@ -4,10 +4,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.random import SFC64
-from scipy import stats
+from scipy import signal, special, stats
 
-from trackbench.core.noise import NoiseGenerator
-from trackbench.core.streams import SomeRuns, block_stream
+from trackbench.core import noise
+from trackbench.core.noise import NoiseGenerator, halved_normals
+from trackbench.core.streams import RunStreams, SomeRuns, block_stream
 
 MANY = 4_000_000
 
@@ -32,12 +33,12 @@ def test_normals_have_the_normals_distribution_and_tails(normals: np.ndarray) ->
         assert abs(np.sum(np.abs(normals) > far) - expected) < 5 * np.sqrt(expected)
     # The largest of n: its distribution function is (2 Phi(x) - 1)^n.
     assert 1e-4 < (1 - 2 * stats.norm.sf(np.abs(normals).max())) ** MANY < 1 - 1e-4
-    assert len(np.unique(normals[:100_000])) > 0.99 * 100_000  # 24 bits, not fewer
+    assert len(np.unique(normals[:100_000])) > 0.99 * 100_000
 
 
-@pytest.mark.parametrize("lag", [1, 2, 3, 8192, 16_384])
-def test_neighbours_and_the_two_of_a_pair_are_independent(normals: np.ndarray, lag: int) -> None:
-    """A chunk's two halves, 8192 apart, are the cosines and sines of the same words."""
+@pytest.mark.parametrize("lag", [1, 2, 3, 4096, 8192, 12_288, 16_384])
+def test_neighbours_and_the_four_of_a_word_are_independent(normals: np.ndarray, lag: int) -> None:
+    """A piece's quarters, 4096 apart, are sums and differences of the same four entries."""
     a, b = normals[:-lag], normals[lag:]
     for f in (lambda z: z, np.square, np.abs):
         assert abs(np.corrcoef(f(a), f(b))[0, 1]) < 5 / np.sqrt(len(a))
@@ -55,16 +56,63 @@ def test_normals_depend_on_state_and_size_only(size: int | tuple[int, ...]) -> N
     assert len(np.unique(a)) > 0.99 * a.size
 
 
-def test_few_variates_and_other_types_are_numpys_own() -> None:
+def test_other_types_and_other_shapes_are_numpys_own() -> None:
     for draw in (
-        lambda g: g.standard_normal(),
-        lambda g: g.standard_normal((3, 100)),
         lambda g: g.standard_normal(5000, np.float32),
         lambda g: g.standard_normal(5000, dtype=np.float32),
         lambda g: g.normal(size=5000),
+        lambda g: g.standard_gamma(2.5, 100),
+        lambda g: g.standard_gamma(np.array([1.0, 2.0])),
+        lambda g: g.random(7),
     ):
         mine, numpys = NoiseGenerator(SFC64(4)), np.random.Generator(SFC64(4))
         np.testing.assert_array_equal(draw(mine), draw(numpys))
+
+
+def test_normals_of_the_table_are_as_near_the_normal_as_is_said() -> None:
+    """Without sampling: probabilities of a sum of two sums of two entries, on a fine lattice."""
+    table, grain = halved_normals(), 2.0**-13
+    assert 4.0 * np.mean(table**2) == pytest.approx(1.0, abs=1e-8)
+    assert 16.0 * np.mean(table**4) == pytest.approx(3.0, abs=1e-7)
+    position = (table - table[0]) / grain
+    cell = np.floor(position).astype(int)
+    share = position - cell  # shared between two neighbours, so that means are kept
+    one = np.bincount(cell, 1.0 - share, cell.max() + 2) + np.bincount(cell + 1, share)
+    two = np.maximum(signal.fftconvolve(one, one), 0.0) / len(table) ** 2
+    x = 2.0 * table[0] + grain * np.arange(len(two))
+    above = np.append(np.cumsum(two[::-1])[::-1], 0.0)
+    for far, error in ((2.0, 3e-4), (3.0, 7e-4), (4.0, 1.5e-3), (5.0, 1.2e-2)):
+        first = np.clip(np.round((far - x - x[0]) / grain).astype(int), 0, len(two))
+        found = float(np.sum(two * above[first]))
+        assert found == pytest.approx(stats.norm.sf(far), rel=error)
+
+
+def test_erlang_variates_of_a_block_and_of_runs() -> None:
+    for shape in (1, 2, 3, 8):
+        drawn = NoiseGenerator(SFC64(5)).standard_gamma(shape, 200_000)
+        exact = RunStreams(6, range(500)).standard_gamma(shape, (400, 500)).ravel()
+        for x in (drawn, exact):
+            assert abs(x.mean() - shape) < 5 * np.sqrt(shape / len(x))
+            assert abs(x.var() - shape) < 5 * np.sqrt((2 * shape**2 + 6 * shape) / len(x))
+            assert stats.kstest(x, stats.gamma(shape).cdf).pvalue > 1e-4
+            assert x.min() > 0.0
+
+
+def test_normals_of_runs_are_normal_and_their_own() -> None:
+    x = RunStreams(7, range(400)).standard_normal((500, 400))
+    assert stats.kstest(x.ravel(), "norm").pvalue > 1e-4
+    assert abs(np.corrcoef(x[:128].ravel() ** 2, x[128:256].ravel() ** 2)[0, 1]) < 0.03
+    np.testing.assert_array_equal(RunStreams(7, [3]).standard_normal((500, 1)), x[:, 3:4])
+
+
+def test_tables_do_not_hang_on_a_librarys_last_bit() -> None:
+    """No entry is so near the middle of two grains that an error of a few bits could move it."""
+    z = special.ndtri((np.arange(1 << 15, 1 << 16) + 0.5) / (1 << 16))
+    z[-1] = noise._OUTERMOST
+    grains = z / np.sqrt(np.square(z).mean()) * (0.5 * noise._GRAIN)
+    middle = np.abs(grains - np.floor(grains) - 0.5)
+    assert middle.min() > 100 * np.spacing(grains.max())
+    np.testing.assert_array_equal(np.round(grains) / noise._GRAIN, halved_normals()[1 << 15 :])
 
 
 def test_streams_of_one_block_and_of_chosen_runs_stay_apart() -> None:

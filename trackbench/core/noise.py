@@ -73,9 +73,9 @@ class NoiseGenerator(Generator):
         return drawn
 
 
-def is_erlang(shape: float) -> bool:
+def is_erlang(shape: Any) -> bool:
     """Whether a gamma variate of this shape is drawn as a sum of exponentials."""
-    return shape in range(1, ERLANG + 1)
+    return isinstance(shape, int | float) and shape in range(1, ERLANG + 1)
 
 
 def box_muller(words: Words) -> Array:

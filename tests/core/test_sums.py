@@ -1,0 +1,53 @@
+"""Sums in a known order, and products that no order changes."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from trackbench.core import sums
+
+
+def one_by_one(rows: np.ndarray) -> np.ndarray:
+    """Rows added to each other, one after the other."""
+    out = np.zeros(rows.shape[1:])
+    for row in rows:
+        out = out + row
+    return out
+
+
+@pytest.mark.parametrize("shape", [(7, 10), (1, 33), (3, 255), (2, 4, 100), (5,), (1, 1)])
+def test_short_rows_are_added_in_their_order(
+    shape: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    a = rng.standard_normal(shape)
+    np.testing.assert_array_equal(sums.total(a), one_by_one(np.moveaxis(a, -1, 0)))
+    np.testing.assert_array_equal(sums.total(a, axis=0), one_by_one(a))
+
+
+@pytest.mark.parametrize("n", [256, 300, 4095, 4096, 10_001])
+def test_long_rows_are_added_block_by_block(n: int, rng: np.random.Generator) -> None:
+    a = rng.standard_normal((3, n))
+    block = 128 if n < 4096 else 512
+    whole = n - n % block
+    rows = one_by_one(a[:, :whole].reshape(3, -1, block).transpose(1, 0, 2))
+    rows[:, : n - whole] += a[:, whole:]
+    np.testing.assert_array_equal(sums.total(a), one_by_one(rows.T))
+    np.testing.assert_allclose(sums.total(a), a.sum(axis=-1), atol=1e-11)
+    np.testing.assert_array_equal(sums.total(a[:1])[0], sums.total(a)[0])
+
+
+def test_an_empty_axis_sums_to_zero() -> None:
+    np.testing.assert_array_equal(sums.total(np.empty((2, 0))), [0.0, 0.0])
+    np.testing.assert_array_equal(sums.total(np.empty((0, 2)), axis=0), [0.0, 0.0])
+
+
+def test_a_product_is_that_of_fractions_and_of_any_order(rng: np.random.Generator) -> None:
+    A = rng.standard_normal((2, 3, 128)) * 10.0 ** rng.integers(-3, 3, 128)
+    B = rng.standard_normal((128, 4))
+    got = sums.product(A, B)
+    order = rng.permutation(128)
+    np.testing.assert_array_equal(sums.product(A[..., order], B[order]), got)
+    exact = sum(Fraction(a) * Fraction(b) for a, b in zip(A[1, 2], B[:, 3], strict=True))
+    scale = 128 * np.abs(A[1]).max() * np.abs(B).max()
+    assert abs(float(exact) - got[1, 2, 3]) < scale * 2.0**-44

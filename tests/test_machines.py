@@ -1,0 +1,57 @@
+"""The same bytes under the arithmetic of other machines, in fresh processes."""
+
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+from tests.machines import HERE, SETTINGS, under
+from trackbench.experiment import arithmetic
+
+SLICE = [f"experiments/{n}.yaml" for n in ("hdepf", "merwe2000", "banana-kf", "banana-pf")]
+ARGUMENTS = [
+    *SLICE,
+    "experiments/banana-rivals.yaml",
+    "--runs",
+    "1",
+    "--block",
+    "1",
+    "--scans",
+    "25",
+]
+OWN = "49440cb8eb61"
+"""First digits of what the package's own arithmetic gives on every machine."""
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, str]:
+    return under("as it is", ARGUMENTS)
+
+
+@pytest.mark.parametrize("name", [name for name in SETTINGS if name != "as it is"])
+def test_other_kernels_give_the_same_bytes(name: str, expected: dict[str, str]) -> None:
+    assert under(name, ARGUMENTS) == expected
+
+
+def test_own_arithmetic_is_that_of_every_machine() -> None:
+    assert arithmetic.own().startswith(OWN)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="names of x86 kernels")
+def test_numpys_arithmetic_is_told_apart() -> None:
+    """Or there would be nothing to hold: another kernel of BLAS has other last bits."""
+    command = "from trackbench.experiment import arithmetic; print(arithmetic.numpys())"
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", command],
+            env=os.environ | {"OPENBLAS_CORETYPE": core},
+            cwd=HERE,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for core in ("Haswell", "Nehalem")
+    }
+    assert len(found) == 2
