@@ -9,7 +9,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: install reproduce-tables reproduce-quick check-results pack-results test lint types unit bench clean
+.PHONY: install reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit bench clean
 
 install: $(VENV)/.run
 
@@ -44,6 +44,10 @@ check-results: $(VENV)/.run
 	@set -e; for copy in results/*/published/*.csv; do \
 	  cmp "$$copy" "experiments/published/$$(basename "$$copy")"; done
 	@$(BIN)/trackbench verify $(patsubst %/config.yaml,%,$(wildcard results/*/config.yaml))
+
+# Fails if another processor's kernels, as far as this one can show them, or two workers, give other bytes.
+check-machines: $(VENV)/.dev
+	$(BIN)/python -m tests.machines --runs 20 $(EXPERIMENTS)
 
 # What git keeps of the large files: the commands read them packed as well.
 pack-results: $(VENV)/.run

@@ -42,9 +42,8 @@ class Particles(NamedTuple):
         products = self.x * self.w  # written over: memory at hand is fast
         mean = total(products)
         e = self.x - mean[..., None]
-        n = len(e)
+        n, weighted = len(e), np.empty_like(self.x[0])
         cov = np.empty((n, n, *mean.shape[1:]))
-        weighted = np.empty_like(e[0])
         for i in range(n):
             np.multiply(e[i], self.w, out=weighted)
             np.multiply(e[: i + 1], weighted, out=products[: i + 1])

@@ -2,29 +2,28 @@
 
 numpy and BLAS add the elements of a row in an order that follows the processor and the version. Here
 rows are added to each other, one after the other: nothing but elementwise sums. A long row is cut into
-blocks, which are such rows.
+blocks, which are such rows, and their sum into smaller ones.
 """
 
 from math import frexp, ldexp, prod
+from typing import Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 
-_SHORT, _LONG = 128, 512  # lengths of a block
+_LONG = 256  # elements of a row that is cut into blocks
 
 
-def total(a: Array, axis: int = -1) -> Array:
-    """Sum over an axis of any length."""
-    n = a.shape[axis]
-    if axis in (-1, a.ndim - 1) and n >= 2 * _SHORT:
-        block = _LONG if n >= 8 * _LONG else _SHORT
-        whole = n - n % block
-        blocks = a[..., :whole].reshape(*a.shape[:-1], -1, block)
-        sums = np.add.reduce(blocks, axis=-2)
-        sums[..., : n - whole] += a[..., whole:]
-        return _in_order(np.moveaxis(sums, -1, 0))
-    return _in_order(np.moveaxis(a, axis, 0))
+def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
+    """Sum over the first axis, or over the last, of any length."""
+    if axis == 0:
+        return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
+    n = a.shape[-1]
+    rows = a.reshape(prod(a.shape[:-1]), n)
+    if n >= _LONG:
+        rows = _by_blocks(_by_blocks(rows, 512 if n >= 4096 else 128), 32)
+    return _in_order(rows.T).reshape(a.shape[:-1])[()]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -48,9 +47,19 @@ def product(A: Array, B: Array) -> Array:
     return out
 
 
-def mean(a: Array, axis: int = -1) -> Array:
-    """Mean over an axis that is not empty."""
+def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
+    """Mean over the first axis or the last, which is not empty."""
     return total(a, axis) / a.shape[axis]
+
+
+def _by_blocks(rows: Array, block: int) -> Array:
+    """Sums (r, block) over every so many elements of each of r rows."""
+    n = rows.shape[1]
+    whole = n - n % block
+    sums = np.add.reduce(rows[:, :whole].reshape(len(rows), -1, block), axis=1)
+    if whole < n:
+        sums[:, : n - whole] += rows[:, whole:]
+    return sums
 
 
 def _halves(a: Array) -> tuple[Array, Array]:
@@ -67,8 +76,7 @@ def _halves(a: Array) -> tuple[Array, Array]:
 
 
 def _in_order(rows: Array) -> Array:
-    """Sum over the first axis, from the first to the last."""
-    flat = np.ascontiguousarray(rows).reshape(len(rows), prod(rows.shape[1:]))
-    if flat.shape[1] == 1 and len(rows):  # numpy would take the column for a row
-        return np.add.accumulate(flat[:, 0])[-1].reshape(rows.shape[1:])[()]
-    return np.add.reduce(flat, axis=0).reshape(rows.shape[1:])
+    """Sum (m,) of rows (n, m), from the first to the last."""
+    if rows.shape[1] == 1 and len(rows):  # numpy would take the column for a row
+        return np.add.accumulate(rows[:, 0])[-1:]
+    return np.add.reduce(np.ascontiguousarray(rows), axis=0)
