@@ -1,11 +1,11 @@
 """Normal and gamma variates from raw words: the same on every machine, and fast for a filter's noise.
 
 Noise of a block comes from tables of 2^16 quantiles, looked up by 16 bits at a time. Four such draws,
-added and subtracted (a Hadamard matrix over two), are four normals: uncorrelated, on a lattice of 2^64
-points, each a sum of four. Their variance and kurtosis are exact; probabilities beyond four standard
-deviations are right to 1e-3, beyond five to 1e-2, and none is beyond 8.8. A gamma variate of a small
-whole shape is a sum of exponentials, right to 1 % where a probability is above 1e-4. That is enough
-for the noise of a Monte Carlo filter, whose own error is of the order of 1/sqrt(N). Truth and
+added and subtracted (a Hadamard matrix over two), are four normals: uncorrelated, each a sum of four
+entries, so with 24 bits of choice. Their variance and kurtosis are exact; probabilities beyond four
+standard deviations are right to 1e-3, beyond five to 1e-2, and none is beyond 8.8. A gamma variate of a
+small whole shape is a sum of exponentials, right to 1 % where a probability is above 1e-4. That is
+enough for the noise of a Monte Carlo filter, whose own error is of the order of 1/sqrt(N). Truth and
 measurements are drawn in full float64 (`box_muller`, `erlang`).
 """
 
@@ -19,16 +19,17 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from trackbench.core import elementary
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 
 Words = NDArray[np.uint64]
+Singles = NDArray[np.float32]
 
 ERLANG = 8
 """Largest whole shape of a gamma variate that is drawn as a sum of exponentials."""
 _CELLS = 1 << 16
 _QUADS = 4096  # words at a time: what is made of them stays in the cache
 _OUTERMOST = 4.412675502108261  # quantile that gives the table the normal's kurtosis
-_GRAIN = 2.0**26
+_GRAIN = 2.0**22  # of the entries, which a float32 holds
 
 
 class NoiseGenerator(Generator):
@@ -61,15 +62,16 @@ class NoiseGenerator(Generator):
         for start in range(0, count, step):
             some = min(step, count - start)
             drawn = self._looked_up(exponentials(), -(-whole * some // 4))
-            piece = out[start : start + some]
-            piece[:] = drawn[:some]
+            piece = drawn[:some]
             for i in range(1, whole):
                 piece += drawn[i * some : (i + 1) * some]
+            out[start : start + some] = piece
         return out.reshape(_shape(size))[()]
 
-    def _looked_up(self, table: Array, words: int) -> Array:
+    def _looked_up(self, table: Singles, words: int) -> Singles:
         """Four entries of the table for each word."""
-        drawn: Array = table.take(self.bit_generator.random_raw(words).view(np.uint16), mode="clip")
+        index = self.bit_generator.random_raw(words).view(np.uint16)
+        drawn: Singles = table.take(index, mode="clip")
         return drawn
 
 
@@ -95,7 +97,7 @@ def erlang(u: Array) -> Array:
 
 
 @cache
-def halved_normals() -> Array:
+def halved_normals() -> Singles:
     """Half of the normal's quantiles at the middles of 2^16 cells of equal probability.
 
     The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that the
@@ -105,32 +107,35 @@ def halved_normals() -> Array:
     z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
     z[-1] = _OUTERMOST
     z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 * _GRAIN)) / _GRAIN
-    return fixed(np.concatenate([-z[::-1], z]))
+    return _table(np.concatenate([-z[::-1], z]))
 
 
 @cache
-def exponentials() -> Array:
+def exponentials() -> Singles:
     """Means of a standard exponential over 2^16 cells of equal probability."""
     u = np.arange(1, _CELLS + 1) / _CELLS
     primitive = np.concatenate([[0.0], u - u * elementary.log(u)])  # of -log u
-    return fixed(np.diff(primitive) * _CELLS)
+    return _table(np.diff(primitive) * _CELLS)
 
 
-def _hadamard(t: Array, out: Array) -> None:
+def _table(entries: Array) -> Singles:
+    """In float32, so that it takes half of the cache."""
+    table = entries.astype(np.float32)
+    table.flags.writeable = False
+    return table
+
+
+def _hadamard(t: Singles, out: Array) -> None:
     """``(1/2) H t`` of quarters of t, with its half already in the table."""
-    quarter = len(t) // 4
-    a, b, c, d = t.reshape(4, quarter)
-    first, second, third, fourth = out.reshape(4, quarter)
-    np.add(a, b, out=first)
-    np.subtract(a, b, out=second)
-    np.add(c, d, out=third)
-    np.subtract(c, d, out=fourth)
-    np.subtract(first, third, out=a)
-    first += third
-    third[:] = a
-    np.subtract(second, fourth, out=a)
-    second += fourth
-    fourth[:] = a
+    a, b, c, d = t.reshape(4, -1)
+    first, second, third, fourth = out.reshape(4, -1)
+    up, down = a + b, a - b
+    np.add(c, d, out=a)
+    np.subtract(c, d, out=b)
+    first[:] = np.add(up, a, out=c)  # in float32, and then to float64: faster than at once
+    second[:] = np.subtract(up, a, out=c)
+    third[:] = np.add(down, b, out=c)
+    fourth[:] = np.subtract(down, b, out=c)
 
 
 def _open_unit(words: Words) -> Array:

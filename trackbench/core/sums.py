@@ -12,7 +12,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 
-_LONG = 256  # elements of a row that is cut into blocks
+_BLOCKS = ((4096, 512), (256, 128), (64, 32))  # length from which a row is cut, and into what
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
@@ -21,8 +21,9 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
     rows = a.reshape(prod(a.shape[:-1]), n)
-    if n >= _LONG:
-        rows = _by_blocks(_by_blocks(rows, 512 if n >= 4096 else 128), 32)
+    for least, block in _BLOCKS:
+        if rows.shape[1] >= least:
+            rows = _by_blocks(rows, block)
     return _in_order(rows.T).reshape(a.shape[:-1])[()]
 
 

@@ -8,8 +8,10 @@ the processor, on the kernels of BLAS and LAPACK, on the C library and on numpy'
 import hashlib
 from collections.abc import Iterable
 from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackbench.core import elementary, linalg, noise, sums
 from trackbench.core.arrays import Array
@@ -22,7 +24,7 @@ def own() -> str:
     x, y = _inputs()
     square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
     stream = block_stream(1, 0)
-    results = [
+    results: list[NDArray[np.floating[Any]]] = [
         elementary.exp(40.0 * x - 30.0),
         elementary.log(x),
         *elementary.cos_sin(20.0 * x - 10.0),
@@ -66,7 +68,7 @@ def _inputs() -> tuple[Array, Array]:
     return x, y
 
 
-def _digest(results: Iterable[Array]) -> str:
+def _digest(results: Iterable[NDArray[Any]]) -> str:
     digest = hashlib.sha256()
     for result in results:
         digest.update(np.ascontiguousarray(result).tobytes())
