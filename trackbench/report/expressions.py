@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation.statistics import STATISTICS, Estimate, influence
+from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.given import keys_at
 from trackbench.report.results import Results
@@ -176,5 +176,4 @@ def _gain(ratio: Term) -> Term:
 @_quietly
 def _term(value: float, influences: Array) -> Term:
     there = influences[~np.isnan(influences)]
-    stderr = there.std(ddof=1) / np.sqrt(len(there)) if len(there) > 1 else np.nan
-    return Term(value, float(stderr), influences, len(there))
+    return Term(value, mean(there).stderr, influences, len(there))
