@@ -21,7 +21,7 @@ ARGUMENTS = [
     "--scans",
     "25",
 ]
-OWN = "49440cb8eb61"
+OWN = "88f04dd7bf8c"
 """First digits of what the package's own arithmetic gives on every machine."""
 
 
