@@ -22,6 +22,7 @@ from trackbench.experiment.source import Source, read
 from trackbench.experiment.tracks import prefix_of
 from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
+from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ class Results:
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
-        """``filter,run,metric,value``."""
+        """``filter,run,metric,value``: for people; tables and figures take `runs`."""
         return self._frame("per_run.csv")
 
     @cached_property
@@ -162,19 +163,14 @@ class Results:
             if name.startswith(prefix)
         }
 
-    def runs(self, point: dict[str, Any]) -> dict[tuple[str, str], Array]:
-        """Values per run (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
-        return self._runs[tuple(point.values())]
+    def runs(self, point: dict[str, Any]) -> Runs:
+        """Values per run at a point; none if every filter failed there."""
+        return self._runs.get(tuple(point.values()), {})
 
     @cached_property
-    def _runs(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
-        found = {}
-        for point in self.points():
-            groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
-            found[tuple(point.values())] = {
-                key: rows["value"].to_numpy(dtype=float) for key, rows in groups
-            }
-        return found
+    def _runs(self) -> dict[tuple[Any, ...], Runs]:
+        types = self.summary.dtypes[self.grid].to_dict()
+        return read_runs(self._path("per_run.csv"), types, self.filters)
 
     @cached_property
     def tables(self) -> dict[str, Table]:
@@ -214,7 +210,7 @@ class Results:
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=["nan"])
+        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=NAN)
 
     def _path(self, name: str) -> Path:
         """The file, or what it was packed into to keep large results in git."""

@@ -82,10 +82,7 @@ class Sweep:
 
     def per_run(self, label: str, metric: str, point: Values) -> Array:
         """Values of every run (M,) of a metric of per_run.csv."""
-        frame = self.results.per_run
-        frame = frame[(frame["filter"] == label) & (frame["metric"] == metric)]
-        frame = self.results.at(frame, dict(zip(self.paths, point, strict=True)))
-        return frame.sort_values("run")["value"].to_numpy()
+        return self.results.runs(dict(zip(self.paths, point, strict=True)))[label, metric]
 
 
 def render_sweep(folder: Path, formats: Iterable[str]) -> list[str]:
