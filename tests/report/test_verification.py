@@ -1,14 +1,13 @@
 """`trackbench verify`: what was stored comes out again, and what was changed is found."""
 
-import json
 import subprocess
 import sys
 
 import pytest
 
+from tests.report.forging import reseal
 from trackbench import api
 from trackbench.experiment.packing import PACKED, pack
-from trackbench.experiment.store import digests
 from trackbench.verification import verify
 
 
@@ -68,8 +67,7 @@ def forged(folder):
     index = next(i for i, row in enumerate(rows) if row.startswith("PF,3,rmse,"))
     rows[index] = "PF,3,rmse,0.123"
     (folder / "per_run.csv").write_text("\n".join(rows) + "\n")
-    manifest = json.loads((folder / "manifest.json").read_text()) | {"files": digests(folder)}
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    reseal(folder)
     return folder
 
 

@@ -34,6 +34,15 @@ class Results:
     """The files of one results folder, as data frames and arrays, read when asked for."""
 
     folder: Path
+    facts: dict[str, Any] | None = None
+    """what the manifest is going to say, as long as it is not written"""
+    out: Path | None = None
+    """where tables and verdicts are written, if not into the folder"""
+
+    @property
+    def target(self) -> Path:
+        """Where tables and verdicts are written."""
+        return self.out or self.folder
 
     @cached_property
     def source(self) -> Source:
@@ -50,6 +59,8 @@ class Results:
     @cached_property
     def manifest(self) -> dict[str, Any]:
         """Versions, platform, times."""
+        if self.facts is not None:
+            return self.facts
         manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
         assert isinstance(manifest, dict)
         return manifest
@@ -154,13 +165,12 @@ class Results:
 
         None where every filter failed: such points count, too.
         """
-        points = self.every_point
-        prefixes = [prefix_of(i, len(points)) for i, p in enumerate(points) if _same(p, point)]
+        i = self.place(point)
+        prefix = prefix_of(i or 0, len(self.every_point))
         return {
             name.removeprefix(prefix): array
-            for prefix in prefixes
             for name, array in self.shown.items()
-            if name.startswith(prefix)
+            if i is not None and name.startswith(prefix)
         }
 
     def runs(self, point: dict[str, Any]) -> Runs:
@@ -200,6 +210,10 @@ class Results:
             return self.every_point
         rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
+
+    def place(self, point: dict[str, Any]) -> int | None:
+        """A point's number in the config's grid; None if it is not there any more."""
+        return next((i for i, given in enumerate(self.every_point) if _same(given, point)), None)
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
         """The rows of one grid point."""
