@@ -4,20 +4,24 @@
 results of an earlier run.
 """
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from trackbench.experiment.files import touched
+from trackbench.experiment.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
-from trackbench.report.opening import open_results
+from trackbench.report.opening import changed_since, open_results
 from trackbench.report.page import write_report
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
-from trackbench.running import Options, Report, prepare, preview, run_all
+from trackbench.running import Options, Report, prepare, preview, run_all, run_each
 
 __all__ = [
     "Options",
@@ -54,8 +58,7 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
     if options.out is None:
         name = prepare(Path(config), options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
-    report = run(config, options)
-    report.best = render_sweep(report.folder, options.formats)
+    (report,) = run_each([config], options, also=render_sweep)
     return report
 
 
@@ -65,11 +68,15 @@ def load(folder: Path | str) -> Results:
 
 
 def compare(folder: Path | str) -> Comparison:
-    """Hold a results folder against what is published again; writes comparison and paired.csv."""
-    results = open_results(Path(folder))
-    comparison = hold_against_published(results)
-    write_comparison(results, comparison)
-    write_paired(results)
+    """Hold a results folder against what is published again; writes comparison and paired.csv.
+
+    The published numbers are taken as they now are, and are in the manifest as that.
+    """
+    with _written_again(folder) as (results, paths):
+        comparison = hold_against_published(results)
+        write_comparison(results, comparison)
+        write_paired(results)
+        paths += [results.folder / name for name in results.config["published"]]
     return comparison
 
 
@@ -77,12 +84,30 @@ def plot(
     folder: Path | str, formats: Sequence[str] = ("png", "svg"), only: Sequence[str] = ()
 ) -> list[Path]:
     """Draw the figures of a results folder again; returns the files written."""
-    return write_figures(open_results(Path(folder)), formats, only)
+    with _written_again(folder) as (results, _):
+        return write_figures(results, formats, only)
 
 
 def report(folder: Path | str) -> list[Path]:
     """Write report.html of a results folder, or index.html and the ledger over a folder of them."""
     folder = Path(folder)
-    if (folder / "config.yaml").is_file():
-        return [write_report(open_results(folder))]
-    return write_overview(folder)
+    if not (folder / "config.yaml").is_file():
+        return write_overview(folder)
+    with _written_again(folder) as (results, _):
+        return [write_report(results)]
+
+
+@contextmanager
+def _written_again(folder: Path | str) -> Iterator[tuple[Results, list[Path]]]:
+    """Results of which some files are written again; the manifest follows them.
+
+    What else was changed since the run is said, and stays in the manifest as it was.
+    """
+    results = open_results(Path(folder))
+    for line in changed_since(results):
+        print(f"note: {line}", file=sys.stderr)
+    with touched() as paths:
+        try:
+            yield results, paths
+        finally:
+            seal(results.folder, results.manifest, paths)

@@ -2,17 +2,19 @@
 
 import os
 import sys
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from trackbench.experiment import config as configurations
 from trackbench.experiment.cache import BlockStore, cache_folder
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.engines import Engine, cpu_count, engine
+from trackbench.experiment.files import touched
 from trackbench.experiment.lock import locked
+from trackbench.experiment.outputs import seal
 from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.runner import Outcome, execute
@@ -46,6 +48,10 @@ class Options:
     formats: Sequence[str] = ("png", "svg")
     allow_plugins: bool = False
     quiet: bool = False
+
+
+Also: TypeAlias = Callable[[Results, Sequence[str]], list[str]]
+"""Writes more files of results, with figures in these formats; returns the best points in words."""
 
 
 @dataclass
@@ -102,7 +108,13 @@ def run_all(
     Yields each one's report when it is written. Of several experiments ``out`` is the folder that
     holds their folders. Raises UserError, before anything runs, with the mistakes of all configs.
     """
-    options = replace(options or Options(), **changes)
+    yield from run_each(configs, replace(options or Options(), **changes))
+
+
+def run_each(
+    configs: Sequence[Path | str], options: Options, also: Also | None = None
+) -> Generator[Report]:
+    """The same, with more files that ``also`` makes of each one's results."""
     jobs = _jobs([Path(config) for config in configs], options)
     workers = min(_most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
@@ -123,7 +135,7 @@ def run_all(
             progress=not options.quiet,
         )
         for job, outcome in zip(jobs, stack.enter_context(closing(outcomes)), strict=True):
-            yield _reported(job, outcome, options)
+            yield _reported(job, outcome, options, also)
 
 
 def preview(configs: Sequence[Path | str], options: Options) -> list[str]:
@@ -179,17 +191,20 @@ def _most_workers(options: Options) -> int:
     return options.workers or cpu_count()
 
 
-def _reported(job: _Job, outcome: Outcome, options: Options) -> Report:
-    """Tables, figures and the report of an experiment whose blocks are there."""
+def _reported(job: _Job, outcome: Outcome, options: Options, also: Also | None) -> Report:
+    """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
     for line in _what_happened(outcome):
         _say(line, options)
-    losses = write_results(job.folder, job.experiment, outcome, options.save_tracks)
-    results = Results(job.folder)
-    tables, comparison = render(results, options.formats)
-    write_report(results, comparison)
+    with touched() as paths:
+        losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
+        results = Results(job.folder, facts)
+        tables, comparison = render(results, options.formats)
+        write_report(results, comparison)
+        best = also(results, options.formats) if also else []
+    seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
     failed = list(_failed(job.experiment, outcome, losses))
-    return Report(job.folder, tables, comparison, notes, failed)
+    return Report(job.folder, tables, comparison, notes, failed, best)
 
 
 def _check_out(folder: Path) -> None:

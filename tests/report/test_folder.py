@@ -47,7 +47,7 @@ BAD = {
     "edited failures": (manifest_with(failed=[3]), "manifest.json cannot be read"),
     "edited times": (manifest_with(cpu_s="long"), "manifest.json cannot be read"),
     "edited versions": (manifest_with(packages=3), "manifest.json cannot be read"),
-    "cut xz": (cut_packed, "per_run.csv: was changed after the run wrote it"),
+    "cut xz": (cut_packed, "per_run.csv was changed after the run"),
     "another grid": (
         lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.R: [0.1]}"),
         "the results were computed over another grid",
@@ -63,9 +63,9 @@ BAD = {
     "newer": (newer, "was written by trackbench 9.0 in format 99"),
     "edited csv": (
         lambda f: spoil(f, "summary.csv", "PF,mean", "PG,mean"),
-        "summary.csv: was changed after the run wrote it",
+        "summary.csv was changed after the run",
     ),
-    "missing csv": (lambda f: spoil(f, "per_run.csv"), "per_run.csv: is missing"),
+    "missing csv": (lambda f: spoil(f, "per_run.csv"), "per_run.csv is missing"),
     "no config": (lambda f: spoil(f, "config.yaml"), "is not a results folder"),
     "broken config": (lambda f: spoil(f, "config.yaml", "seed: 7", "seed: [7"), "config.yaml:"),
     "wrong config": (lambda f: spoil(f, "config.yaml", "runs: 400", "runs: many"), "'many' is not"),

@@ -50,14 +50,23 @@ def verify(
     runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
     allow_plugins: AllowPlugins = False,
 ) -> None:
-    """Compute the first runs of stored results again and compare them, and every verdict."""
-    from trackbench.verification import verify as changes
+    """Compute the first runs of stored results again, make the rest from what is stored, and compare."""
+    from trackbench import verification
+    from trackbench.experiment.problems import Problem, UserError
 
-    differing = 0
+    verdicts: list[str] = []
+    problems: list[Problem | str] = []
     for folder in folders:
-        found = changes(folder, runs, allow_plugins)
-        differing += len(found)
-        for line in found or [f"{folder}: the first {runs} runs and all verdicts come out again"]:
-            typer.echo(line)
-    if differing:
+        try:
+            found = verification.verify(folder, runs, allow_plugins)
+        except UserError as error:
+            problems += error.problems
+            continue
+        verdicts.append(verification.verdict(found))
+        typer.echo(f"{folder}: {verdicts[-1]}")
+        for finding in found:
+            typer.echo(f"  {finding.text}")
+    if problems:
+        raise UserError(*problems)
+    if verification.CHANGED in verdicts:
         raise typer.Exit(1)

@@ -4,12 +4,15 @@ import csv
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, Any
 
 from trackbench.experiment.problems import WriteError
 
 Row = Iterable[Any]
+
+_touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
 
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
@@ -49,11 +52,38 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
+        _note(path)
     except OSError as error:
         raise WriteError(path, error) from error
     finally:
         with suppress(OSError):  # what keeps a file from being written may keep it, too
             partial.unlink(missing_ok=True)
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it is there; raises WriteError if it may not be."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise WriteError(path, error) from error
+    _note(path)
+
+
+@contextmanager
+def touched() -> Iterator[list[Path]]:
+    """The files that are written and removed meanwhile, in this order."""
+    paths: list[Path] = []
+    token = _touched.set(paths)
+    try:
+        yield paths
+    finally:
+        _touched.reset(token)
+
+
+def _note(path: Path) -> None:
+    paths = _touched.get()
+    if paths is not None:
+        paths.append(path)
 
 
 def remove_partial(folder: Path) -> None:

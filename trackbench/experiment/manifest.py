@@ -13,15 +13,14 @@ from trackbench.experiment.code import code_digest
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.runner import Outcome
 
-FORMAT = 1
+FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""
 
 
 def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Content of ``manifest.json`` but for the digests of the files."""
+    """Content of ``manifest.json`` but for the format and the digests of the files."""
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
     return {
-        "format": FORMAT,
         "trackbench": trackbench.__version__,
         "commit": _commit(),
         "experiment": experiment.settings.name,

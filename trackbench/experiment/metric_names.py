@@ -26,6 +26,8 @@ COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
 STEP = re.compile(r"(.+)@(\d+|last)")
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
+_MOST_NOTED, _MOST_OF_RUNS = 3, 20
+"""Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
 _ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)")
 
 
@@ -42,6 +44,15 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
         return frozenset(map(base_name, settings.per_step))
     names = settings.metrics
     return None if names is None else frozenset({"lost", *map(base_name, names)})
+
+
+def number_per_run(settings: Settings, scenario: Any, label: str, tracker: Any) -> int:
+    """How many metrics of a filter per_run.csv holds, rather too many: it is not asked what it notes."""
+    wanted = kept_metrics(settings, "per_run.csv")
+    if wanted is not None:
+        return len(wanted) * len(scenario.windows)
+    series = len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
+    return series * len(scenario.windows) + _MOST_OF_RUNS
 
 
 @dataclass

@@ -18,7 +18,17 @@ PACKED = ("per_run.csv", "per_step.csv", "summary.csv")
 
 def there(path: Path) -> Path | None:
     """The file, or what it was packed into; None if neither is there."""
-    return next((p for p in (path, _packed(path)) if p.is_file()), None)
+    return next((p for p in (path, packed(path)) if p.is_file()), None)
+
+
+def packed(path: Path) -> Path:
+    """The file that it is packed into."""
+    return path.with_name(f"{path.name}.xz")
+
+
+def left_out(name: str) -> bool:
+    """Whether git does not keep a file of this name: a results folder is whole without it."""
+    return name == "tracks.npz" or name.endswith((".png", ".pdf"))
 
 
 def opened(path: Path) -> BufferedIOBase:
@@ -34,19 +44,15 @@ def pack(folder: Path) -> None:
             continue
         with (
             path.open("rb") as source,
-            replacing(_packed(path)) as file,
+            replacing(packed(path)) as file,
             lzma.open(file, "wb", preset=9) as target,
         ):
             shutil.copyfileobj(source, target)
 
 
-def _packed(path: Path) -> Path:
-    return path.with_name(f"{path.name}.xz")
-
-
 def _is_packed(path: Path) -> bool:
-    packed = _packed(path)
-    return packed.is_file() and lzma.decompress(packed.read_bytes()) == path.read_bytes()
+    target = packed(path)
+    return target.is_file() and lzma.decompress(target.read_bytes()) == path.read_bytes()
 
 
 def main(folders: Iterable[str]) -> None:

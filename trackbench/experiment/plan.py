@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.definition import Experiment, Point, Settings
+from trackbench.experiment.metric_names import number_per_run
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
@@ -20,6 +21,7 @@ _BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
 _WIDEST = 500
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
+_PIECE = 50_000_000  # bytes of a piece of per_run.csv while it is read
 
 
 Key: TypeAlias = tuple[int, str]
@@ -112,15 +114,15 @@ def particle_count(tracker: AnyFilter) -> int:
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
-    """Bytes that the workers' largest blocks and one filter's merged results take, rather too many.
+    """Bytes that the workers' largest blocks and what is made of their results take, rather too many.
 
     Raises UserError, at the filter that is to blame, if the machine does not have them.
     """
     settings = experiment.settings
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    most = 0
+    most, read_back = 0, _read_bytes(experiment)
     for point in experiment.points:
-        merged = _merged_bytes(experiment, point, save_tracks)
+        merged = max(_merged_bytes(experiment, point, save_tracks), read_back)
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
@@ -164,6 +166,16 @@ def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     cloud = _boost(tracker) * particle_count(tracker) * n_x * _TEMPORARIES
     held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
     return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
+
+
+def _read_bytes(experiment: Experiment) -> int:
+    """All values per run, which tables and verdicts are made from, and a piece of their file."""
+    settings, point = experiment.settings, experiment.points[0]
+    metrics = sum(
+        number_per_run(settings, point.scenario, label, tracker)
+        for label, tracker in point.filters.items()
+    )
+    return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 
 def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:

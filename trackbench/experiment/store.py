@@ -1,10 +1,7 @@
 """The files of a results folder, each written whole or not at all."""
 
-import hashlib
-import json
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, suppress
-from lzma import LZMAError
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,10 +19,10 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.experiment.definition import Experiment
-from trackbench.experiment.files import csv_writer, remove_partial, replacing, write_text
+from trackbench.experiment.files import csv_writer, replacing, write_text
 from trackbench.experiment.manifest import manifest_of
 from trackbench.experiment.metric_names import base_name, kept_metrics
-from trackbench.experiment.packing import opened, there
+from trackbench.experiment.outputs import remove_outputs
 from trackbench.experiment.plan import Key
 from trackbench.experiment.resolved import as_yaml, resolved
 from trackbench.experiment.runner import Outcome
@@ -33,10 +30,6 @@ from trackbench.experiment.tracks import Kept, Shown
 
 Row = Iterable[Any]
 
-_DAMAGED = "damaged"  # in place of a digest: no file has it
-
-RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
-"""Files that only a run writes; the manifest has their digests."""
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors: far more than any of them means."""
 
@@ -79,17 +72,23 @@ class Losses(NamedTuple):
         return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
 
 
-def write_results(
-    folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool
-) -> dict[Key, Losses]:
-    """Everything that follows from the results alone; tables and figures come from these files.
+class Written(NamedTuple):
+    """How many runs of each filter were lost, by reason, and what the manifest is to say."""
 
-    Returns how many runs of each filter were lost, by reason.
+    losses: dict[Key, Losses]
+    facts: dict[str, Any]
+
+
+def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> Written:
+    """Everything that follows from the results alone, in place of what earlier runs left there.
+
+    Tables and figures come from these files; the manifest is for the caller to write, after all others.
     """
-    remove_partial(folder)
-    (folder / "manifest.json").unlink(missing_ok=True)  # written last: without it nothing is read
+    published = experiment.published.files
+    inputs = {"config.yaml", *(f"published/{name}" for name in published)}
+    remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    _write_published(folder / "published", experiment.published.files)
+    _write_published(folder / "published", published)
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
@@ -107,22 +106,7 @@ def write_results(
             writer.writerows(_bounds(experiment, name))
     for name, collection in kept.items():
         collection.write(folder / name)
-    manifest = manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)}
-    manifest["files"] = digests(folder)
-    write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-    return losses
-
-
-def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of each file that only a run writes; of the content of one that was packed since."""
-    found = {}
-    for name in RAW:
-        path = there(folder / name)
-        if path is not None:
-            with opened(path) as file, suppress(OSError, EOFError, LZMAError):
-                found[name] = _DAMAGED
-                found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    return found
+    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)})
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:

@@ -50,7 +50,6 @@ class Kept:
     def write(self, path: Path) -> None:
         """Write the file as `np.load` reads it, if there is anything in it."""
         if not self.arrays:
-            path.unlink(missing_ok=True)
             return
         with replacing(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
             for name, array in self.arrays.items():

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from math import isfinite, isnan
 
-from trackbench.experiment.files import write_csv, write_text
+from trackbench.experiment.files import remove, write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
@@ -22,10 +22,10 @@ FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 def write_comparison(results: Results, comparison: Comparison) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
-    folder = results.folder
+    folder = results.target
     if not comparison.numbers and not comparison.claims:
         for name in FILES:
-            (folder / name).unlink(missing_ok=True)
+            remove(folder / name)
         return
     for name, header, rows in (
         ("comparison.csv", NUMBER_HEADER, number_rows(comparison)),
@@ -38,7 +38,7 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
 def write_paired(results: Results) -> None:
     """Write paired.csv."""
     rows = [[*point.values(), *pair] for point, pairs in results.pairs for pair in pairs]
-    write_csv(results.folder / "paired.csv", [*results.grid, *Pair._fields], rows)
+    write_csv(results.target / "paired.csv", [*results.grid, *Pair._fields], rows)
 
 
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:

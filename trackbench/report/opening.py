@@ -4,17 +4,27 @@ from pathlib import Path
 
 from trackbench.experiment.definition import Settings
 from trackbench.experiment.manifest import FORMAT
+from trackbench.experiment.outputs import RAW, Damage, damage
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.store import digests
 from trackbench.experiment.validate import build
 from trackbench.report.results import Results
 
 _KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}
 """Of what kind the manifest's entries are that a report shows."""
+_CHANGED = "changed after the run"
+_AGAIN = "run the experiment again"
+
+
+class NotWholeError(UserError):
+    """A results folder whose run did not finish, or whose runs were changed or lost since."""
 
 
 def open_results(folder: Path) -> Results:
-    """The results in a folder; raises UserError if it is not whole, too new, or edited by hand."""
+    """The results in a folder.
+
+    Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
+    config of something else.
+    """
     if not folder.is_dir():
         raise UserError(f"{folder}: there is no such folder")
     if not (folder / "config.yaml").is_file():
@@ -42,11 +52,17 @@ def _grid_columns(results: Results) -> list[str]:
     return columns[: columns.index("filter")]
 
 
+def changed_since(results: Results) -> list[str]:
+    """What is not as it was written although the results can be read: tables, figures, the config."""
+    recorded = results.manifest["files"]
+    others = {name: digest for name, digest in recorded.items() if name not in RAW}
+    return _lines(results.folder, damage(results.folder, others))
+
+
 def _check_manifest(results: Results) -> None:
     folder = results.folder
-    again = "run the experiment again"
     if not (folder / "manifest.json").is_file():
-        raise UserError(f"{folder}: is half-written, it has no manifest.json: {again}")
+        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {_AGAIN}")
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
@@ -55,16 +71,25 @@ def _check_manifest(results: Results) -> None:
     except (ValueError, KeyError, TypeError, AssertionError):
         whole = False
     if not whole:
-        raise UserError(f"{folder}: manifest.json cannot be read: {again}")
+        raise NotWholeError(f"{folder}: manifest.json cannot be read: {_AGAIN}")
     if version > FORMAT:
         what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    found = digests(folder)
-    problems = []
-    for name, digest in recorded.items():
-        if name not in found:
-            problems.append(f"{folder / name}: is missing: {again}")
-        elif found[name] != digest:
-            problems.append(f"{folder / name}: was changed after the run wrote it: {again}")
+    raw = {name: recorded[name] for name in RAW if name in recorded}
+    problems = _lines(folder, damage(folder, raw))
     if problems:
-        raise UserError(*problems)
+        raise NotWholeError(*problems)
+
+
+def _lines(folder: Path, found: Damage) -> list[str]:
+    """A line on the files that are missing, and one on those that were changed, if there are any."""
+    ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
+    return [
+        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {_AGAIN}"
+        for names, verbs, what in ends
+        if names
+    ]
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -17,7 +17,6 @@ from trackbench.report.verdicts import Comparison, compare
 def render(results: Results, formats: Collection[str]) -> tuple[dict[str, Table], Comparison]:
     """Write all of it; returns the tables by name and the verdicts."""
     tables = write_tables(results, tex="tex" in formats)
-    _remove_figures(results)
     write_figures(results, formats)
     write_paired(results)
     comparison = compare(results)
@@ -28,7 +27,7 @@ def render(results: Results, formats: Collection[str]) -> tuple[dict[str, Table]
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
     tables = results.tables
-    folder = _made(results.folder / "tables") if tables else results.folder
+    folder = _made(results.target / "tables") if tables else results.target
     for name, table in tables.items():
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
@@ -65,13 +64,6 @@ def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str
     contents = [(form, style.content(figure, form)) for form in formats]
     style.close(figure)
     return contents
-
-
-def _remove_figures(results: Results) -> None:
-    """Of an earlier run, in formats that this one may not write."""
-    for name in results.parts("figures"):
-        for form in style.FORMATS:
-            (results.folder / "figures" / f"{name}.{form}").unlink(missing_ok=True)
 
 
 def _made(folder: Path) -> Path:

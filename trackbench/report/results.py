@@ -22,6 +22,7 @@ from trackbench.experiment.source import Source, read
 from trackbench.experiment.tracks import prefix_of
 from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
+from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -33,6 +34,15 @@ class Results:
     """The files of one results folder, as data frames and arrays, read when asked for."""
 
     folder: Path
+    facts: dict[str, Any] | None = None
+    """what the manifest is going to say, as long as it is not written"""
+    out: Path | None = None
+    """where tables and verdicts are written, if not into the folder"""
+
+    @property
+    def target(self) -> Path:
+        """Where tables and verdicts are written."""
+        return self.out or self.folder
 
     @cached_property
     def source(self) -> Source:
@@ -49,6 +59,8 @@ class Results:
     @cached_property
     def manifest(self) -> dict[str, Any]:
         """Versions, platform, times."""
+        if self.facts is not None:
+            return self.facts
         manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
         assert isinstance(manifest, dict)
         return manifest
@@ -121,7 +133,7 @@ class Results:
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
-        """``filter,run,metric,value``."""
+        """``filter,run,metric,value``: for people; tables and figures take `runs`."""
         return self._frame("per_run.csv")
 
     @cached_property
@@ -153,28 +165,22 @@ class Results:
 
         None where every filter failed: such points count, too.
         """
-        points = self.every_point
-        prefixes = [prefix_of(i, len(points)) for i, p in enumerate(points) if is_same(p, point)]
+        i = self.place(point)
+        prefix = prefix_of(i or 0, len(self.every_point))
         return {
             name.removeprefix(prefix): array
-            for prefix in prefixes
             for name, array in self.shown.items()
-            if name.startswith(prefix)
+            if i is not None and name.startswith(prefix)
         }
 
-    def runs(self, point: dict[str, Any]) -> dict[tuple[str, str], Array]:
-        """Values per run (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
-        return self._runs[tuple(point.values())]
+    def runs(self, point: dict[str, Any]) -> Runs:
+        """Values per run at a point; none if every filter failed there."""
+        return self._runs.get(tuple(point.values()), {})
 
     @cached_property
-    def _runs(self) -> dict[tuple[Any, ...], dict[tuple[str, str], Array]]:
-        found = {}
-        for point in self.points():
-            groups = self.at(self.per_run, point).groupby(["filter", "metric"], sort=False)
-            found[tuple(point.values())] = {
-                key: rows["value"].to_numpy(dtype=float) for key, rows in groups
-            }
-        return found
+    def _runs(self) -> dict[tuple[Any, ...], Runs]:
+        types = self.summary.dtypes[self.grid].to_dict()
+        return read_runs(self._path("per_run.csv"), types, self.filters)
 
     @cached_property
     def tables(self) -> dict[str, Table]:
@@ -205,6 +211,10 @@ class Results:
         rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
+    def place(self, point: dict[str, Any]) -> int | None:
+        """A point's number in the config's grid; None if it is not there any more."""
+        return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
+
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
         """The rows of one grid point."""
         for path, value in point.items():
@@ -214,7 +224,7 @@ class Results:
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=["nan"])
+        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=NAN)
 
     def _path(self, name: str) -> Path:
         """The file, or what it was packed into to keep large results in git."""
@@ -230,7 +240,9 @@ def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 
 
-_TYPES: Any = {"filter": str, "run": int, "step": int} | dict.fromkeys(
-    ["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float
-)
+_TYPES: Any = {
+    "filter": str,
+    **dict.fromkeys(["run", "step", "runs", "lost"], int),
+    **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
+}
 """Of columns, so that they are the same in a file without rows, where every filter failed."""

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -82,19 +81,15 @@ class Sweep:
 
     def per_run(self, label: str, metric: str, point: Values) -> Array:
         """Values of every run (M,) of a metric of per_run.csv."""
-        frame = self.results.per_run
-        frame = frame[(frame["filter"] == label) & (frame["metric"] == metric)]
-        frame = self.results.at(frame, dict(zip(self.paths, point, strict=True)))
-        return frame.sort_values("run")["value"].to_numpy()
+        return self.results.runs(dict(zip(self.paths, point, strict=True)))[label, metric]
 
 
-def render_sweep(folder: Path, formats: Iterable[str]) -> list[str]:
+def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
     """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
     from trackbench.report.sweep_figures import draw
 
-    sweep = Sweep(Results(folder))
-    write_csv(folder / "sweep.csv", list(sweep.rows.columns), sweep.rows.to_numpy().tolist())
-    figures = folder / "figures"
+    sweep, figures = Sweep(results), results.folder / "figures"
+    write_sweep(sweep)
     figures.mkdir(exist_ok=True)
     for metric in sweep.metrics:
         figure = draw(sweep, metric)
@@ -106,6 +101,12 @@ def render_sweep(folder: Path, formats: Iterable[str]) -> list[str]:
                 write_bytes(path, style.content(figure, form))
         style.close(figure)
     return list(best_points(sweep))
+
+
+def write_sweep(sweep: Sweep) -> None:
+    """Write ``sweep.csv``."""
+    rows = sweep.rows
+    write_csv(sweep.results.target / "sweep.csv", list(rows.columns), rows.to_numpy().tolist())
 
 
 def best_points(sweep: Sweep) -> Iterator[str]:

@@ -132,8 +132,11 @@ class RmsePerRun(Curves):
         """One line per filter; a lost run leaves a gap."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
-            for rows, look in self.lines(results, results.per_run, point, self.metric):
-                ax.plot(rows["run"] + 1, rows["value"], **look | {"linewidth": 0.8})
+            runs = results.runs(point)
+            for label, look in self.labels(results):
+                values = runs.get((label, self.metric), np.empty(0))
+                number = np.arange(1, len(values) + 1)
+                ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
         return self.finish(figure)
 
 

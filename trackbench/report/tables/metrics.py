@@ -71,19 +71,16 @@ class Metrics:
         return table
 
     def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:
-        frame = results.at(results.per_run, point)
+        runs = results.runs(point)
         for metric in self.columns.values():
             name = metric.partition("(")[2].removesuffix(")")
-            rows = frame[frame["metric"] == name].pivot(
-                index="run", columns="filter", values="value"
-            )
-            if gain.of not in rows or gain.over not in rows:
+            a, b = (runs.get((label, name)) for label in (gain.of, gain.over))
+            if a is None or b is None:
                 yield Cell.missing()
                 continue
-            both = rows[[gain.of, gain.over]].to_numpy()
-            both = both[np.isfinite(both).all(axis=1)]
-            value, stderr = relative_gain(both[:, 0], both[:, 1])
-            yield Cell(Estimate(100 * value, 100 * stderr), runs=len(both), lost=0)
+            both = np.isfinite(a) & np.isfinite(b)
+            value, stderr = relative_gain(a[both], b[both])
+            yield Cell(Estimate(100 * value, 100 * stderr), runs=int(both.sum()), lost=0)
 
 
 def _evaluated(expressions: Expressions, label: str, expression: str) -> Cell:
@@ -94,10 +91,9 @@ def _evaluated(expressions: Expressions, label: str, expression: str) -> Cell:
 
 def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:
     """Why runs were lost, in words."""
-    frame = results.at(results.per_run, point)
-    lost = frame[(frame["metric"] == "lost") & (frame["value"] > 0)]
+    runs = results.runs(point)
     for label in labels:
-        codes = lost.loc[lost["filter"] == label, "value"]
+        codes = runs.get((label, "lost"), np.empty(0))
         for code, reason in LOST_BECAUSE.items():
             number = int((codes == code).sum())
             if number:

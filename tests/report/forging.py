@@ -1,0 +1,53 @@
+"""Results folders edited with a manifest made to agree, and some as of another machine."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackbench import api
+from trackbench.evaluation import block
+from trackbench.experiment.outputs import seal
+
+
+def reseal(folder: Path) -> None:
+    """New digests for every file that the manifest names."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    seal(folder, manifest, [folder / name for name in manifest["files"]])
+
+
+def edit(folder: Path, name: str, old: str, new: str) -> None:
+    """One word instead of another, where it first is."""
+    path = folder / name
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    reseal(folder)
+
+
+Factors = Callable[[np.random.Generator, tuple[int, ...]], Any]
+"""From a shape (T + 1, M) what every error is multiplied by."""
+
+
+def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
+    """The results of a machine on which filters of this kind have other errors, or draw other noise."""
+    rng, estimate = np.random.default_rng(1), block.estimate
+
+    def estimated(task: block.BlockTask, data: Any, *more: Any) -> block.Estimates:
+        result = estimate(task, data, *more)
+        if factors is None or task.filter.kind != kind:
+            return result
+        error = result.mean - data.truth
+        return result._replace(mean=data.truth + factors(rng, error.shape[1:]) * error)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TRACKBENCH_CACHE", str(config.parent / "elsewhere"))
+        patch.setattr(block, "estimate", estimated)
+        if factors is None:
+            stream = block.block_stream
+            patch.setattr(block, "block_stream", lambda seed, index: stream(seed + 1, index))
+        options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
+        return api.run(config, options).folder

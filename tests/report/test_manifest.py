@@ -1,0 +1,250 @@
+"""The manifest is written last and vouches for every file; what an earlier run left goes first."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.report.forging import edit, reseal
+from trackbench import api
+from trackbench.report.opening import changed_since, open_results
+from trackbench.verification import verify
+
+CONFIG = """
+name: kept
+runs: 4
+scenario: {kind: merwe, T: 6}
+filters: {PF: {kind: pf, N: 9}, UKF: {kind: ukf}}
+published: [claims.csv]
+tables: {TABLE: {kind: metrics, columns: {Mean: mean(rmse)}}}
+figures: {FIGURE: {kind: rmse-vs-time}}
+"""
+CLAIMS = "paper,claim,experiment,left,expression,relation,factor\np,PF errs,,PF,mean(rmse),>,0\n"
+OWN = (
+    "notes.txt",
+    "tables/own.csv",
+    "figures/own.svg",
+    "published/own.csv",
+    "figures/sweep-own.svg",
+)
+
+
+def write(home: Path, table: str = "t", figure: str = "f", text: str = CONFIG) -> Path:
+    (home / "claims.csv").write_text(CLAIMS)
+    (home / "c.yaml").write_text(text.replace("TABLE", table).replace("FIGURE", figure))
+    return home / "c.yaml"
+
+
+def run(config: Path, formats: tuple[str, ...] = ("svg",), **changes: object) -> Path:
+    options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=formats)
+    return api.run(config, options, **changes).folder
+
+
+def files(folder: Path) -> set[str]:
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+def manifest(folder: Path) -> dict[str, object]:
+    return json.loads((folder / "manifest.json").read_text())
+
+
+def whole(folder: Path) -> bool:
+    """Every file is in the manifest with its digest."""
+    digests = {
+        name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        for name in files(folder) - {"manifest.json"}
+    }
+    return manifest(folder)["files"] == digests
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return run(write(tmp_path))
+
+
+def test_the_manifest_is_the_last_file_and_has_all_others(folder: Path) -> None:
+    assert whole(folder)
+    times = {name: (folder / name).stat().st_mtime_ns for name in files(folder)}
+    assert max(times, key=lambda name: times[name]) == "manifest.json"
+    assert {"report.html", "claims.csv", "paired.csv", "tables/t.md", "figures/f.svg"} < set(times)
+
+
+def test_that_of_a_sweep_has_its_files_too(tmp_path: Path) -> None:
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=("svg",))
+    swept = api.sweep(write(tmp_path), options, grid=("filters.PF.N=5,7",)).folder
+    assert whole(swept)
+    assert {"sweep.csv", "figures/sweep-rms-rmse.svg"} < set(manifest(swept)["files"])
+    run(tmp_path / "c.yaml")
+    assert not files(swept) & {"sweep.csv", "figures/sweep-rms-rmse.svg"}
+    assert whole(swept)
+
+
+@pytest.mark.parametrize("where", ["render", "write_figures", "write_report", "seal"])
+def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str) -> None:
+    run(folder.parent / "c.yaml", formats=("png", "svg", "tex"), save_tracks=True)
+    for name in OWN:
+        (folder / name).write_text("mine")
+    before = files(folder)
+    config = write(folder.parent, "another", "new")
+    module = "report.render" if where == "write_figures" else "running"
+    kill = (
+        f"import os, signal, trackbench.{module} as m\n"
+        f"m.{where} = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "from trackbench.cli import main; main()"
+    )
+    command = [sys.executable, "-c", kill, "run", config, "--workers", "1", "--out", folder]
+    done = subprocess.run([*command, "--seed", "5"])
+    assert done.returncode == -9
+    left = files(folder)
+    assert not left & {"manifest.json", "tables/t.csv", "tables/t.tex", "tracks.npz"}
+    assert not left & {"figures/f.svg", "figures/f.png"}
+    assert set(OWN) < before & left
+    for command in ("compare", "plot", "report", "verify"):
+        done = subprocess.run(
+            [sys.executable, "-m", "trackbench", command, folder], capture_output=True, text=True
+        )
+        assert done.returncode == (1 if command == "verify" else 2)
+        lines = (done.stdout + done.stderr).splitlines()
+        assert lines[-1].strip() == (
+            f"{folder}: is half-written, it has no manifest.json: run the experiment again"
+        )
+    run(config)
+    assert files(folder) - set(OWN) == set(manifest(folder)["files"]) | {"manifest.json"}
+    assert all((folder / name).read_text() == "mine" for name in OWN)
+    assert verify(folder, 2) == []
+
+
+def test_a_run_without_tracks_takes_older_ones_away(tmp_path: Path) -> None:
+    folder = run(write(tmp_path), save_tracks=True)
+    assert (folder / "tracks.npz").is_file()
+    shutil.copy(folder / "per_run.csv", folder / "per_run.csv.xz")
+    run(tmp_path / "c.yaml")
+    assert not (folder / "tracks.npz").exists()
+    assert not (folder / "per_run.csv.xz").exists()
+
+
+def test_the_config_of_the_folder_is_there_at_any_time(folder: Path, monkeypatch) -> None:
+    """It may be the only copy of what is being run, and so may the published numbers."""
+    from trackbench.experiment import store
+
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    monkeypatch.setattr(store, "write_text", killed)
+    with pytest.raises(SystemExit):
+        run(folder / "config.yaml", out=folder)
+    assert files(folder) == {"config.yaml", "published/claims.csv"}
+
+
+def test_a_manifest_that_names_what_no_run_writes_takes_nothing_away(tmp_path: Path) -> None:
+    folder = run(write(tmp_path))
+    victims = [tmp_path / "victim", folder / "deep" / "in" / "it", folder / "own" / "x"]
+    names = ["../victim", "deep/in/it", "own/x", str(tmp_path / "victim"), "tables", "..", "\0"]
+    for victim in victims:
+        victim.parent.mkdir(parents=True, exist_ok=True)
+        victim.write_text("mine")
+    content = manifest(folder) | {"files": dict.fromkeys(names, "")}
+    (folder / "manifest.json").write_text(json.dumps(content))
+    run(write(tmp_path, "other"))
+    assert all(victim.read_text() == "mine" for victim in victims)
+
+
+def test_a_folder_of_an_older_version_is_read_and_replaced(folder: Path) -> None:
+    raw = {
+        n: d for n, d in manifest(folder)["files"].items() if n in ("per_run.csv", "summary.csv")
+    }
+    content = manifest(folder) | {"format": 1, "files": raw}
+    (folder / "manifest.json").write_text(json.dumps(content))
+    assert verify(folder, 2) == []
+    api.plot(folder, ["svg"])
+    assert set(manifest(folder)["files"]) == {*raw, "figures/f.svg"}
+    (folder / "manifest.json").write_text(json.dumps(content))
+    run(write(folder.parent, "other", "new"))
+    assert not files(folder) & {"tables/t.csv", "tables/t.md", "figures/f.svg"}
+
+
+def test_the_manifest_follows_what_is_written_again(folder: Path) -> None:
+    api.plot(folder, ["png", "svg"])
+    assert "figures/f.png" in manifest(folder)["files"]
+    before = (folder / "manifest.json").read_bytes()
+    for command in (api.compare, api.report, api.plot):
+        command(folder)
+        assert whole(folder)
+        assert (folder / "manifest.json").read_bytes() == before
+    edit(folder, "config.yaml", "title: ''", "title: T")
+    for command in (api.plot, api.compare, api.report):
+        command(folder)
+        assert whole(folder)
+    assert verify(folder, 2) == []
+
+
+def test_published_numbers_are_taken_over_by_compare(folder: Path, capsys) -> None:
+    path = folder / "published" / "claims.csv"
+    path.write_text(path.read_text().replace(",>,", ",<,"))
+    line = f"{folder}: published/claims.csv was changed after the run: run the experiment again"
+    assert line in [finding.text for finding in verify(folder, 1)]
+    assert api.compare(folder).claims[0].verdict == "fails"
+    assert capsys.readouterr().err == f"note: {line}\n"
+    assert whole(folder)
+    assert verify(folder, 1) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "what"),
+    [
+        (["config.yaml"], "config.yaml was changed"),
+        (["tables/t.md", "paired.csv"], "paired.csv, tables/t.md were changed"),
+        (["claims.csv", "comparison.md", "paired.csv", "report.html"], " and 1 more were changed"),
+    ],
+)
+def test_a_changed_file_is_said_and_stays_said(folder, capsys, names, what) -> None:
+    for name in names:
+        with (folder / name).open("a") as file:
+            file.write("\n")
+    for command in (lambda: api.plot(folder, ["svg"]), lambda: verify(folder, 1)):
+        found = command()
+        lines = capsys.readouterr().err.splitlines() or [f.text for f in found]
+        assert f"{what} after the run: run the experiment again" in lines[0]
+    assert changed_since(open_results(folder))
+
+
+def test_a_missing_file_is_said_unless_git_leaves_it_out(tmp_path: Path, capsys) -> None:
+    folder = run(write(tmp_path), formats=("png", "svg"), save_tracks=True)
+    (folder / "figures" / "f.png").unlink()
+    (folder / "tracks.npz").unlink()
+    assert verify(folder, 1) == []
+    (folder / "figures" / "f.svg").unlink()
+    (finding,) = verify(folder, 1)
+    assert finding.text == f"{folder}: figures/f.svg is missing: run the experiment again"
+    api.plot(folder, ["svg"])
+    assert "figures/f.svg is missing" in capsys.readouterr().err
+    assert verify(folder, 1) == []
+
+
+def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch) -> None:
+    from trackbench.report import render
+
+    def broken(*_: object, **__: object) -> None:
+        raise OSError("no space left on device")
+
+    edit(folder, "config.yaml", "figures:", "figures:\n  a: {kind: bars}")
+    real, drawn = render.write_bytes, []
+
+    def second(path: Path, content: bytes) -> None:
+        drawn.append(path)
+        (real if len(drawn) == 1 else broken)(path, content)
+
+    monkeypatch.setattr(render, "write_bytes", second)
+    with pytest.raises(OSError, match="no space"):
+        api.plot(folder, ["svg"])
+    assert changed_since(open_results(folder)) == []
+
+
+def test_digests_made_anew_are_those_of_the_run(folder: Path) -> None:
+    before = manifest(folder)
+    reseal(folder)
+    assert manifest(folder) == before

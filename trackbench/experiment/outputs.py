@@ -1,0 +1,92 @@
+"""What is a run's own in a results folder: what goes before the next run, and what is vouched for."""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
+from lzma import LZMAError
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+from trackbench.experiment.files import remove, remove_partial, write_text
+from trackbench.experiment.manifest import FORMAT
+from trackbench.experiment.packing import PACKED, left_out, opened, packed, there
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.source import read
+
+RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
+"""Files that only a run writes; all others but the tracks are made from them and from the config."""
+_MADE = (
+    *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
+    *("sweep.csv", "report.html"),
+)
+_NAMED = {"tables": ("csv", "md", "tex"), "figures": ("png", "svg", "pdf")}
+"""Folders of files that the config names, and their formats."""
+_FOLDERS = (*_NAMED, "published")
+_DAMAGED = "damaged"  # in place of a digest: no file has it
+
+
+class Damage(NamedTuple):
+    """Names of files that are not there any more, and of those that are not as they were written."""
+
+    missing: list[str]
+    changed: list[str]
+
+
+def remove_outputs(folder: Path, keep: Collection[str]) -> None:
+    """Take away what earlier runs wrote, the manifest last, and nothing that is somebody else's.
+
+    Their files are named by the manifest; those of a run that was killed before it wrote one, and of
+    older versions, by the config. ``keep`` are names of files that the next run is made from.
+    """
+    remove_partial(folder)
+    names = {*_recorded(folder), *_by_config(folder), *RAW, *_MADE}.difference(keep)
+    paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
+    for path in (*paths, folder / "manifest.json"):
+        if path.is_file():
+            remove(path)
+
+
+def seal(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> None:
+    """Write the manifest, after all other files: facts, and digests of those that were touched, too."""
+    files = dict(facts.get("files", {}))
+    for path in touched:
+        name = path.relative_to(folder).as_posix()
+        files.pop(name, None)
+        if path.is_file():
+            files[name] = _digest(path)
+    content = {**facts, "format": FORMAT, "files": dict(sorted(files.items()))}
+    write_text(folder / "manifest.json", json.dumps(content, indent=2) + "\n")
+
+
+def damage(folder: Path, recorded: Mapping[str, str]) -> Damage:
+    """Which files differ from their digests; a file that was packed since is taken as unpacked."""
+    paths = {name: there(folder / name) for name in recorded}
+    missing = [name for name, path in paths.items() if path is None and not left_out(name)]
+    changed = [name for name, path in paths.items() if path and _digest(path) != recorded[name]]
+    return Damage(missing, changed)
+
+
+def _digest(path: Path) -> str:
+    with suppress(OSError, EOFError, LZMAError), opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return _DAMAGED
+
+
+def _recorded(folder: Path) -> Iterator[str]:
+    """What the manifest names, as far as a run can have written it: manifests may be edited."""
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        for name in json.loads((folder / "manifest.json").read_bytes())["files"]:
+            path = PurePosixPath(name)
+            if path.parts[:-1] in ((), *((inner,) for inner in _FOLDERS)):
+                yield name
+
+
+def _by_config(folder: Path) -> Iterator[str]:
+    """Tables and figures that the config asks for."""
+    with suppress(UserError):
+        config = read(folder / "config.yaml").data
+        for group, forms in _NAMED.items():
+            names = config.get(group) if isinstance(config, dict) else None
+            for name in names if isinstance(names, dict) else ():
+                yield from (f"{group}/{name}.{form}" for form in forms if "/" not in str(name))

@@ -1,0 +1,135 @@
+"""summary.csv held against per_run.csv, from which most of it follows."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.derived import sizes
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.summary import SummaryRow, summary_rows
+from trackbench.experiment.definition import Point
+from trackbench.experiment.store import DIGITS
+from trackbench.report.results import Results
+from trackbench.verification.findings import Finding, changed
+
+HALF = {name: 0.5 * 10.0 ** (1 - digits) for name, digits in DIGITS.items()}
+"""Share of a stored number that its digits leave open, at most."""
+_MARGIN = 2.0  # the ways that rounding is tried below are not all there are
+
+
+class Bounded(NamedTuple):
+    """A row as it follows from rounded values, and how far value and error may be off by that."""
+
+    row: SummaryRow
+    value_room: float
+    stderr_room: float
+
+    def holds(self, stored: SummaryRow) -> bool:
+        """Whether a stored row, rounded itself, may be this one."""
+        return (
+            (stored.runs, stored.lost) == (self.row.runs, self.row.lost)
+            and near(stored.value, self.row.value, self.value_room)
+            and near(stored.stderr, self.row.stderr, self.stderr_room)
+        )
+
+
+def near(stored: float, found: float, room: float, file: str = "summary.csv") -> bool:
+    """Whether a stored number is one that was found, but for so much and its own digits."""
+    if np.isnan(stored) or np.isnan(found) or np.isinf(found):
+        return bool(np.array_equal(stored, found, equal_nan=True))
+    return abs(stored - found) <= room + 1.01 * HALF[file] * max(abs(stored), abs(found))
+
+
+def follow_from_runs(
+    results: Results, points: list[tuple[dict[str, Any], Point]]
+) -> Iterator[Finding]:
+    """Rows of summary.csv that do not follow from the stored runs, or that nothing gives.
+
+    ``points`` are those that have results, as they are read and as they are run.
+    """
+    wrong, number = [], 0
+    for point, run in points:
+        stored = stored_rows(results, point)
+        found = _found(results, point, run.scenario)
+        mine = {
+            key: row
+            for key, row in stored.items()
+            if key[0] != results.config["bound"] and not key[1].startswith("time-mean(")
+        }
+        number += len(mine)
+        for key in dict.fromkeys([*found, *mine]):
+            if key not in mine or key not in found or not found[key].holds(mine[key]):
+                wrong.append((*point.values(), *key))
+        if {len(values) for values in results.runs(point).values()} - {results.config["runs"]}:
+            yield changed(
+                "per_run.csv: has not as many runs of every metric as the config asks for"
+            )
+    timing = results.timing
+    if not np.allclose(timing["cpu_s_per_run"], timing["cpu_s"] / timing["runs"], 1e-9, 0.0):
+        yield changed("timing.csv: cpu_s_per_run is not cpu_s over runs")
+    if wrong:
+        first = ", ".join(map(str, wrong[0]))
+        what = "do not follow from per_run.csv; the first is that of"
+        yield changed(f"summary.csv: {len(wrong)} of {number} rows {what} {first}")
+
+
+def stored_rows(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], SummaryRow]:
+    """Rows of summary.csv at a point by (filter, metric)."""
+    frame = results.at(results.summary, point)[["filter", *SummaryRow._fields]]
+    rows = frame.itertuples(index=False, name=None)
+    return {(label, row[0]): SummaryRow(*row) for label, *row in rows}
+
+
+def _found(
+    results: Results, point: dict[str, Any], scenario: Any
+) -> dict[tuple[str, str], Bounded]:
+    runs, found = results.runs(point), {}
+    for label in dict.fromkeys(label for label, _ in runs):
+        mine = {metric: values for (of, metric), values in runs.items() if of == label}
+        for row in _bounded(mine, scenario):
+            found[label, row.row.metric] = row
+    return found
+
+
+@np.errstate(all="ignore")
+def _bounded(runs: dict[str, Array], scenario: Any) -> list[Bounded]:
+    """The rows of one filter; their room from moving the values to where they may have been."""
+
+    def rows(values: dict[str, Array]) -> list[SummaryRow]:
+        result = FilterResult(values, {}, {}, None, [])
+        return list(summary_rows(result, sizes(scenario), {}))
+
+    moved = [rows(values) for values in _moved(runs)]
+    return [
+        Bounded(row, *_room(row, others)) for row, *others in zip(rows(runs), *moved, strict=True)
+    ]
+
+
+def _room(row: SummaryRow, others: list[SummaryRow]) -> tuple[float, float]:
+    """How far value and error are off in the others; not a number where they are none."""
+    off = np.array([[row.value - o.value, row.stderr - o.stderr] for o in others])
+    value, stderr = _MARGIN * np.abs(off).max(axis=0)
+    return float(value), float(stderr)
+
+
+def _moved(runs: dict[str, Array]) -> Iterator[dict[str, Array]]:
+    """All values larger, smaller, further apart, closer together, by as much as they were rounded."""
+    for direction in (_up, _apart):
+        for sign in (1.0, -1.0):
+            yield {
+                name: x if name == "lost" else x + sign * HALF["per_run.csv"] * direction(x)
+                for name, x in runs.items()
+            }
+
+
+def _up(x: Array) -> Array:
+    return np.where(np.isfinite(x), np.abs(x), 0.0)
+
+
+def _apart(x: Array) -> Array:
+    """The larger half up and the smaller half down; which of equal values, is all the same."""
+    side = np.ones(len(x))
+    side[np.argsort(x)[: np.isfinite(x).sum() // 2]] = -1.0
+    return side * _up(x)
