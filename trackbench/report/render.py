@@ -61,7 +61,9 @@ def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str
     if getattr(spec, "shown_runs", 0) and not results.shown:
         return []
     figure = spec.draw(results)
-    contents = [(form, style.content(figure, form)) for form in formats]
+    # Each drawing moves the layout by a rounding: the SVG comes first, to be the same with any others.
+    first = sorted(formats, key=lambda form: form != "svg")
+    contents = [(form, style.content(figure, form)) for form in first]
     style.close(figure)
     return contents
 
