@@ -60,6 +60,24 @@ def numpys() -> str:
     return _digest(results)
 
 
+def hangs_on_numpys(*parts: Any) -> bool:
+    """Whether what scenarios and filters compute is made with numpy's functions, too.
+
+    So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
+    """
+    return any(
+        not type(part).__module__.startswith("trackbench.")
+        or not noise.is_erlang(getattr(_noise_of(part), "shape", 1))
+        for part in parts
+        if part is not None
+    )
+
+
+def _noise_of(part: Any) -> Any:
+    """The process noise of a scenario that names one."""
+    return getattr(part.model.motion, "noise", None) if hasattr(part, "model") else None
+
+
 def _inputs() -> tuple[Array, Array]:
     """Numbers (8192,) twice, between zero and one and never either."""
     n = np.arange(8192, dtype=np.uint64)

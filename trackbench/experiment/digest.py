@@ -41,7 +41,8 @@ def _part(part: Any) -> list[Any]:
         read |= getattr(inner, "contents", {})
     # What was read makes the numbers: the file itself may have been edited since.
     keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
-    return [keys, code, arithmetic.numpys() if code else None]
+    takes_numpys = bool(code) or arithmetic.hangs_on_numpys(part)
+    return [keys, code, arithmetic.numpys() if takes_numpys else None]
 
 
 def _content_digest(path: str) -> str:

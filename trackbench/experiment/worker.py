@@ -46,18 +46,15 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
 
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
-    if here.numpys != expected.numpys and _has_foreign_code(block):
+    if here.numpys != expected.numpys and arithmetic.hangs_on_numpys(
+        block.scenario, block.filter, block.reference
+    ):
         raise RuntimeError(
-            "numpy computes otherwise on this worker (another processor or C library), so that "
-            "code of one's own may have other numbers here: use workers of one kind"
+            "numpy computes otherwise on this worker (another processor or C library), and this "
+            "filter or scenario takes its functions: use workers of one kind"
         )
     with guarded():
         return run_whole_block(block)
-
-
-def _has_foreign_code(task: BlockTask) -> bool:
-    parts = (task.scenario, task.filter, task.reference)
-    return any(not type(part).__module__.startswith("trackbench.") for part in parts if part)
 
 
 def start_local_worker() -> None:
