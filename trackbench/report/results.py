@@ -240,7 +240,9 @@ def _same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 
 
-_TYPES: Any = {"filter": str, "run": int, "step": int} | dict.fromkeys(
-    ["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float
-)
+_TYPES: Any = {
+    "filter": str,
+    **dict.fromkeys(["run", "step", "runs", "lost"], int),
+    **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
+}
 """Of columns, so that they are the same in a file without rows, where every filter failed."""
