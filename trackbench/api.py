@@ -4,7 +4,6 @@
 results of an earlier run.
 """
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +14,7 @@ from trackbench.experiment.files import touched
 from trackbench.experiment.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
-from trackbench.report.opening import changed_since, open_results
+from trackbench.report.opening import open_results, open_with_notes
 from trackbench.report.page import write_report
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
@@ -103,9 +102,7 @@ def _written_again(folder: Path | str) -> Iterator[tuple[Results, list[Path]]]:
 
     What else was changed since the run is said, and stays in the manifest as it was.
     """
-    results = open_results(Path(folder))
-    for line in changed_since(results):
-        print(f"note: {line}", file=sys.stderr)
+    results = open_with_notes(Path(folder))
     with touched() as paths:
         try:
             yield results, paths

@@ -210,6 +210,9 @@ def test_a_changed_file_is_said_and_stays_said(folder, capsys, names, what) -> N
         lines = capsys.readouterr().err.splitlines() or [f.text for f in found]
         assert f"{what} after the run: run the experiment again" in lines[0]
     assert changed_since(open_results(folder))
+    (folder / "tables" / "t.csv").unlink()
+    api.report(folder.parent)
+    assert f"note: {folder}: tables/t.csv is missing: run" in capsys.readouterr().err
 
 
 def test_a_missing_file_is_said_unless_git_leaves_it_out(tmp_path: Path, capsys) -> None:

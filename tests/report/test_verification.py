@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
@@ -110,6 +111,45 @@ def test_runs_of_a_particle_filter_that_are_all_worse_are_changed(config, heavy)
     assert is_ == CHANGED
     assert "PF: " in line
     assert "on average beyond chance: rmse by 0." in line
+
+
+PLUGIN = """
+from dataclasses import dataclass
+
+from trackbench.filters.reference import PriorMean
+from trackbench.registry import register
+
+
+@register("filters", "raises")
+@dataclass(frozen=True, kw_only=True)
+class Raises(PriorMean):
+    'Fails.'
+
+    def init(self, model, prior, rng):
+        raise ValueError("no")
+"""
+ODD = {
+    "one run": "runs: 1",
+    "nothing kept": "metrics: []\nper_step: []\ntables: {}",
+    "steps kept only": "metrics: [nees]\nper_step: [rmse, bias]\nmedians: [nees]\ntables: {}",
+    "words in a grid": "grid: {filters.PF.resampling: [systematic, residual], "
+    "scenario.lost_beyond: [null, 0.4]}",
+    "every filter fails": "plugins: [own.py]\nfilters: {A: {kind: raises}}\n"
+    "grid: {scenario.R: [1, 2]}",
+    "a bound": "bound: PCRLB\ntables: {}\nscenario: {kind: banana, scans: 4}\n"
+    "filters: {EKF: {kind: ekf, start: mucm}}",
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_experiments_come_out_again(config, case):
+    given = yaml.safe_load(CONFIG) | yaml.safe_load(ODD[case])
+    config.write_text(yaml.safe_dump(given))
+    (config.parent / "own.py").write_text(PLUGIN)
+    options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
+    folder = api.run(config, options, allow_plugins=True).folder
+    assert verify(folder, 5, allow_plugins=True) == []
+    assert verify(folder, 20, allow_plugins=True) == []
 
 
 def test_another_filter_than_the_one_that_was_run_is_changed(folder):

@@ -5,7 +5,7 @@ from pathlib import Path
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.report.comparison import LEGEND, summary_lines
-from trackbench.report.opening import open_results
+from trackbench.report.opening import open_with_notes
 from trackbench.report.page import together, verdict_tables, write_index
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison, compare
@@ -36,7 +36,7 @@ def _opened(folder: Path) -> list[Results]:
     problems: list[Problem | str] = []
     for candidate in candidates:
         try:
-            opened.append(open_results(candidate))
+            opened.append(open_with_notes(candidate))
         except UserError as error:
             problems += error.problems
     if problems:

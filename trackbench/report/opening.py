@@ -1,5 +1,6 @@
 """Whether a folder holds whole results that this version can read."""
 
+import sys
 from pathlib import Path
 
 from trackbench.experiment.definition import Settings
@@ -50,6 +51,14 @@ def open_results(folder: Path) -> Results:
 def _grid_columns(results: Results) -> list[str]:
     columns = list(results.summary.columns)
     return columns[: columns.index("filter")]
+
+
+def open_with_notes(folder: Path) -> Results:
+    """The same, and a note to stderr of what else was changed since: it is gone on with."""
+    results = open_results(folder)
+    for line in changed_since(results):
+        print(f"note: {line}", file=sys.stderr)
+    return results
 
 
 def changed_since(results: Results) -> list[str]:
