@@ -325,7 +325,12 @@ def test_no_space_for_the_results(tmp_path: Path) -> None:
     assert process.returncode == 1
     assert "error: cannot write results/long/per_run.csv: file too large" in stderr
     assert "Traceback" not in stderr
-    assert table.read_bytes() == good  # the old file stands
+    assert (
+        not table.exists()
+    )  # what there was went first: old tables do not stand beside new figures
+    assert not (tmp_path / "results" / "long" / "manifest.json").exists()
+    assert finish(config)[0] == 0
+    assert table.read_bytes() == good  # from the blocks that were kept
     assert not list((tmp_path / "results").rglob("*.part"))
     assert finish(config)[0] == 0
 
