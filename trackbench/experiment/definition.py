@@ -31,6 +31,9 @@ class Settings:
     """seed of every random number"""
     runs: Count = 100
     """Monte Carlo runs"""
+    verdict_seeds: Count = 4
+    """independent batches, of streams of their own, that the runs are split into: a verdict on what is
+    published needs every one of them"""
     block: Count | Literal["fit"] | None = None
     """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
     always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""

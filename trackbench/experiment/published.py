@@ -14,7 +14,7 @@ from typing import Any, Literal
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.source import Source, scalar
 from trackbench.experiment.validate import build, unknown
-from trackbench.keys import Count, Finite, Natural, NonNegative
+from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
 
 _NAME = r"[A-Za-z_][\w.-]*(?:\[[^\]]*\])?"
 _PLAIN = rf"(?:{_NAME}\({_NAME}\)|{_NAME}@(?:\d+|last)|{_NAME})"
@@ -42,6 +42,12 @@ class PublishedNumber:
     """decimals that are printed"""
     runs: Count | None = None
     """the paper's Monte Carlo runs"""
+    variance: Positive | None = None
+    """variance over the paper's runs, where it prints one; so its own standard error is known"""
+    margin: NonNegative = 0.0
+    """how far from zero a value may be and still count as unbiased"""
+    chosen: str = ""
+    """what the paper leaves out and was chosen so that this number comes out: it decides nothing"""
     experiment: str = ""
     """experiments that measure it, separated by semicolons"""
     label: str = ""
