@@ -32,7 +32,9 @@ def main() -> None:
         return
     print("| workload | entrant | this / other | quartiles | of the least |\n|---|---|---|---|---|")
     for module in modules:
-        rounds = [[_elsewhere(f, module) for f in (HERE, options.folder)] for _ in range(options.rounds)]
+        rounds = [
+            [_elsewhere(f, module) for f in (HERE, options.folder)] for _ in range(options.rounds)
+        ]
         for name in rounds[0][0]:
             _report(name, [(here[name], other[name]) for here, other in rounds if name in other])
 
@@ -51,7 +53,9 @@ def _elsewhere(folder: Path, module: str) -> dict[str, float]:
     code = Path(__file__).read_text(encoding="utf-8")
     command = [sys.executable, "-c", code, str(folder), module, "--once"]
     environment = os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=True
+    )
     seconds: dict[str, float] = json.loads(done.stdout)
     return seconds
 

@@ -21,7 +21,7 @@ ARGUMENTS = [
     "--scans",
     "25",
 ]
-OWN = "88f04dd7bf8c"
+OWN = "a7c8513597aa"
 """First digits of what the package's own arithmetic gives on every machine."""
 
 

@@ -16,7 +16,7 @@ def one_by_one(rows: np.ndarray) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("shape", [(7, 10), (1, 33), (3, 63), (2, 4, 50), (5,), (1, 1)])
+@pytest.mark.parametrize("shape", [(7, 10), (1, 33), (3, 255), (2, 4, 50), (5,), (1, 1)])
 def test_short_rows_are_added_in_their_order(
     shape: tuple[int, ...], rng: np.random.Generator
 ) -> None:
@@ -32,13 +32,12 @@ def by_blocks(a: np.ndarray, block: int) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("n", [64, 100, 256, 300, 4095, 4096, 10_001])
+@pytest.mark.parametrize("n", [256, 300, 4095, 4096, 10_001])
 def test_long_rows_are_added_block_by_block(n: int, rng: np.random.Generator) -> None:
     a = rng.standard_normal((3, n))
     few = a
-    for block in {n < 256: [], 256 <= n < 4096: [128], n >= 4096: [512, 128]}[True]:
+    for block in [128] if n < 4096 else [512, 128]:
         few = by_blocks(few, block)
-    few = by_blocks(few, 32)
     np.testing.assert_array_equal(sums.total(a), one_by_one(few.T))
     np.testing.assert_allclose(sums.total(a), a.sum(axis=-1), atol=1e-11)
     np.testing.assert_array_equal(sums.total(a[:1])[0], sums.total(a)[0])

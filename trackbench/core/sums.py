@@ -12,7 +12,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 
-_BLOCKS = ((4096, 512), (256, 128), (64, 32))  # length from which a row is cut, and into what
+_BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into what
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:

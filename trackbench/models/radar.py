@@ -38,11 +38,15 @@ class RangeAzimuth:
 
     def polar(self, x: Array) -> Array:
         """Range and azimuth (2, *batch) of states x (4, *batch)."""
+        i, j = self.position
+        return np.stack([self.range(x), arctan2(x[j], x[i])])
+
+    def range(self, x: Array) -> Array:
+        """Range (*batch) of states x (4, *batch)."""
         px, py = (x[i] for i in self.position)
-        out = np.empty((2, *px.shape))
-        np.sqrt(px * px + py * py, out=out[0])
-        out[1] = arctan2(py, px)
-        return out
+        square = px * px
+        square += py * py
+        return np.sqrt(square, out=square)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """``z - z_pred`` with the azimuth wrapped to (-pi, pi]."""

@@ -121,7 +121,7 @@ class Banana:
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Functions of the state whose posterior means are scored beside the mean state's own."""
-        return {"mean_range": self._sensor.polar(x)[0]}
+        return {"mean_range": self._sensor.range(x)}
 
     def bounds(self) -> dict[str, Array]:
         """Posterior Cramer-Rao bound on every RMSE (T + 1,), along the path without process noise.
