@@ -15,7 +15,7 @@ def compare(folder: Folder) -> None:
     from trackbench.report.results import Results
 
     found = api.compare(folder)
-    if not found.numbers and not found.claims:
+    if not found.rows and not found.claims:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return
     typer.echo(markdown(Results(folder), found))

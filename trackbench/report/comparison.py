@@ -1,6 +1,5 @@
 """The verdicts as files: comparison.csv, comparison.md and claims.csv; the pairs as paired.csv."""
 
-from collections import Counter
 from collections.abc import Iterable
 from math import isfinite, isnan
 
@@ -10,20 +9,32 @@ from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
+from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
 from trackbench.report.verdicts import Compared, Comparison, Judged, Ranked
 
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
     *["paper", "row", "label", "expression", "runs", "published_runs"],
+    *["z_of_batches", "fragile", "best"],
 ]
-CLAIM_HEADER = ["claim", "verdict", "z", "paired", "note", "paper", "source"]
+CLAIM_HEADER = [
+    "claim",
+    "verdict",
+    "z",
+    "paired",
+    "note",
+    "paper",
+    "source",
+    "z_of_batches",
+    "fragile",
+]
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
 def write_comparison(results: Results, comparison: Comparison) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
     folder = results.target
-    if not comparison.numbers and not comparison.claims:
+    if not comparison.rows and not comparison.claims:
         for name in FILES:
             remove(folder / name)
         return
@@ -42,14 +53,16 @@ def write_paired(results: Results) -> None:
 
 
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:
-    """Rows of comparison.csv."""
+    """Rows of comparison.csv: every reading of every number, the best ones marked."""
     rows = []
-    for compared in comparison.numbers:
-        p, m = compared.published, compared.measured
+    best = {id(number.best) for number in comparison.numbers}
+    for compared in comparison.rows:
+        p, m, verdict = compared.published, compared.measured, compared.verdict
         cells = [
-            *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, compared.z],
-            *[compared.verdict, compared.note, p.paper, p.row, compared.label],
+            *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, verdict.z],
+            *[verdict.word, compared.note, p.paper, p.row, compared.label],
             *[p.expression, m.runs, "" if p.runs is None else p.runs],
+            *[_batches(verdict), _yes(compared.fragile), _yes(id(compared) in best)],
         ]
         rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))
     return rows
@@ -59,26 +72,41 @@ def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
     """Rows of claims.csv."""
     rows = []
     for judged in comparison.claims:
-        paired = "yes" if judged.paired else "no"
-        cells = [judged.claim.claim, judged.verdict, judged.z, paired, judged.note]
-        cells += [judged.claim.paper, judged.claim.source]
+        verdict, claim = judged.verdict, judged.claim
+        cells = [claim.claim, verdict.word, verdict.z, _yes(judged.paired), judged.note]
+        cells += [claim.paper, claim.source, _batches(verdict), _yes(judged.fragile)]
         rows.append(dict(zip(CLAIM_HEADER, cells, strict=True)))
     return rows
 
 
-def verdict_counts(verdicts: Iterable[str]) -> str:
-    """``10 agrees, 2 near, 3 differs``, in a fixed order."""
-    order = ("agrees", "near", "differs", "holds", "fails", "not decided", "not measured")
-    found = Counter(verdicts)
-    return ", ".join(f"{found[word]} {word}" for word in order if found[word])
+def _yes(flag: bool) -> str:
+    return "yes" if flag else "no"
+
+
+def verdict_counts(found: Iterable[Compared | Judged]) -> str:
+    """``10 agrees (2 fragile), 3 differs``, in a fixed order."""
+    rows = list(found)
+    parts = []
+    for word in dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS)):
+        there = [row for row in rows if row.verdict.word == word]
+        fragile = sum(row.fragile for row in there)
+        if there:
+            parts.append(f"{len(there)} {word}" + (f" ({fragile} fragile)" if fragile else ""))
+    return ", ".join(parts)
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
-    """One line on the numbers, one on the claims."""
+    """One line on the numbers, each counted once, one on the claims."""
     lines = []
-    for what, rows in (("published numbers", comparison.numbers), ("claims", comparison.claims)):
-        if rows:
-            lines.append(f"{len(rows)} {what}: {verdict_counts(r.verdict for r in rows)}")
+    if comparison.numbers:
+        counts = verdict_counts(number.best for number in comparison.numbers)
+        line = f"{len(comparison.numbers)} published numbers: {counts}"
+        tried = [number for number in comparison.numbers if number.readings > 1]
+        agree = sum(number.best.verdict.word == "agrees" for number in tried)
+        several = f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
+        lines.append(line + (several if tried else ""))
+    if comparison.claims:
+        lines.append(f"{len(comparison.claims)} claims: {verdict_counts(comparison.claims)}")
     return lines
 
 
@@ -98,48 +126,73 @@ def markdown(results: Results, comparison: Comparison) -> str:
 
 
 LEGEND = (
-    "`agrees`: within three combined standard errors (the paper's from the spread over our runs and "
-    "its own number of runs), or equal in the printed digits. `near`: within 10 %. A claim `holds` or "
-    "`fails` beyond three standard errors of the difference, on common runs where it is marked paired."
+    "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, else from "
+    "ours, and its number of runs) lies within 10 % of the printed number or within its printed digits; "
+    "`compatible`: no difference is seen, but the interval is wider; `near`: it differs by less than 10 %; "
+    "`differs`: by more. A claim `holds` or `fails` beyond three standard errors of the difference. What "
+    "differs, holds or fails does so in each batch of runs by itself, else it is `not decided`. `fragile`: one "
+    "run makes a quarter of the squared error. `chosen`: agrees or not with a value that was chosen for it."
 )
 
 
 def number_tables(comparison: Comparison) -> list[TextTable]:
-    """A table of verdicts per published table."""
-    heads = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "Note"]
+    """A table of verdicts per published table, and of those with several readings all of them."""
     tables: dict[tuple[str, str], TextTable] = {}
-    for row in comparison.numbers:
-        p = row.published
+    readings: dict[tuple[str, str], TextTable] = {}
+    number_of = {number.best.printed_at: number.readings for number in comparison.numbers}
+    for number in comparison.numbers:
+        p = number.best.published
         title = f"{p.paper}, {p.table}: published and measured"
-        table = tables.setdefault((p.paper, p.table), TextTable(title, heads))
-        name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
-        name = name if row.label else p.filter
-        metric = f"{p.metric}, {p.row}" if p.row else p.metric
-        table.rows.append(
-            [
-                Text(name),
-                Text(metric),
-                Text(row.verdict),
-                Text(printed(p), None if isinstance(p.value, str) else p.value),
-                Text(_measured(row), row.measured.value),
-                Text(_z(row.z), row.z),
-                Text(row.note),
-            ]
-        )
-    return list(tables.values())
+        table = tables.setdefault((p.paper, p.table), TextTable(title, _heads()))
+        table.rows.append(_row(number.best, number.readings))
+    for row in comparison.rows:
+        if number_of[row.printed_at] > 1:
+            p = row.published
+            title = f"{p.paper}, {p.table}: every reading"
+            table = readings.setdefault((p.paper, p.table), TextTable(title, _heads()))
+            table.rows.append(_row(row, 1))
+    return [t for key in tables for t in (tables[key], readings.get(key)) if t is not None]
+
+
+def _heads() -> list[str]:
+    return ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z of batches", "Note"]
+
+
+def _row(row: Compared, readings: int) -> list[Text]:
+    p, verdict = row.published, row.verdict
+    name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
+    tried = f" (best of {readings})" if readings > 1 else ""
+    return [
+        Text((name if row.label else p.filter) + tried),
+        Text(f"{p.metric}, {p.row}" if p.row else p.metric),
+        Text(_word(row)),
+        Text(printed(p), None if isinstance(p.value, str) else p.value),
+        Text(_measured(row), row.measured.value),
+        Text(_z(verdict.z), verdict.z),
+        Text(_batches(verdict)),
+        Text(row.note),
+    ]
+
+
+def _word(row: Compared | Judged) -> str:
+    return row.verdict.word + (", fragile" if row.fragile else "")
+
+
+def _batches(verdict: Verdict) -> str:
+    return "; ".join(_z(z) for z in verdict.batches)
 
 
 def claim_table(claims: list[Judged]) -> TextTable:
     """Claims with verdict and z."""
     table = TextTable(
         "Claims (z: standard errors in the claim's favour, weakest comparison)",
-        ["Claim", "Verdict", "z", "Paired", "Weakest comparison; note", "Source"],
+        ["Claim", "Verdict", "z", "z of batches", "Paired", "Weakest comparison; note", "Source"],
     )
     for row in claims:
-        paired = "yes" if row.paired else "no"
-        source = f"{row.claim.paper}, {row.claim.source}".rstrip(", ")
-        cells = [row.claim.claim, row.verdict, _z(row.z), paired, row.note, source]
-        table.rows.append([Text(c, row.z if i == 2 else None) for i, c in enumerate(cells)])
+        source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
+        cells = [row.claim.claim, _word(row), _z(z), _batches(row.verdict), _yes(row.paired)]
+        cells += [row.note, source]
+        table.rows.append([Text(c, z if i == 2 else None) for i, c in enumerate(cells)])
     return table
 
 

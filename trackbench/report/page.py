@@ -35,9 +35,11 @@ _MOST_ROWS = 50
 _VERDICTS = {
     "agrees": "good",
     "holds": "good",
+    "compatible": "fair",
     "near": "fair",
     "differs": "bad",
     "fails": "bad",
+    "chosen": "open",
     "not decided": "open",
     "not measured": "open",
 }
@@ -227,8 +229,8 @@ def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
         title=config["title"],
         filters=len(results.filters),
         runs=config["runs"],
-        numbers=verdict_counts(row.verdict for row in comparison.numbers),
-        claims=verdict_counts(row.verdict for row in comparison.claims),
+        numbers=verdict_counts(number.best for number in comparison.numbers),
+        claims=verdict_counts(comparison.claims),
         link=report.relative_to(folder).as_posix() if report.is_file() else "",
     )
 
@@ -236,7 +238,7 @@ def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
 def together(comparisons: list[Comparison]) -> Comparison:
     """All of several experiments."""
     return Comparison(
-        [row for c in comparisons for row in c.numbers],
+        [row for c in comparisons for row in c.rows],
         [row for c in comparisons for row in c.claims],
         [row for c in comparisons for row in c.ranks],
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import Estimate, paired_difference
+from trackbench.report.lost import in_words
 from trackbench.report.text import Text, TextTable
 
 
@@ -73,8 +74,7 @@ class Table:
             row += [Text(self.text(c), c.estimate.value) for c in cells]
             if lost:
                 most = max(cells, key=lambda c: c.lost)
-                of = f"{most.lost} of {most.lost + most.runs}" if most.lost else "0"
-                row.append(Text(of, most.lost))
+                row.append(Text(_losses(most), most.lost))
             table.rows.append(row)
         return table
 
@@ -90,6 +90,11 @@ class Table:
         if not isfinite(value):
             return "all runs lost" if cell.lost and not cell.runs else "–"
         return rounded(value, stderr, self.digits)
+
+
+def _losses(cell: Cell) -> str:
+    """``3 of 800 (0.077 to 1.1 %)``."""
+    return in_words(cell.lost, cell.lost + cell.runs).replace(" runs lost", "")
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:

@@ -1,48 +1,48 @@
 """Does it reproduce? Published numbers and claims against a results folder.
 
-A number `agrees` when it is within three combined standard errors (theirs from our spread over runs and
-their number of runs) or rounds to the printed digits; it is `near` within 10 %; else it `differs`, as it
-does when most runs are lost. A claim `holds` or `fails` when its paired z is beyond three, else it is
-`not decided`.
+What decides is in `agreement`: all runs together, and each of the experiment's independent batches.
 """
 
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import hypot, inf, isfinite, isnan, nan, sqrt
+from functools import cached_property
+from math import inf, isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.experiment.published import Claim, PublishedNumber, split
 from trackbench.experiment.source import scalar
+from trackbench.report import agreement, lost
+from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, UNDECIDED, Verdict
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.results import Results
 
-SURE = 3.0
-"""Standard errors beyond which a difference is taken for real."""
-NEAR = 0.1
-"""Share of a published number that still counts as near."""
-NOT_MEASURED = "not measured"
-
 
 class Compared(NamedTuple):
-    """A published number, what was measured for it, and the verdict."""
+    """A published number, what was measured for it under one reading, and the verdict."""
 
     published: PublishedNumber
     label: str
     measured: Term
-    z: float
-    verdict: str
+    verdict: Verdict
+    fragile: bool
     note: str
+
+    @property
+    def printed_at(self) -> tuple[str, ...]:
+        """Where it stands: readings of one number have this in common."""
+        p = self.published
+        return p.paper, p.table, p.row, p.filter, p.metric
 
 
 class Judged(NamedTuple):
-    """A claim, the z of its weakest comparison (positive: in its favour), the verdict, and why."""
+    """A claim, the verdict by the z of its weakest comparison (positive: in its favour), and why."""
 
     claim: Claim
-    z: float
+    verdict: Verdict
     paired: bool
-    verdict: str
+    fragile: bool
     note: str
 
 
@@ -56,83 +56,154 @@ class Ranked(NamedTuple):
     tau: float
 
 
-class _Score(NamedTuple):
-    """One comparison: z in the claim's favour, how far off, on common runs or not, in words."""
+class Reproduced(NamedTuple):
+    """A published number by its best reading, out of so many."""
 
-    z: float
-    off: float
-    paired: bool
-    why: str
+    best: Compared
+    readings: int
 
 
 @dataclass(frozen=True)
 class Comparison:
     """Everything that is published about one experiment, with verdicts."""
 
-    numbers: list[Compared]
+    rows: list[Compared]
     claims: list[Judged]
     ranks: list[Ranked]
+
+    @cached_property
+    def numbers(self) -> list[Reproduced]:
+        """A verdict for each published number, however many readings of it were tried."""
+        found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
+        for row in self.rows:
+            found[row.printed_at].append(row)
+        return [Reproduced(min(rows, key=_rank), len(rows)) for rows in found.values()]
+
+
+def _rank(row: Compared) -> tuple[int, float]:
+    """The best verdict first; of equal ones the nearest value."""
+    printed, value = row.published.value, row.measured.value
+    off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
+    return NUMBER_WORDS.index(row.verdict.word), off
 
 
 def compare(results: Results) -> Comparison:
     """Hold the results against what is published about the experiment."""
     published = results.published
-    numbers = [row for number in published.numbers for row in _numbers(results, number)]
+    rows = [row for number in published.numbers for row in _readings(results, number)]
     claims = [judge(results, claim) for claim in published.claims]
-    return Comparison(numbers, claims, list(rank_agreement(numbers)))
-
-
-def verdict(number: PublishedNumber, measured: Term) -> tuple[str, float]:
-    """Verdict and z of a measured number; a word is decided by whether zero is excluded."""
-    value, stderr = measured.estimate
-    if measured.lost > measured.runs > 0:
-        return "differs", inf  # what survives says nothing of the filter
-    if not isfinite(value):
-        return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
-    if isinstance(number.value, str):
-        z = z_score(Estimate(value, stderr))
-        word = "biased" if abs(z) >= SURE else "unbiased"
-        return ("agrees" if word == number.value else "differs"), z
-    theirs = stderr * sqrt(measured.runs / number.runs) if number.runs else 0.0
-    off = value - number.value
-    z = z_score(Estimate(off, hypot(stderr, theirs)))
-    if abs(z) <= SURE or abs(off) <= 0.5 * 10.0**-number.digits:
-        return "agrees", z
-    return ("near" if abs(off) <= NEAR * abs(number.value) else "differs"), z
+    return Comparison(rows, claims, list(rank_agreement(rows)))
 
 
 def judge(results: Results, claim: Claim) -> Judged:
     """The verdict on a claim: it holds if it does against every filter it names."""
     point = point_of(results, claim.point)
     if point is None or not claim.left or not claim.expression:
-        return Judged(claim, nan, False, NOT_MEASURED, _unmeasured(claim, point))
-    expressions = Expressions(results, point)
-    found = [_score(expressions, claim, right) for right in claim.rights or [""]]
+        verdict = Verdict(NOT_MEASURED, nan)
+        return Judged(claim, verdict, False, False, _unmeasured(claim, point))
+    whole = Expressions(results, point)
+    batches = whole.batches(seeds_of(results))
+    found = [_score(whole, batches, claim, right) for right in claim.rights or [""]]
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
-    z, paired = weakest.z, weakest.paired
-    word = "holds" if z >= SURE else "fails" if z <= -SURE else "not decided"
+    of_batches = [min(zs) for zs in zip(*(score.batches for score in found), strict=True)]
+    verdict = agreement.of_claim(weakest.z, of_batches)
     if isnan(weakest.off):
-        word = NOT_MEASURED
-    return Judged(claim, z, paired, word, _joined(weakest.why, claim.note))
+        verdict = verdict._replace(word=NOT_MEASURED)
+    if verdict.word == "holds" and any(score.loses_more for score in found):
+        verdict = verdict._replace(word=UNDECIDED)
+    fragile = any(score.fragile for score in found)
+    note = _joined(*(score.loses_more for score in found), weakest.why, claim.note)
+    return Judged(claim, verdict, weakest.paired, fragile, note)
 
 
-def rank_agreement(numbers: list[Compared]) -> Iterator[Ranked]:
+def seeds_of(results: Results) -> int:
+    """Number of independent batches that a verdict needs; 1 of a folder from before there were any."""
+    seeds: int = results.config.get("verdict_seeds", 1)
+    return seeds
+
+
+class _Score(NamedTuple):
+    """One comparison: z in the claim's favour, of each batch too; how far off; in words."""
+
+    z: float
+    batches: list[float]
+    off: float
+    paired: bool
+    fragile: bool
+    loses_more: str
+    why: str
+
+
+def _score(whole: Expressions, batches: list[Expressions], claim: Claim, right: str) -> _Score:
+    """The claim against one filter of its right side, or against its factor if there is none."""
+    off, target = _off(whole, claim, right)
+    sides = [(claim.left, claim.expression)]
+    sides += [(right, claim.right_expression or claim.expression)] if right else []
+    why = [_in_words(label, whole.term(label, expression)) for label, expression in sides]
+    why += [] if right else [f"{target:g}"]
+    return _Score(
+        _in_favour(claim, off, target),
+        [_in_favour(claim, *_off(batch, claim, right)) for batch in batches] if off.splits else [],
+        off.value,
+        off.splits,
+        off.fragile,
+        _loses_more(whole, claim, right),
+        ", ".join(why) + ("; no standard error" if isnan(off.stderr) else ""),
+    )
+
+
+def _in_words(label: str, term: Term) -> str:
+    runs = term.runs + term.lost
+    return f"{label} {term.value:.4g}" + (
+        f" ({lost.in_words(term.lost, runs)})" if term.lost else ""
+    )
+
+
+def _off(expressions: Expressions, claim: Claim, right: str) -> tuple[Term, float]:
+    """How far the left side is off its target, and the target."""
+    left = (claim.left, claim.expression)
+    if not right:
+        a = expressions.term(*left)
+        return a._replace(value=a.value - claim.factor), claim.factor
+    other = (right, claim.right_expression or claim.expression)
+    target = claim.factor * expressions.term(*other).value
+    return expressions.difference(left, other, claim.factor), target
+
+
+def _in_favour(claim: Claim, off: Term, target: float) -> float:
+    """z of the claim, whose left side is so far off its target."""
+    if claim.relation == "~":
+        room = claim.tolerance * abs(target)
+        return z_score(Estimate(room - abs(off.value), off.stderr))
+    z = off.z()
+    return -z if claim.relation == "<" else z
+
+
+def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
+    """Why a filter whose error is said to be smaller is not better: it loses more of the same runs."""
+    a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
+    if claim.relation != "<" or a is None or b is None or not lost.loses_more(a, b):
+        return ""
+    return f"{claim.left} loses {int((a > 0).sum())} runs, {right} {int((b > 0).sum())}"
+
+
+def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
     """Kendall's tau between the published and the measured order, per column with three filters."""
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
-    for row in numbers:
+    for row in rows:
         if isfinite(row.measured.value) and not isinstance(row.published.value, str):
             p = row.published
             columns[p.paper, p.table, p.row, p.metric].append(row)
-    for (paper, table, part, metric), rows in columns.items():
-        if len(rows) < 3 or len({r.published.filter for r in rows}) < len(rows):
+    for (paper, table, part, metric), found in columns.items():
+        if len(found) < 3 or len({r.published.filter for r in found}) < len(found):
             continue
         from scipy.stats import kendalltau  # half a second that most experiments need not wait
 
         order = kendalltau(
-            [r.published.value for r in rows], [r.measured.value for r in rows]
+            [r.published.value for r in found], [r.measured.value for r in found]
         ).statistic
         heading = f"{metric}, {part}" if part else metric
-        yield Ranked(paper, table, heading, len(rows), float(order))
+        yield Ranked(paper, table, heading, len(found), float(order))
 
 
 def point_of(results: Results, text: str) -> dict[str, Any] | None:
@@ -148,55 +219,24 @@ def _unmeasured(row: PublishedNumber | Claim, point: dict[str, Any] | None) -> s
     return _joined("" if point is not None else f"no results at {row.point}", row.note)
 
 
-def _numbers(results: Results, number: PublishedNumber) -> Iterator[Compared]:
+def _readings(results: Results, number: PublishedNumber) -> Iterator[Compared]:
     point = point_of(results, number.point)
     if point is None or not number.labels or not number.expression:
         nothing = Term(nan, nan, None, 0)
-        yield Compared(number, "", nothing, nan, NOT_MEASURED, _unmeasured(number, point))
+        note = _unmeasured(number, point)
+        yield Compared(number, "", nothing, Verdict(NOT_MEASURED, nan), False, note)
         return
-    expressions = Expressions(results, point)
+    whole = Expressions(results, point)
+    batches = whole.batches(seeds_of(results))
     for label in number.labels:
-        measured = expressions.term(label, number.expression)
-        word, z = verdict(number, measured)
-        yield Compared(number, label, measured, z, word, _note(number, measured, word))
-
-
-def _note(number: PublishedNumber, measured: Term, word: str) -> str:
-    notes = []
-    if measured.lost:
-        notes.append(f"{measured.lost} of {measured.runs + measured.lost} runs lost")
-    wide = word == "agrees" and not isinstance(number.value, str)
-    if wide and SURE * measured.stderr > 0.5 * abs(float(number.value)):
-        notes.append("too few runs to tell")
-    return _joined(*notes, number.note)
+        measured = whole.term(label, number.expression)
+        parts = [b.term(label, number.expression) for b in batches] if measured.splits else []
+        verdict = agreement.of_number(number, measured, parts)
+        runs = measured.runs + measured.lost
+        losses = lost.in_words(measured.lost, runs) if measured.lost else ""
+        note = _joined(losses, number.chosen, number.note)
+        yield Compared(number, label, measured, verdict, measured.fragile, note)
 
 
 def _joined(*notes: str) -> str:
     return "; ".join(filter(None, notes))
-
-
-def _score(expressions: Expressions, claim: Claim, right: str) -> _Score:
-    """The claim against one filter of its right side, or against its factor if there is none."""
-    left = (claim.left, claim.expression)
-    a = expressions.term(*left)
-    why = f"{claim.left} {a.value:.4g}" + (f" ({a.lost} runs lost)" if a.lost else "")
-    if right:
-        other = (right, claim.right_expression or claim.expression)
-        b = expressions.term(*other).value
-        difference = expressions.difference(left, other, claim.factor)
-        off, paired = difference.estimate, difference.influences is not None
-        target, why = claim.factor * b, f"{why}, {right} {b:.4g}"
-    else:
-        off, paired = Estimate(a.value - claim.factor, a.stderr), True
-        target, why = claim.factor, f"{why}, {claim.factor:g}"
-    why += "; no standard error" if isnan(off.stderr) else ""
-    return _Score(_in_favour(claim, off, target), off.value, paired, why)
-
-
-def _in_favour(claim: Claim, off: Estimate, target: float) -> float:
-    """z of the claim, whose left side is so far off its target."""
-    if claim.relation == "~":
-        room = claim.tolerance * abs(target)
-        return z_score(Estimate(room - abs(off.value), off.stderr))
-    z = z_score(off)
-    return -z if claim.relation == "<" else z

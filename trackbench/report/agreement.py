@@ -1,0 +1,105 @@
+"""Rules of the verdicts: what one measurement says, and what all independent batches of it decide.
+
+A difference has to show in every batch by itself: a number `differs` (or is `biased`), a claim `holds` or
+`fails` only so. An agreement is an equivalence, which takes all runs to be shown, and which no batch may
+contradict.
+"""
+
+from collections.abc import Sequence
+from math import inf, isfinite, nan, sqrt
+from typing import NamedTuple
+
+from trackbench.experiment.published import PublishedNumber
+from trackbench.report.expressions import Term
+
+SURE = 3.0
+"""Standard errors beyond which a difference is taken for real."""
+NEAR = 0.1
+"""Share of a published number within which the difference must lie to be none."""
+NOT_MEASURED, UNDECIDED = "not measured", "not decided"
+NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
+"""Verdicts on a number, the best first."""
+CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
+_TO_BE_SHOWN_BY_EACH = ("differs", "holds", "fails", "biased")
+_CONTRADICTS = {
+    "agrees": ("near", "differs"),
+    "compatible": ("near", "differs"),
+    "unbiased": ("biased",),
+}
+
+
+class Verdict(NamedTuple):
+    """The word, z over all runs, z of each batch."""
+
+    word: str
+    z: float
+    batches: tuple[float, ...] = ()
+
+
+def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> Verdict:
+    """The verdict on a published number from all runs and from each batch of them."""
+    judge = _bias if isinstance(number.value, str) else _difference
+    word, z = judge(number, whole)
+    found = [judge(number, batch) for batch in batches]
+    word = settled(word, [w for w, _ in found])
+    if word in ("biased", "unbiased"):
+        word = "agrees" if word == number.value else "differs"
+    if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
+        word = "chosen"
+    return Verdict(word, z, tuple(z for _, z in found))
+
+
+def of_claim(z: float, batches: Sequence[float]) -> Verdict:
+    """The verdict on a claim from the z in its favour."""
+    word = settled(_claimed(z), [_claimed(b) for b in batches])
+    return Verdict(word, z, tuple(batches))
+
+
+def settled(word: str, batches: Sequence[str]) -> str:
+    """What all runs say, unless a batch of them says otherwise."""
+    if word in _TO_BE_SHOWN_BY_EACH:
+        return word if all(b == word for b in batches) else UNDECIDED
+    return UNDECIDED if set(batches) & set(_CONTRADICTS.get(word, ())) else word
+
+
+def _claimed(z: float) -> str:
+    return "holds" if z >= SURE else "fails" if z <= -SURE else UNDECIDED
+
+
+def _difference(number: PublishedNumber, measured: Term) -> tuple[str, float]:
+    """A number against the printed one, whose error is the paper's own where it prints a spread."""
+    value, printed = measured.value, number.value
+    if measured.lost > measured.runs > 0:
+        return "differs", inf  # what survives says nothing of the filter
+    if not isfinite(value):
+        return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
+    assert not isinstance(printed, str)
+    theirs = _of_the_paper(number, measured)
+    z = measured.z(printed, theirs)
+    reach = max(abs(end - printed) for end in measured.interval(other=theirs))
+    room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
+    if reach <= digits or (abs(z) <= SURE and reach <= room):
+        return "agrees", z
+    if not abs(z) > SURE:
+        return "compatible", z
+    return ("near" if abs(value - printed) <= room else "differs"), z
+
+
+def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
+    """Standard error of the printed number: from its own spread, else from ours."""
+    if not number.runs:
+        return 0.0
+    if number.variance is not None:
+        return sqrt(number.variance / number.runs)
+    return measured.stderr * sqrt(measured.runs / number.runs)
+
+
+def _bias(number: PublishedNumber, measured: Term) -> tuple[str, float]:
+    """Biased if beyond the margin for certain, unbiased if within it for certain."""
+    value, stderr = measured.estimate
+    if not isfinite(value):
+        return NOT_MEASURED, nan
+    z = measured.z()
+    if abs(value) - number.margin >= SURE * stderr:
+        return "biased", z
+    return ("unbiased" if abs(value) + SURE * stderr <= number.margin else UNDECIDED), z

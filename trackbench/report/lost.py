@@ -1,0 +1,32 @@
+"""Lost runs: how many, how sure that is, and whether one filter loses more than another."""
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+
+_BY_CHANCE = 0.01
+"""Probability below which so many more lost runs of one filter are no chance."""
+
+
+def share(lost: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval of the probability of a loss (Clopper and Pearson 1934)."""
+    from scipy.special import betaincinv
+
+    tail = 0.5 * (1.0 - level)
+    low = betaincinv(lost, runs - lost + 1, tail) if lost else 0.0
+    high = betaincinv(lost + 1, runs - lost, 1.0 - tail) if lost < runs else 1.0
+    return float(low), float(high)
+
+
+def in_words(lost: int, runs: int) -> str:
+    """``3 of 800 runs lost (0.077 to 1.1 %)``."""
+    low, high = share(lost, runs)
+    return f"{lost} of {runs} runs lost ({100 * low:.2g} to {100 * high:.2g} %)"
+
+
+def loses_more(a: Array, b: Array) -> bool:
+    """Whether a filter loses more of the same runs than another, from their loss codes (M,): sign test."""
+    from scipy.special import bdtrc  # the upper tail of a binomial distribution
+
+    alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
+    return bool(alone) and float(bdtrc(alone - 1, alone + other, 0.5)) < _BY_CHANCE
