@@ -1,7 +1,7 @@
 """What a change costs: this checkout against another one, `python -m benchmarks.against FOLDER W1 W3`.
 
-Each workload's own entrants (those named trackbench) run in fresh processes that take turns, first in this
-checkout, then in the other one, so that a busy minute of the machine hits both.
+Each workload's own entrants (those named trackbench) run in fresh processes that take turns, in this
+checkout and in the other one, so that a busy minute of the machine hits both.
 """
 
 import argparse

@@ -98,7 +98,7 @@ def test_an_edited_number_is_found(folder, case):
         ("comparison.md", "plainly wrong", "right", "comparison.md: 1 rows "),
         ("comparison.csv", ",near,", ",agrees,", "comparison.csv: 1 rows do not follow"),
         ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
-        ("claims.csv", "p,text\n", "", "claims.csv: has "),
+        ("claims.csv", ",no\n", ",no", "claims.csv: has "),
         ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 rows "),
         ("config.yaml", "floor: Exact", "floor: PF", None),
         ("config.yaml", "runs: 400", "runs: 399", "per_run.csv: has not as many runs"),

@@ -1,8 +1,8 @@
 """Rules of the verdicts: what one measurement says, and what all independent batches of it decide.
 
-A difference has to show in every batch by itself: a number `differs` (or is `biased`), a claim `holds` or
-`fails` only so. An agreement is an equivalence, which takes all runs to be shown, and which no batch may
-contradict.
+A difference has to show in every batch by itself: only so a number `differs` (or is `biased`), and a
+claim `holds` or `fails`. An agreement is an equivalence, which takes all runs to be shown, and which no
+batch may contradict.
 """
 
 from collections.abc import Sequence
@@ -49,9 +49,13 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, tuple(z for _, z in found))
 
 
-def of_claim(z: float, batches: Sequence[float]) -> Verdict:
-    """The verdict on a claim from the z in its favour."""
-    word = settled(_claimed(z), [_claimed(b) for b in batches])
+def of_claim(z: float, batches: Sequence[float], equal: bool = False) -> Verdict:
+    """The verdict on a claim from the z in its favour; to be ``equal`` is shown by all runs together."""
+    word, found = _claimed(z), [_claimed(b) for b in batches]
+    if equal and word == "holds":
+        word = UNDECIDED if "fails" in found else word
+    else:
+        word = settled(word, found)
     return Verdict(word, z, tuple(batches))
 
 

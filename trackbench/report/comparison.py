@@ -5,11 +5,11 @@ from math import isfinite, isnan
 
 from trackbench.experiment.files import remove, write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
+from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
-from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
 from trackbench.report.verdicts import Compared, Comparison, Judged, Ranked
 
 NUMBER_HEADER = [
@@ -126,12 +126,13 @@ def markdown(results: Results, comparison: Comparison) -> str:
 
 
 LEGEND = (
-    "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, else from "
-    "ours, and its number of runs) lies within 10 % of the printed number or within its printed digits; "
-    "`compatible`: no difference is seen, but the interval is wider; `near`: it differs by less than 10 %; "
-    "`differs`: by more. A claim `holds` or `fails` beyond three standard errors of the difference. What "
-    "differs, holds or fails does so in each batch of runs by itself, else it is `not decided`. `fragile`: one "
-    "run makes a quarter of the squared error. `chosen`: agrees or not with a value that was chosen for it."
+    "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
+    "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
+    "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
+    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails` beyond three "
+    "standard errors of the difference. What differs, holds or fails does so in each batch of "
+    "runs by itself, else it is `not decided`. `fragile`: one run makes a good part of the "
+    "number's variance. `chosen`: agrees or not with a value that was chosen for it."
 )
 
 

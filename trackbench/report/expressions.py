@@ -95,8 +95,8 @@ class Expressions:
 
     def batches(self, number: int) -> list["Expressions"]:
         """The same over so many batches of consecutive runs, whose streams are independent."""
-        run = np.arange(self.results.config["runs"])
-        batch = run * number // len(run)
+        run = np.arange(max(map(len, self.runs.values()), default=0))
+        batch = run * number // max(len(run), 1)
         return [replace(self, chosen=batch == i) for i in range(number)]
 
     def term(self, label: str, expression: str, common: Mask | None = None) -> Term:

@@ -25,7 +25,7 @@ def in_words(lost: int, runs: int) -> str:
 
 
 def loses_more(a: Array, b: Array) -> bool:
-    """Whether a filter loses more of the same runs than another, from their loss codes (M,): sign test."""
+    """Whether a filter loses more of the same runs than another, by their codes (M,): sign test."""
     from scipy.special import bdtrc  # the upper tail of a binomial distribution
 
     alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))

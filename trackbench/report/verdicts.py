@@ -106,7 +106,7 @@ def judge(results: Results, claim: Claim) -> Judged:
     found = [_score(whole, batches, claim, right) for right in claim.rights or [""]]
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
     of_batches = [min(zs) for zs in zip(*(score.batches for score in found), strict=True)]
-    verdict = agreement.of_claim(weakest.z, of_batches)
+    verdict = agreement.of_claim(weakest.z, of_batches, claim.relation == "~")
     if isnan(weakest.off):
         verdict = verdict._replace(word=NOT_MEASURED)
     if verdict.word == "holds" and any(score.loses_more for score in found):

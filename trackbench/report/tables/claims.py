@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from trackbench.evaluation.statistics import z_score
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import agreement, style
+from trackbench.report.expressions import Expressions, Term
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.verdicts import SURE
+from trackbench.report.verdicts import seeds_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +30,8 @@ class Claim:
 class Claims:
     """A row per claim, a column per value of the grid: paired difference, negative where it holds.
 
-    A claim holds, or fails, beyond three standard errors of the paired difference; between them it is
-    undecided. The notes give the values at which each is the case.
+    A claim holds, or fails, beyond three standard errors of the paired difference in each of the
+    experiment's batches; else it is undecided. The notes give the values at which each is the case.
     """
 
     asks: ClassVar[dict[str, str]] = {"claims": "per_run"}
@@ -51,19 +49,26 @@ class Claims:
         points = results.points()
         names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
-        runs = [results.runs(point) for point in points]
+        at = [Expressions(results, point) for point in points]
         for words, claim in self.claims.items():
-            better, worse = ((label, claim.metric) for label in (claim.less, claim.than))
-            cells = [Cell.difference(found.get(better), found.get(worse)) for found in runs]
-            table.add([words], cells)
-            table.notes.append(f"{words}: {_ranges(names, cells)}.")
+            found = [_compared(expressions, claim) for expressions in at]
+            table.add([words], [Cell(term.estimate, term.runs, term.lost) for term, _ in found])
+            table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
         return table
 
 
-def _ranges(names: list[str], cells: list[Cell]) -> str:
+def _compared(whole: Expressions, claim: Claim) -> tuple[Term, str]:
+    """The difference of the two filters on common runs, and what it says of the claim."""
+    sides = [(label, f"mean({claim.metric})") for label in (claim.less, claim.than)]
+    off = whole.difference(sides[0], sides[1])
+    batches = whole.batches(seeds_of(whole.results))
+    of_batches = [-batch.difference(sides[0], sides[1]).z() for batch in batches]
+    return off, agreement.of_claim(-off.z(), of_batches).word
+
+
+def _ranges(names: list[str], words: list[str]) -> str:
     """``holds at 0, 0.1; undecided at 1; fails at 10``."""
     found: dict[str, list[str]] = {"holds": [], "undecided": [], "fails": []}
-    for name, cell in zip(names, cells, strict=True):
-        z = z_score(cell.estimate) if cell.runs else np.nan
-        found["holds" if z <= -SURE else "fails" if z >= SURE else "undecided"].append(name)
+    for name, word in zip(names, words, strict=True):
+        found.get(word, found["undecided"]).append(name)
     return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)
