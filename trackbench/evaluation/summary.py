@@ -9,6 +9,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, StepSums, joined
+from trackbench.evaluation.shares import TIME_MEAN
 from trackbench.evaluation.statistics import (
     STATISTICS,
     Estimates,
@@ -45,14 +46,19 @@ def summary_rows(
     """``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
 
     ``sizes`` is the number of components by the name of each NEES. ``time-mean(rmse)`` is the mean over
-    a window's steps of the RMSE over runs; its standard error is at most the one given, the mean of the
-    steps' own, because errors that are correlated in time cannot add up to more.
+    a window's steps of the RMSE over runs. Its standard error is that of the runs' shares, where there
+    are any; where nothing asks for it, no more than an upper bound is given, the mean of the steps' own,
+    because errors that are correlated in time cannot add up to more.
     """
     lost = int((result.per_run["lost"] != FOUND).sum())
     for metric, values in result.per_run.items():
-        if metric == "lost":
-            continue
         found = values[~np.isnan(values)]
+        if (
+            TIME_MEAN.fullmatch(metric) and not result.steps
+        ):  # read back: nothing else is known of it
+            yield SummaryRow(metric, *mean(found), len(found), lost)
+        if metric == "lost" or TIME_MEAN.fullmatch(metric):
+            continue
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
         head, _, part = metric.partition("[")[0].partition("_")
@@ -74,10 +80,13 @@ def _time_means(
             there = mask & (number > 0)
             if there.any():
                 metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
+                metric = f"time-mean({metric})"
                 steps = root(mean_from_sums(total[there], squares[there], number[there]))
                 value, stderr = average(np.stack(steps)).tolist()
-                runs = int(number[mask].max())
-                yield SummaryRow(f"time-mean({metric})", value, stderr, runs, lost)
+                shares = result.per_run.get(metric)
+                if shares is not None:
+                    stderr = mean(shares[~np.isnan(shares)]).stderr
+                yield SummaryRow(metric, value, stderr, int(number[mask].max()), lost)
 
 
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:

@@ -13,9 +13,10 @@ from trackbench.evaluation.block import simulate
 from trackbench.evaluation.derived import marginals, sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
+from trackbench.evaluation.shares import series_of
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.evaluation.summary import step_rows, summary_rows
-from trackbench.experiment.definition import Point, Settings
+from trackbench.experiment.definition import Experiment, Point, Settings
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
@@ -34,7 +35,7 @@ _ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)")
 def base_name(metric: str) -> str:
     """``rmse_position`` of ``mean(rmse_position[turns])``; ``nees`` of ``anees``, a mean of it."""
     inside = _ANY_STATISTIC.fullmatch(metric)
-    name = (inside.group(1) if inside else metric).partition("[")[0]
+    name = (inside.group(1) if inside else metric).partition("[")[0].partition("@")[0]
     return name.removeprefix("a") if name.startswith("anees") else name
 
 
@@ -44,6 +45,21 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
         return frozenset(map(base_name, settings.per_step))
     names = settings.metrics
     return None if names is None else frozenset({"lost", *map(base_name, names)})
+
+
+def shared(experiment: Experiment) -> tuple[str, ...]:
+    """Expressions of tables, figures and published files that per_run.csv has each run's share in."""
+    parts: dict[Group, dict[str, Any]] = {
+        "tables": experiment.tables,
+        "figures": experiment.figures,
+    }
+    words = [asked.word for asked in _asked_by_parts(parts)]
+    published = experiment.published
+    words += [e for number in published.numbers for e in number.expressions]
+    words += [e for claim in published.claims for e in claim.expressions]
+    composed = [COMPOSED.fullmatch(word) for word in words]
+    inner = [c.group(2) if c else word for c, word in zip(composed, words, strict=True)]
+    return tuple(sorted({word for word in inner if series_of(word) is not None}))
 
 
 def number_per_run(settings: Settings, scenario: Any, label: str, tracker: Any) -> int:

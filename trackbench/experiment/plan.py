@@ -8,8 +8,9 @@ from math import ceil
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.shares import series_of
 from trackbench.experiment.definition import Experiment, Point, Settings
-from trackbench.experiment.metric_names import number_per_run
+from trackbench.experiment.metric_names import number_per_run, shared
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
@@ -61,6 +62,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
     """Cut every filter's runs into blocks of its width."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
+    kept = _kept_series(experiment)
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -77,11 +79,17 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
                     reference=None if label == settings.reference else reference,
                     shown=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
-                    keep_steps=tuple(settings.medians),
+                    keep_steps=kept,
                 )
                 for block in range(ceil(settings.runs / width))
             ]
     return Plan(tasks, experiment.plugins)
+
+
+def _kept_series(experiment: Experiment) -> tuple[str, ...]:
+    """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
+    series = (series_of(expression) or "" for expression in shared(experiment))
+    return tuple(dict.fromkeys([*experiment.settings.medians, *series]))
 
 
 def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
@@ -175,6 +183,7 @@ def _read_bytes(experiment: Experiment) -> int:
         number_per_run(settings, point.scenario, label, tracker)
         for label, tracker in point.filters.items()
     )
+    metrics += len(shared(experiment)) * len(point.filters)
     return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 
@@ -182,7 +191,7 @@ def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> in
     """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
     settings, steps = experiment.settings, len(point.scenario.steps)
     n_x = len(point.scenario.model.motion.components)
-    per_run = 60 + len(settings.medians) * steps
+    per_run = 60 + len(_kept_series(experiment)) * steps
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
     filters = len(point.filters) * len(experiment.points)

@@ -10,6 +10,7 @@ import numpy as np
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
+from trackbench.evaluation.shares import with_shares
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.summary import (
     StepRow,
@@ -21,7 +22,7 @@ from trackbench.evaluation.summary import (
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.files import csv_writer, replacing, write_text
 from trackbench.experiment.manifest import manifest_of
-from trackbench.experiment.metric_names import base_name, kept_metrics
+from trackbench.experiment.metric_names import base_name, kept_metrics, shared
 from trackbench.experiment.outputs import remove_outputs
 from trackbench.experiment.plan import Key
 from trackbench.experiment.resolved import as_yaml, resolved
@@ -96,6 +97,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
+            result = _shared(experiment, key, result)
             losses[key] = Losses.of(result)
             cpu_s += sum(t.cpu_s for t in result.timing)
             for name in _FRAMES:
@@ -107,6 +109,16 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     for name, collection in kept.items():
         collection.write(folder / name)
     return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)})
+
+
+def _shared(experiment: Experiment, key: Key, result: FilterResult) -> FilterResult:
+    """With the runs' shares that are asked for, and without the series that they are made of."""
+    scenario = experiment.points[key[0]].scenario
+    result = with_shares(
+        result, shared(experiment), scenario.windows, scenario.steps.tolist(), sizes(scenario)
+    )
+    medians = experiment.settings.medians
+    return result._replace(kept={n: rows for n, rows in result.kept.items() if n in medians})
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:
@@ -182,8 +194,9 @@ def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
 def _timing(result: FilterResult, scenario: Any) -> Iterator[Row]:
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
-    per_run = mean(np.array([t.cpu_s / t.runs for t in result.timing]))
-    yield runs, cpu_s, cpu_s / runs, per_run.stderr
+    blocks = np.array([t.cpu_s / t.runs for t in result.timing])
+    each = ";".join(f"{seconds:.6g}" for seconds in blocks)
+    yield runs, cpu_s, cpu_s / runs, mean(blocks).stderr, each
 
 
 def _plain(row: Row, digits: int | None) -> list[Any]:
@@ -198,5 +211,5 @@ _FRAMES: dict[str, tuple[list[str], Any]] = {
     "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
     "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
     "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"], _timing),
+    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"], _timing),
 }

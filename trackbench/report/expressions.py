@@ -1,17 +1,26 @@
 """What a published number is measured by: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
 
 An expression's error comes as one influence per run where it can, so that a difference between two
-filters on common runs is paired; times and steps have a standard error only.
+filters on common runs is paired and a batch of runs can be judged by itself. Times have one per block.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean
+from trackbench.evaluation.intervals import (
+    FRAGILE,
+    dominance,
+    interval_of,
+    normal_of_t,
+    quantile,
+    studentised,
+)
+from trackbench.evaluation.shares import statistic_of
+from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, z_score
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.given import keys_at
 from trackbench.report.results import Results
@@ -25,11 +34,41 @@ class Term(NamedTuple):
     influences: Array | None
     runs: int
     lost: int = 0
+    blocks: Array | None = None
+    """influence (B,) of each block of runs on a time"""
+    freedom: float = np.inf
+    """degrees of freedom of a standard error that no influences give"""
 
     @property
     def estimate(self) -> Estimate:
         """Value and standard error."""
         return Estimate(self.value, self.stderr)
+
+    @property
+    def splits(self) -> bool:
+        """Whether batches of runs have numbers of their own."""
+        return self.influences is not None
+
+    @property
+    def fragile(self) -> bool:
+        """Whether one run makes a good part of the number's variance."""
+        return self.influences is not None and dominance(self.influences) > FRAGILE
+
+    def z(self, target: float = 0.0, other: float = 0.0) -> float:
+        """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
+        with np.errstate(all="ignore"):
+            if self.influences is None:
+                t = z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
+                return normal_of_t(t, self.freedom)
+            return studentised(self.value - target, self.influences, other)
+
+    def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
+        """Confidence interval, of all targets that `z` does not exclude; NaN of what has no error."""
+        with np.errstate(all="ignore"):
+            if self.influences is None:
+                width = quantile(level, self.freedom) * float(np.hypot(self.stderr, other))
+                return self.value - width, self.value + width
+            return interval_of(self.value, self.influences, level, other)
 
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
@@ -37,12 +76,28 @@ _quietly = np.errstate(all="ignore")
 _MISSING = Term(np.nan, np.nan, None, 0)
 
 
+class _OverRuns(NamedTuple):
+    """A statistic over runs of a metric, and what divides it."""
+
+    statistic: str
+    metric: str
+    divisor: float = 1.0
+
+
 @dataclass(frozen=True)
 class Expressions:
-    """Expressions over one results folder at one point of its grid."""
+    """Expressions over one results folder at one point of its grid; over some of its runs, if told."""
 
     results: Results
     point: dict[str, Any]
+    chosen: Mask | None = None
+    """the runs (M,) that count"""
+
+    def batches(self, number: int) -> list["Expressions"]:
+        """The same over so many batches of consecutive runs, whose streams are independent."""
+        run = np.arange(self.results.config["runs"])
+        batch = run * number // len(run)
+        return [replace(self, chosen=batch == i) for i in range(number)]
 
     def term(self, label: str, expression: str, common: Mask | None = None) -> Term:
         """A filter's expression; over the ``common`` runs (M,) only, if they are given."""
@@ -54,9 +109,9 @@ class Expressions:
             common = self._found([(label, inner), (other, inner)])
             ratio = quotient(*(self.term(b, inner, common) for b in (label, other)))
             return ratio if kind == "ratio" else _gain(ratio)
-        statistic = STATISTIC.fullmatch(expression)
-        if statistic:
-            return self._over_runs(label, statistic.group(1), statistic.group(2), common)
+        over_runs = self._of_runs(label, expression)
+        if over_runs is not None:
+            return self._over_runs(label, over_runs, common)
         step = STEP.fullmatch(expression)
         if step:
             return self._at_step(label, step.group(1), step.group(2))
@@ -69,12 +124,7 @@ class Expressions:
         """``left - factor * right`` of two (label, expression), paired on common runs."""
         common = self._found([left, right])
         a, b = (self.term(*side, common) for side in (left, right))
-        value = a.value - factor * b.value
-        stderr = float(np.hypot(a.stderr, factor * b.stderr))
-        if a.influences is None or b.influences is None:
-            return Term(value, stderr, None, min(a.runs, b.runs))
-        influences = a.influences - factor * b.influences
-        return _term(value, influences)
+        return _together(a.value - factor * b.value, a, b, 1.0, -factor)
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
@@ -90,37 +140,52 @@ class Expressions:
             for r in rows
         }
         for r in self.results.at(self.results.timing, self.point).to_dict("records"):
-            found[r["filter"], "cpu_s_per_run"] = Term(
-                r["cpu_s_per_run"], r["stderr"], None, r["runs"]
-            )
+            found[r["filter"], "cpu_s_per_run"] = _time(r)
         return found
+
+    def _of_runs(self, label: str, expression: str) -> _OverRuns | None:
+        """The statistic that an expression is; None for a time, or if no run has a part in it."""
+        statistic = STATISTIC.fullmatch(expression)
+        if statistic:
+            return _OverRuns(statistic.group(1), statistic.group(2))
+        shared = statistic_of(expression)
+        if shared and (label, expression) in self.runs:
+            return _OverRuns(shared, expression)
+        nees = expression.removeprefix("a")
+        if expression.startswith("anees") and (label, nees) in self.runs:
+            a, b = (self._summary.get((label, name)) for name in (f"mean({nees})", expression))
+            if a is not None and b is not None and b.value > 0.0:
+                return _OverRuns("mean", nees, round(a.value / b.value))
+        return None
 
     def _found(self, sides: list[tuple[str, str]]) -> Mask | None:
         """Runs that every side's metric exists for."""
         common: Mask | None = None
         for label, expression in sides:
             composed = COMPOSED.fullmatch(expression)
-            statistic = STATISTIC.fullmatch(composed.group(2) if composed else expression)
+            inner = composed.group(2) if composed else expression
             for name in (label, composed.group(3)) if composed else (label,):
-                values = self.runs.get((name, statistic.group(2))) if statistic else None
+                over_runs = self._of_runs(name, inner)
+                values = self.runs.get((name, over_runs.metric)) if over_runs else None
                 if values is not None:
                     there = ~np.isnan(values)
                     common = there if common is None else common & there
         return common
 
-    def _over_runs(self, label: str, name: str, metric: str, common: Mask | None) -> Term:
-        values = self.runs.get((label, metric))
+    def _over_runs(self, label: str, wanted: _OverRuns, common: Mask | None) -> Term:
+        values = self.runs.get((label, wanted.metric))
         if values is None:
             return _MISSING
+        chosen = np.ones(len(values), bool) if self.chosen is None else self.chosen
         there = ~np.isnan(values)
-        kept = there if common is None else there & common
-        x = values[kept]
+        lost = int((chosen & ~there).sum())
+        kept = chosen & there if common is None else chosen & there & common
+        x = values[kept] / wanted.divisor
         if not len(x):
-            return _MISSING._replace(lost=len(values))
+            return _MISSING._replace(lost=int(chosen.sum()))
         influences = np.full(len(values), np.nan)
-        influences[kept] = influence(name, x)
-        lost = int((~there).sum())
-        return Term(*STATISTICS[name](x), influences, len(x), lost)
+        influences[kept] = influence(wanted.statistic, x)
+        return Term(*STATISTICS[wanted.statistic](x), influences, len(x), lost)
 
     def _at_step(self, label: str, metric: str, step: str) -> Term:
         frame = self.results.at(self.results.per_step, self.point)
@@ -154,26 +219,52 @@ def over_runs(expressions: Expressions, label: str, expression: str) -> tuple[st
     return statistic.group(1), values[~np.isnan(values)]
 
 
+def _time(row: dict[str, Any]) -> Term:
+    """A time per run, whose error is that of its blocks of runs, if there are two."""
+    each = str(row.get("blocks", "")).split(";")
+    seconds = np.array([float(s) for s in each if s])
+    term = Term(row["cpu_s_per_run"], row["stderr"], None, row["runs"])
+    if len(seconds) < 2:
+        return term
+    return term._replace(blocks=seconds - mean(seconds).value, freedom=len(seconds) - 1.0)
+
+
 @_quietly
 def quotient(a: Term, b: Term) -> Term:
-    """``a / b``; delta method, paired where both have influences."""
+    """``a / b``; delta method, paired where it can be."""
     ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
-    if a.influences is not None and b.influences is not None:
-        return _term(ratio, scale * (a.influences - ratio * b.influences))._replace(lost=a.lost)
-    stderr = abs(scale) * float(np.hypot(a.stderr, ratio * b.stderr))
-    return Term(ratio, stderr, None, min(a.runs, b.runs), a.lost)
+    return _together(ratio, a, b, scale, -scale * ratio)
 
 
 @_quietly
 def _gain(ratio: Term) -> Term:
     """Percent by which the ratio is below one."""
-    influences = None if ratio.influences is None else -100.0 * ratio.influences
-    return ratio._replace(
-        value=100.0 * (1.0 - ratio.value), stderr=100.0 * ratio.stderr, influences=influences
-    )
+    below = Term(1.0 - ratio.value, 0.0, None, ratio.runs)
+    return _together(100.0 * below.value, ratio, below, -100.0, 0.0)
 
 
 @_quietly
-def _term(value: float, influences: Array) -> Term:
-    there = influences[~np.isnan(influences)]
-    return Term(value, mean(there).stderr, influences, len(there))
+def _together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
+    """What moves by ``of_a`` times a's change and ``of_b`` times b's; paired by runs, or by blocks."""
+    runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
+    if of_runs is not None:
+        there = of_runs[~np.isnan(of_runs)]
+        return Term(value, mean(there).stderr, of_runs, len(there), a.lost)
+    term = Term(value, np.nan, None, runs, a.lost, freedom=min(a.freedom, b.freedom))
+    blocks = _combined(a, b, a.blocks, b.blocks, of_a, of_b)
+    if blocks is not None:
+        return term._replace(stderr=mean(blocks).stderr, blocks=blocks)
+    return term._replace(stderr=float(np.hypot(of_a * a.stderr, of_b * b.stderr)))
+
+
+def _combined(
+    a: Term, b: Term, x: Array | None, y: Array | None, of_a: float, of_b: float
+) -> Array | None:
+    """``of_a x + of_b y`` of influences; None if a side has none and is no exact number either."""
+    if x is None and y is not None and a.stderr == 0.0:
+        return of_b * y
+    if y is None and x is not None and b.stderr == 0.0:
+        return of_a * x
+    if x is None or y is None or len(x) != len(y):
+        return None
+    return of_a * x + of_b * y

@@ -25,8 +25,8 @@ class Pair(NamedTuple):
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
-    """The errors over the whole time: ``rmse`` and ``rmse_<quantity>``, without windows."""
-    return [m for m in metrics if m.split("_")[0] == "rmse" and "[" not in m]
+    """The errors over the whole time: ``rmse`` and ``rmse_<quantity>``, without windows and steps."""
+    return [m for m in metrics if m.split("_")[0] == "rmse" and not {"[", "@"} & set(m)]
 
 
 def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.shares import TIME_MEAN
 from trackbench.evaluation.statistics import holm, mean
 from trackbench.experiment.cache import BlockStore, cache_folder
 from trackbench.experiment.definition import Experiment
@@ -97,10 +98,12 @@ def _compute(experiment: Experiment, out: Path, runs: int, tracks: bool) -> None
 
 
 def _values(results: Results, runs: int) -> dict[Key, Array]:
+    """Values of the first runs; shares of an average over time depend on all runs, as a summary does."""
     return {
         (*point.values(), *key): values[:runs]
         for point in results.points()
         for key, values in results.runs(point).items()
+        if runs == len(values) or not TIME_MEAN.fullmatch(key[1])
     }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.derived import sizes
+from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.definition import Point
 from trackbench.report.results import Results
 from trackbench.verification.findings import Finding, changed
@@ -54,7 +55,8 @@ def _averages(
             inside, end = rows[mask[at]], f"[{window}]" if window else ""
             mean = summary.get((label, f"time-mean({metric}{end})"))
             if mean is not None:
-                yield label, metric, window, _is_time_mean(inside, mean)
+                shared = (label, mean.metric) in runs
+                yield label, metric, window, _is_time_mean(inside, mean, shared)
             values = runs.get((label, _of_runs(metric) + end))
             if values is not None:
                 found = values[~np.isnan(values)]
@@ -64,14 +66,14 @@ def _averages(
                     yield label, metric, window, agrees
 
 
-def _is_time_mean(rows: "pd.DataFrame", stored: Any) -> bool:
-    """Whether a row of the summary is the mean of value and standard error over the steps."""
+def _is_time_mean(rows: "pd.DataFrame", stored: SummaryRow, shared: bool) -> bool:
+    """Whether a row is the mean over the steps; of standard errors, too, where no run has a share."""
     value, stderr = rows["value"].to_numpy(), rows["stderr"].to_numpy()
     return (
         len(rows) > 0
         and stored.runs == rows["runs"].max()
         and near(stored.value, value.mean(), HALF["per_step.csv"] * value.mean())
-        and near(stored.stderr, stderr.mean(), HALF["per_step.csv"] * stderr.mean())
+        and (shared or near(stored.stderr, stderr.mean(), HALF["per_step.csv"] * stderr.mean()))
     )
 
 

@@ -56,7 +56,8 @@ def follow_from_runs(
         mine = {
             key: row
             for key, row in stored.items()
-            if key[0] != results.config["bound"] and not key[1].startswith("time-mean(")
+            if key[0] != results.config["bound"]
+            and (key in found or not key[1].startswith("time-mean("))
         }
         number += len(mine)
         for key in dict.fromkeys([*found, *mine]):

@@ -1,0 +1,111 @@
+"""Tests and intervals of a number from the influence that each run has on it, also if these are skewed.
+
+``influences`` (M,) are centred values whose mean has the number's error (`statistics.influence`); those
+that are NaN do not count. Of skewed ones, the studentised number T is skewed the other way: a sample
+without its far tail is both too low and too sure. Hall (1992, J. R. Statist. Soc. B 54, 221) takes that
+back to first order by a cubic, ``g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6`` with ``a`` the skewness
+over ``sqrt(M)``, which is monotone, so that it gives intervals, too.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import exp, log, power
+from trackbench.core.sums import total
+
+FRAGILE = 0.5
+"""Share of one run in the squared influences from which the number is one run's, more or less."""
+
+
+class _Spread(NamedTuple):
+    """Standard error, Hall's ``a``, degrees of freedom."""
+
+    stderr: float
+    skewness: float
+    freedom: float
+
+
+@np.errstate(all="ignore")
+def studentised(value: float, influences: Array, other: float = 0.0) -> float:
+    """z of the hypothesis that the number is zero: standard normal, if it is, in spite of skewness.
+
+    ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
+    error: for fewer than two runs, and for 0 / 0.
+    """
+    found = _spread(influences, other)
+    T, a = float(np.divide(value, found.stderr)), found.skewness
+    return normal_of_t(T + a * T * T / 3.0 + a * a * T * T * T / 27.0 + a / 6.0, found.freedom)
+
+
+def quantile(level: float, freedom: float) -> float:
+    """Half the width, in standard errors, of a two-sided interval by Student's t."""
+    from scipy.special import ndtri
+
+    return t_of_normal(float(ndtri(0.5 + level / 2.0)), freedom)
+
+
+@np.errstate(all="ignore")
+def interval_of(
+    value: float, influences: Array, level: float = 0.95, other: float = 0.0
+) -> tuple[float, float]:
+    """Confidence interval of the number: all hypotheses that `studentised` does not exclude."""
+    found = _spread(influences, other)
+    width = quantile(level, found.freedom)
+    high, low = (value - found.stderr * _inverse(y, found.skewness) for y in (-width, width))
+    return low, high
+
+
+@np.errstate(all="ignore")
+def normal_of_t(t: float, freedom: float) -> float:
+    """The z with the tail probability of Student's t (Wallace 1959, Ann. Math. Statist. 30, 1124).
+
+    Right to 1 % of z from four degrees of freedom on; and unlike distribution functions never infinite.
+    """
+    if not freedom < np.inf or not abs(t) < np.inf:
+        return t
+    z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
+    return float(np.copysign(z / (8.0 * freedom + 3.0), t))
+
+
+@np.errstate(all="ignore")
+def t_of_normal(z: float, freedom: float) -> float:
+    """Inverse of `normal_of_t`."""
+    if not freedom < np.inf or not abs(z) < np.inf:
+        return z
+    scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
+    return float(np.copysign(np.sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0)), z))
+
+
+@np.errstate(all="ignore")
+def dominance(influences: Array) -> float:
+    """Largest share of one run in the sum of squared influences, that is, in the number's variance.
+
+    The root of it is by how many standard errors that run alone moves the number.
+    """
+    squares = np.square(influences[~np.isnan(influences)])
+    return float(squares.max() / total(squares)) if len(squares) else np.nan
+
+
+def _spread(influences: Array, other: float) -> _Spread:
+    """Of the mean of centred influences; what is normal dilutes skewness and adds degrees of freedom."""
+    x = influences[~np.isnan(influences)]
+    M = len(x)
+    if M < 2:
+        return _Spread(np.nan, np.nan, np.nan)
+    squares = np.square(x)
+    second, third = float(total(squares)) / M, float(total(squares * x)) / M
+    stderr = np.sqrt(second / (M - 1))
+    whole = float(np.sqrt(stderr * stderr + other * other))
+    share = stderr / whole if whole > 0.0 else 1.0
+    a = third / (second * np.sqrt(second * M)) * share**3 if second > 0.0 else 0.0
+    return _Spread(whole, float(a), (M - 1) / float(np.square(np.square(share))))
+
+
+def _inverse(y: float, a: float) -> float:
+    """The T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
+    if abs(a) < 1e-6:
+        return y
+    cube = 1.0 + a * (y - a / 6.0)
+    return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)
