@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.elementary import exp
 from trackbench.core.sums import total
+from trackbench.evaluation.intervals import interval_of
 
 # A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
 _quietly = np.errstate(all="ignore")
@@ -164,14 +164,11 @@ def holm(p: Array) -> Array:
 
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
-    """Confidence interval of a statistic over runs.
+    """Confidence interval of a statistic over runs, from the influences of the runs (`intervals`).
 
-    Means: Student's t. Positive statistics (rms, variance): the same on the logarithm, which is closer
-    to normal. Medians: the exact rank interval, which needs no random numbers, so that equal data give
-    equal bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
+    Medians: the exact rank interval, which needs no random numbers, so that equal data give equal
+    bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
     """
-    from scipy.special import stdtrit
-
     if len(x) < 2:
         return np.nan, np.nan
     if name == "median":
@@ -179,12 +176,7 @@ def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
 
         low, high = quantile_test(x, p=0.5).confidence_interval(level)
         return float(low), float(high)
-    value, stderr = STATISTICS[name](x)
-    width = float(stdtrit(len(x) - 1, 0.5 + level / 2.0)) * stderr
-    if name == "mean" or not value > 0:
-        return value - width, value + width
-    factor = float(exp(width / value))
-    return value / factor, value * factor
+    return interval_of(STATISTICS[name](x).value, influence(name, x), level)
 
 
 def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
