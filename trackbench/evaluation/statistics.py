@@ -41,16 +41,12 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Unbiased variance; its variance is ``(m4 - s^4 (M - 3) / (M - 1)) / M`` (Cramer 1946, 27.4)."""
+    """Unbiased variance; standard error by leaving out one run at a time (its influences)."""
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
-    squares = np.square(x - _mean(x))
-    s2 = total(squares) / (M - 1)  # of numpy: its square overflows to infinity
-    if M < 4:
-        return Estimate(float(s2), np.nan)
-    spread = np.maximum(_mean(np.square(squares)) - s2 * s2 * (M - 3) / (M - 1), 0.0)
-    return Estimate(float(s2), float(np.sqrt(spread / M)))
+    s2 = total(np.square(x - _mean(x))) / (M - 1)  # of numpy: its square overflows to infinity
+    return Estimate(float(s2), mean(influence("variance", x)).stderr if M > 2 else np.nan)
 
 
 @_quietly
@@ -127,8 +123,9 @@ def influence(name: str, x: Array) -> Array:
         squares = np.square(x)
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
     if name == "variance":
-        squares = np.square(x - _mean(x))
-        return np.asarray(squares - _mean(squares))
+        squares, M = np.square(x - _mean(x)), len(x)
+        # As if the run were left out, mean and divisor with it (the delete-one jackknife).
+        return np.asarray((squares - _mean(squares)) * (M / max(M - 2.0, 1.0)))
     if name == "median":
         value, stderr = median(x)
         return np.asarray(np.sign(x - value) * stderr * np.sqrt(len(x)))
