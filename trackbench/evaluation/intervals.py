@@ -1,10 +1,19 @@
 """Tests and intervals of a number from the influence that each run has on it, also if these are skewed.
 
 ``influences`` (M,) are centred values whose mean has the number's error (`statistics.influence`); those
-that are NaN do not count. Of skewed ones, the studentised number T is skewed the other way: a sample
-without its far tail is both too low and too sure. Hall (1992, J. R. Statist. Soc. B 54, 221) takes that
-back to first order by a cubic, ``g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6`` with ``a`` the skewness
-over ``sqrt(M)``, which is monotone, so that it gives intervals, too.
+that are NaN do not count. A sample without its far tail is both too low and too sure of it, so that the
+number over its standard error, T, is neither symmetric nor has it Student's M - 1 degrees of freedom.
+
+- Skewness: Hall's cubic (1992, J. R. Statist. Soc. B 54, 221), ``g(T) = T + a T^2 / 3 + a^2 T^3 / 27 +
+  a / 6`` with ``a`` the influences' skewness over ``sqrt(M)``, is symmetric to first order. It is
+  monotone, so that it gives intervals, too.
+- Kurtosis k: the estimated variance has a relative one of ``(k - 1) / M``, as a chi-square of
+  ``2 M / (k - 1)`` degrees of freedom has (Satterthwaite 1946, Biometrics Bull. 2, 110); Student's t of
+  g(T) has these, and M - 1 at most.
+
+95 % intervals of means, variances, root mean squares, ratios and differences of a few hundred values
+with a lognormal tail (sigma 1) cover 93 to 96 % by that, where plain Student's t covers 73 to 92 %
+(tests/evaluation/test_coverage.py). A logarithmic scale and a bootstrap-t are no better.
 """
 
 from typing import NamedTuple
@@ -36,7 +45,9 @@ def studentised(value: float, influences: Array, other: float = 0.0) -> float:
     """
     found = _spread(influences, other)
     T, a = float(np.divide(value, found.stderr)), found.skewness
-    return normal_of_t(T + a * T * T / 3.0 + a * a * T * T * T / 27.0 + a / 6.0, found.freedom)
+    if a != 0.0:
+        T += a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
+    return normal_of_t(T, found.freedom)
 
 
 def quantile(level: float, freedom: float) -> float:
@@ -80,27 +91,30 @@ def t_of_normal(z: float, freedom: float) -> float:
 
 @np.errstate(all="ignore")
 def dominance(influences: Array) -> float:
-    """Largest share of one run in the sum of squared influences, that is, in the number's variance.
+    """Largest share of one run in the sum of squared influences, which is the number's variance.
 
-    The root of it is by how many standard errors that run alone moves the number.
+    That run alone moves the number by the root of it, in standard errors.
     """
     squares = np.square(influences[~np.isnan(influences)])
     return float(squares.max() / total(squares)) if len(squares) else np.nan
 
 
 def _spread(influences: Array, other: float) -> _Spread:
-    """Of the mean of centred influences; what is normal dilutes skewness and adds degrees of freedom."""
+    """Of the mean of the influences; what is normal beside them dilutes skewness and kurtosis."""
     x = influences[~np.isnan(influences)]
     M = len(x)
     if M < 2:
         return _Spread(np.nan, np.nan, np.nan)
-    squares = np.square(x)
-    second, third = float(total(squares)) / M, float(total(squares * x)) / M
-    stderr = np.sqrt(second / (M - 1))
+    stderr = float(np.sqrt(total(np.square(x)) / (M * (M - 1.0))))
     whole = float(np.sqrt(stderr * stderr + other * other))
-    share = stderr / whole if whole > 0.0 else 1.0
-    a = third / (second * np.sqrt(second * M)) * share**3 if second > 0.0 else 0.0
-    return _Spread(whole, float(a), (M - 1) / float(np.square(np.square(share))))
+    if not stderr > 0.0:
+        return _Spread(whole, 0.0, np.inf if whole > 0.0 else M - 1.0)
+    unit = x / (stderr * np.sqrt(M - 1.0))  # so that the mean square is one
+    squares, share = np.square(unit), stderr / whole
+    kurtosis = float(total(np.square(squares))) / M
+    a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
+    freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
+    return _Spread(whole, float(a), freedom / share**4)
 
 
 def _inverse(y: float, a: float) -> float:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.elementary import exp
 from trackbench.core.sums import total
+from trackbench.evaluation.intervals import interval_of
 
 # A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
 _quietly = np.errstate(all="ignore")
@@ -41,16 +41,12 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Unbiased variance; its variance is ``(m4 - s^4 (M - 3) / (M - 1)) / M`` (Cramer 1946, 27.4)."""
+    """Unbiased variance; standard error by leaving out one run at a time (its influences)."""
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
-    squares = np.square(x - _mean(x))
-    s2 = total(squares) / (M - 1)  # of numpy: its square overflows to infinity
-    if M < 4:
-        return Estimate(float(s2), np.nan)
-    spread = np.maximum(_mean(np.square(squares)) - s2 * s2 * (M - 3) / (M - 1), 0.0)
-    return Estimate(float(s2), float(np.sqrt(spread / M)))
+    s2 = total(np.square(x - _mean(x))) / (M - 1)  # of numpy: its square overflows to infinity
+    return Estimate(float(s2), mean(influence("variance", x)).stderr if M > 2 else np.nan)
 
 
 @_quietly
@@ -127,8 +123,9 @@ def influence(name: str, x: Array) -> Array:
         squares = np.square(x)
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
     if name == "variance":
-        squares = np.square(x - _mean(x))
-        return np.asarray(squares - _mean(squares))
+        squares, M = np.square(x - _mean(x)), len(x)
+        # As if the run were left out, mean and divisor with it (the delete-one jackknife).
+        return np.asarray((squares - _mean(squares)) * (M / max(M - 2.0, 1.0)))
     if name == "median":
         value, stderr = median(x)
         return np.asarray(np.sign(x - value) * stderr * np.sqrt(len(x)))
@@ -164,14 +161,11 @@ def holm(p: Array) -> Array:
 
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
-    """Confidence interval of a statistic over runs.
+    """Confidence interval of a statistic over runs, from the influences of the runs (`intervals`).
 
-    Means: Student's t. Positive statistics (rms, variance): the same on the logarithm, which is closer
-    to normal. Medians: the exact rank interval, which needs no random numbers, so that equal data give
-    equal bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
+    Medians: the exact rank interval, which needs no random numbers, so that equal data give equal
+    bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
     """
-    from scipy.special import stdtrit
-
     if len(x) < 2:
         return np.nan, np.nan
     if name == "median":
@@ -179,12 +173,7 @@ def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
 
         low, high = quantile_test(x, p=0.5).confidence_interval(level)
         return float(low), float(high)
-    value, stderr = STATISTICS[name](x)
-    width = float(stdtrit(len(x) - 1, 0.5 + level / 2.0)) * stderr
-    if name == "mean" or not value > 0:
-        return value - width, value + width
-    factor = float(exp(width / value))
-    return value / factor, value * factor
+    return interval_of(STATISTICS[name](x).value, influence(name, x), level)
 
 
 def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:

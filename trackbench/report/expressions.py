@@ -252,7 +252,7 @@ def _together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
         return Term(value, mean(there).stderr, of_runs, len(there), a.lost)
     term = Term(value, np.nan, None, runs, a.lost, freedom=min(a.freedom, b.freedom))
     blocks = _combined(a, b, a.blocks, b.blocks, of_a, of_b)
-    if blocks is not None:
+    if blocks is not None and a.runs == b.runs:  # of the same runs, computed one after the other
         return term._replace(stderr=mean(blocks).stderr, blocks=blocks)
     return term._replace(stderr=float(np.hypot(of_a * a.stderr, of_b * b.stderr)))
 

@@ -68,7 +68,8 @@ def computed_again(results: Results, experiment: Experiment, runs: int) -> Itera
             experiment = replace(experiment, figures={})
         tracks = (results.folder / "tracks.npz").is_file()
         _compute(experiment, again.folder, runs, tracks)
-        stored, now = _values(results, runs), _values(again, runs)
+        whole = runs == experiment.settings.runs
+        stored, now = _values(results, runs, whole), _values(again, runs, whole)
         odd = [k for k in {**stored, **now} if len(stored.get(k, ())) != len(now.get(k, ()))]
         if odd:
             first = ", ".join(map(str, odd[0]))
@@ -97,13 +98,13 @@ def _compute(experiment: Experiment, out: Path, runs: int, tracks: bool) -> None
         write_results(out, fewer, next(outcomes), tracks)
 
 
-def _values(results: Results, runs: int) -> dict[Key, Array]:
+def _values(results: Results, runs: int, whole: bool) -> dict[Key, Array]:
     """Values of the first runs; shares of an average over time depend on all runs, as a summary does."""
     return {
         (*point.values(), *key): values[:runs]
         for point in results.points()
         for key, values in results.runs(point).items()
-        if runs == len(values) or not TIME_MEAN.fullmatch(key[1])
+        if whole or not TIME_MEAN.fullmatch(key[1])
     }
 
 

@@ -88,10 +88,8 @@ class Bars:
         values = over_runs(expressions, label, self.metric)
         if values is not None:
             return term.value, *interval(*values, level=self.level)
-        from scipy.special import ndtri
-
-        width = float(ndtri(0.5 + self.level / 2)) * term.stderr if isfinite(term.stderr) else 0.0
-        return term.value, term.value - width, term.value + width
+        low, high = (x if isfinite(x) else term.value for x in term.interval(self.level))
+        return term.value, low, high
 
     def _published(
         self, ax: "Axes", results: Results, point: dict[str, Any], labels: list[str]

@@ -1,0 +1,165 @@
+"""How often 95 % intervals hold the truth: of every statistic, on light and on heavy tails."""
+
+import numpy as np
+import pytest
+
+from trackbench.evaluation import statistics as st
+from trackbench.evaluation.intervals import (
+    dominance,
+    interval_of,
+    normal_of_t,
+    studentised,
+    t_of_normal,
+)
+from trackbench.evaluation.shares import time_mean_shares
+
+RUNS, REPETITIONS, STEPS = 200, 800, 20
+LEAST, MOST = 0.93, 0.97
+Z = 1.959963984540054
+
+
+def light(rng, shape):
+    """Two filters' root mean squares of a few normal errors, correlated as on common runs."""
+    common = rng.chisquare(6, shape)
+    return np.sqrt(common + rng.chisquare(3, shape)), np.sqrt(common + rng.chisquare(4, shape))
+
+
+def heavy(rng, shape, sigma=1.0):
+    """Two lognormal values per run, of correlation 0.7 in the logarithm; a skewness of 6."""
+    common = np.sqrt(0.7) * rng.standard_normal(shape)
+    a, b = (common + np.sqrt(0.3) * rng.standard_normal(shape) for _ in range(2))
+    return np.exp(sigma * a), 1.3 * np.exp(sigma * b)
+
+
+def less_heavy(rng, shape):
+    """The same with sigma 0.5, whose squares are as heavy as the others themselves."""
+    return heavy(rng, shape, 0.5)
+
+
+def single(name):
+    return lambda a, b: (st.STATISTICS[name](a).value, st.influence(name, a))
+
+
+def difference(name):
+    def of(a, b):
+        value = st.STATISTICS[name](a).value - st.STATISTICS[name](b).value
+        return value, st.influence(name, a) - st.influence(name, b)
+
+    return of
+
+
+def ratio(name):
+    def of(a, b):
+        below = st.STATISTICS[name](b).value
+        value = st.STATISTICS[name](a).value / below
+        return value, (st.influence(name, a) - value * st.influence(name, b)) / below
+
+    return of
+
+
+SINGLE = [single(name) for name in ("mean", "variance", "rms", "median")]
+OF_VALUES = [difference("mean"), difference("median"), ratio("mean")]
+OF_SQUARES = [difference("rms"), difference("variance"), ratio("rms")]
+
+
+def held(found, truth):
+    """Whether the hypothesis of the truth is not excluded, which is whether the interval holds it."""
+    value, influences = found
+    return abs(studentised(value - truth, influences)) <= Z
+
+
+def check(shares, least=LEAST):
+    """Coverage within its bounds, as far as so many repetitions can tell (three standard errors)."""
+    room = 3.0 * np.sqrt(0.05 * 0.95 / REPETITIONS)
+    assert all(least - room <= share <= MOST + room for share in shares), shares
+
+
+@pytest.mark.parametrize(
+    ("draw", "numbers"),
+    [
+        (light, SINGLE + OF_VALUES + OF_SQUARES),
+        (heavy, SINGLE + OF_VALUES),
+        (less_heavy, OF_SQUARES),
+    ],
+)
+def test_intervals_hold_the_truth(draw, numbers):
+    rng = np.random.default_rng(2026)
+    many = draw(rng, 4_000_000)
+    truths = [number(*many)[0] for number in numbers]
+    hits = np.zeros(len(numbers))
+    for a, b in zip(*draw(rng, (REPETITIONS, RUNS)), strict=True):
+        hits += [held(number(a, b), truth) for number, truth in zip(numbers, truths, strict=True)]
+    check(hits / REPETITIONS)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.5])
+def test_averages_over_correlated_steps_hold_the_truth(sigma):
+    """Squared errors of two filters whose runs are wild by a lognormal factor, or are not."""
+    rng = np.random.default_rng(2027)
+    scale = np.linspace(1.0, 3.0, STEPS)[:, None]
+    # The mean square at a step is the scale's, times that of the factor: exp(2 sigma^2).
+    truth = scale.mean() * np.exp(sigma**2) * np.array([1.0, 1.0 - np.sqrt(1.25)])
+    hits, everyone = np.zeros(2), np.ones(RUNS, dtype=bool)
+    for _ in range(REPETITIONS):
+        wild = np.exp(sigma * rng.standard_normal(RUNS))
+        e = rng.standard_normal((STEPS, RUNS))
+        for k in range(1, STEPS):
+            e[k] = 0.95 * e[k - 1] + np.sqrt(1 - 0.95**2) * e[k]
+        other = e + 0.5 * rng.standard_normal(e.shape)
+        a, b = (time_mean_shares(np.square(x * wild * scale), everyone) for x in (e, other))
+        for i, shares in enumerate((a, a - b)):
+            hits[i] += held((shares.mean(), shares - shares.mean()), truth[i])
+    check(hits / REPETITIONS)
+
+
+def test_the_usual_t_fails_on_heavy_tails():
+    """What the correction is for: the variance's plain interval holds the truth in three of four."""
+    rng = np.random.default_rng(2028)
+    truth = (np.e - 1.0) * np.e
+    found = [st.variance(x) for x in heavy(rng, (REPETITIONS, RUNS))[0]]
+    assert np.mean([abs(v - truth) <= Z * error for v, error in found]) < 0.8
+
+
+def test_an_interval_is_what_is_not_excluded():
+    x = heavy(np.random.default_rng(2029), 60)[0]
+    for name in ("mean", "variance", "rms"):
+        value, influences = st.STATISTICS[name](x).value, st.influence(name, x)
+        low, high = interval_of(value, influences)
+        assert low < value < high
+        assert high - value > value - low  # the tail that was not seen
+        assert studentised(value - low, influences) == pytest.approx(Z, rel=1e-9)
+        assert studentised(value - high, influences) == pytest.approx(-Z, rel=1e-9)
+        assert st.interval(name, x) == (low, high)
+
+
+def test_students_t_of_normal_influences():
+    from scipy.stats import norm, t
+
+    for freedom in (4, 19, 199):
+        for value in (0.5, 2.0, 3.5):
+            exact = norm.isf(t.sf(value, freedom))
+            assert normal_of_t(value, freedom) == pytest.approx(exact, rel=0.01)
+            assert t_of_normal(normal_of_t(-value, freedom), freedom) == pytest.approx(-value)
+    assert 3.0 < normal_of_t(156774.0, 1) < 6.0  # two blocks are not sure of anything
+
+
+def test_an_error_of_the_hypothesis_adds_up():
+    x = np.random.default_rng(2030).standard_normal(400)
+    stderr = st.mean(x).stderr
+    z = studentised(0.3, x - x.mean(), other=3.0 * stderr)
+    assert z == pytest.approx(0.3 / (stderr * np.sqrt(10.0)), rel=1e-3)
+    low, high = interval_of(0.3, x - x.mean(), other=3.0 * stderr)
+    assert high - low == pytest.approx(2.0 * Z * stderr * np.sqrt(10.0), rel=1e-3)
+
+
+def test_what_has_no_error():
+    nothing, one = np.zeros(5), np.array([np.nan, 1.0])
+    assert np.isnan(studentised(0.0, nothing))
+    assert studentised(1.0, nothing) == np.inf
+    assert np.isnan(studentised(1.0, one))
+    assert np.isnan(interval_of(1.0, one)).all()
+
+
+def test_dominance_is_one_runs_part():
+    x = np.array([3.0, -1.0, np.nan, -2.0, 0.0])
+    assert dominance(x) == pytest.approx(9.0 / 14.0)

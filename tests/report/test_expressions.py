@@ -1,0 +1,149 @@
+"""Expressions have a right error each: over all runs, over common ones, over a batch, over blocks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackbench.evaluation import statistics as st
+from trackbench.evaluation.intervals import studentised
+from trackbench.report.expressions import Expressions
+
+RUNS = 120
+
+
+@dataclass
+class Folder:
+    """What expressions read of a results folder."""
+
+    values: dict
+    summary: pd.DataFrame
+    timing: pd.DataFrame
+
+    filters: tuple = ("A", "B")
+    every_point: tuple = ({},)
+
+    @property
+    def config(self):
+        return {"runs": RUNS, "filters": {"A": {"kind": "none", "N": 4}, "B": {}}}
+
+    def runs(self, point):
+        return self.values
+
+    def at(self, frame, point):
+        return frame
+
+
+@pytest.fixture
+def folder():
+    rng = np.random.default_rng(31)
+    common = rng.gamma(3.0, 0.1, RUNS)
+    values = {
+        ("A", "rmse"): common + rng.gamma(2.0, 0.02, RUNS),
+        ("B", "rmse"): 1.2 * common,
+        ("A", "rmse@2"): np.abs(rng.standard_normal(RUNS)),
+        ("A", "time-mean(rmse)"): common + 0.1,
+        ("A", "nees_position"): rng.chisquare(2, RUNS),
+    }
+    for name in values:
+        values[name][[5, 70] if name[0] == "A" else [6]] = np.nan
+    nees = st.mean(values["A", "nees_position"][~np.isnan(values["A", "nees_position"])])
+    rows = [
+        ("A", "mean(nees_position)", *nees, RUNS - 2, 2),
+        ("A", "anees_position", nees.value / 2, nees.stderr / 2, RUNS - 2, 2),
+    ]
+    summary = pd.DataFrame(rows, columns=["filter", "metric", "value", "stderr", "runs", "lost"])
+    times = [
+        ("A", RUNS, 2.0, 0.1, "1.9;2.0;2.1"),
+        ("B", RUNS, 4.0, 0.2, "3.8;4;4.2"),
+        ("C", RUNS, 4.0, 0.1, "4.1;3.9"),
+        ("D", RUNS, 4.0, np.nan, "4"),
+    ]
+    timing = pd.DataFrame(times, columns=["filter", "runs", "cpu_s_per_run", "stderr", "blocks"])
+    return Folder(values, summary, timing)
+
+
+def found(folder, name):
+    return folder.values[name][~np.isnan(folder.values[name])]
+
+
+def test_a_statistic_and_its_z(folder):
+    term = Expressions(folder, {}).term("A", "variance(rmse)")
+    x = found(folder, ("A", "rmse"))
+    assert term.estimate == st.variance(x)
+    assert (term.runs, term.lost, term.splits) == (RUNS - 2, 2, True)
+    assert term.z(0.002) == studentised(term.value - 0.002, st.influence("variance", x))
+    low, high = term.interval()
+    assert (low, high) == st.interval("variance", x)
+
+
+def test_shares_and_consistency_have_influences(folder):
+    e = Expressions(folder, {})
+    assert e.term("A", "rmse@2").estimate == st.rms(found(folder, ("A", "rmse@2")))
+    shares = found(folder, ("A", "time-mean(rmse)"))
+    assert e.term("A", "time-mean(rmse)").estimate == st.mean(shares)
+    anees = e.term("A", "anees_position")
+    assert anees.estimate == pytest.approx(st.mean(found(folder, ("A", "nees_position")) / 2))
+    assert all(e.term("A", name).splits for name in ("rmse@2", "time-mean(rmse)", "anees_position"))
+
+
+@pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "time-mean(rmse)"])
+def test_batches_are_parts_of_the_whole(folder, expression):
+    whole = Expressions(folder, {})
+    parts = [e.term("A", expression) for e in whole.batches(4)]
+    term = whole.term("A", expression)
+    assert sum(part.runs for part in parts) == term.runs
+    assert sum(part.lost for part in parts) == term.lost
+    assert sum(part.value * part.runs for part in parts) == pytest.approx(term.value * term.runs)
+    stderr = np.mean([part.stderr for part in parts])
+    assert stderr == pytest.approx(2.0 * term.stderr, rel=0.25)
+
+
+def test_a_batch_has_its_own_gain(folder):
+    first = Expressions(folder, {}).batches(4)[0]
+    both = np.arange(RUNS) < 30
+    both[[5, 6]] = False
+    a, b = (folder.values[label, "rmse"][both] for label in "AB")
+    gain = st.relative_gain(a, b)
+    term = first.term("A", "gain(rms(rmse), B)")
+    assert term.estimate == pytest.approx((100 * gain.value, 100 * gain.stderr), rel=1e-9)
+    assert first.difference(("A", "mean(rmse)"), ("B", "mean(rmse)")).runs == 28
+
+
+def test_an_exact_number_leaves_the_influences_alone(folder):
+    term = Expressions(folder, {}).difference(("A", "mean(rmse)"), ("A", "N"), 0.1)
+    mean = st.mean(found(folder, ("A", "rmse")))
+    assert term.estimate == pytest.approx((mean.value - 0.4, mean.stderr))
+    assert term.splits
+
+
+def test_one_run_makes_a_number_fragile(folder):
+    e = Expressions(folder, {})
+    assert not e.term("A", "variance(rmse)").fragile
+    folder.values["A", "rmse"][17] = 30.0
+    assert e.term("A", "variance(rmse)").fragile
+
+
+def test_times_have_students_t_of_their_blocks(folder):
+    from scipy.stats import norm, t
+
+    e = Expressions(folder, {})
+    time = e.term("A", "cpu_s_per_run")
+    assert not time.splits
+    assert time.z(1.8) == pytest.approx(norm.isf(t.sf(2.0, 2)), rel=0.02)
+    low, high = time.interval()
+    assert high - low == pytest.approx(2 * t.isf(0.025, 2) * 0.1, rel=0.05)
+    assert np.isnan(e.term("D", "cpu_s_per_run").z(1.0))
+    assert np.isnan(e.term("D", "cpu_s_per_run").interval()).all()
+
+
+def test_a_ratio_of_times_is_paired_by_blocks(folder):
+    e = Expressions(folder, {})
+    paired = e.term("A", "ratio(cpu_s_per_run, B)")
+    assert paired.value == 0.5
+    assert paired.stderr == pytest.approx(0.0, abs=1e-15)  # every block's ratio is one half
+    apart = e.term("A", "ratio(cpu_s_per_run, C)")
+    assert apart.stderr == pytest.approx(0.5 * np.hypot(0.1 / 2, 0.1 / 4))
+    assert apart.freedom == 1  # of the two blocks
+    assert np.isnan(e.term("A", "ratio(cpu_s_per_run, D)").stderr)
