@@ -13,10 +13,10 @@ from trackbench import api
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber
+from trackbench.report.agreement import of_claim, of_number, settled
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
-from trackbench.report.agreement import of_claim, of_number, settled
 from trackbench.report.verdicts import compare, judge
 
 
