@@ -1,0 +1,107 @@
+"""Are the numbers of experiments/README.md those of results/? Each is a link that says where it is from.
+
+``[0.341 ± 0.010](../results/hdepf/ "PF | mean(rmse)")`` is the expression of a filter in a results folder;
+a third part picks a point of the grid (``scenario.R=0.1``), and ``z |`` before them asks for the number of
+standard errors from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists the numbers that
+changed, ``--write`` writes them anew, with as many decimals as they had.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from functools import cache
+from math import nan
+from pathlib import Path
+from typing import NamedTuple
+
+from trackbench.report.expressions import Expressions
+from trackbench.report.results import Results
+from trackbench.report.verdicts import point_of
+
+HERE = Path(__file__).resolve().parent.parent
+PROSE = HERE / "experiments" / "README.md"
+_LINK = re.compile(r'\[([^\]\[]+)\]\(\.\./results/([^/)]+)/ "([^"]+)"\)')
+_NUMBER = re.compile(r"([+-]?)(\d[\d ]*(?:\.\d+)?(?:e[+-]?\d+)?)")
+
+
+class Tied(NamedTuple):
+    """A number of the prose: where, as written, as the results have it, and what it is."""
+
+    line: int
+    written: str
+    found: str
+    source: str
+
+
+def tied(path: Path = PROSE) -> Iterator[Tied]:
+    """Every tied number of a text."""
+    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        for match in _LINK.finditer(line):
+            written, folder, title = match.groups()
+            yield Tied(i, written, as_found(written, folder, title), f"{folder}: {title}")
+
+
+def as_found(written: str, folder: str, title: str) -> str:
+    """The text with the numbers of the results in it, to the decimals that it has."""
+    numbers = iter(values(folder, title))
+    return _NUMBER.sub(lambda match: like(match, next(numbers, nan)), written)
+
+
+def like(match: re.Match[str], value: float) -> str:
+    """A number as another one is written: decimals or digits, sign, exponent."""
+    sign, text = match.groups()
+    mantissa, exponent, _ = text.replace(" ", "").partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    out = f"{value:{'+' if sign == '+' else ''}.{decimals}{'e' if exponent else 'f'}}"
+    if exponent:
+        head, _, tail = out.partition("e")
+        out = f"{head}e{int(tail)}"
+    return out
+
+
+def values(folder: str, title: str) -> tuple[float, ...]:
+    """Value and standard error, or z alone."""
+    parts = [part.strip() for part in title.split("|")]
+    wants_z = parts[0] == "z"
+    label, expression, *point = parts[1:] if wants_z else parts
+    expressions = _expressions(folder, "; ".join(point))
+    if wants_z:
+        return (expressions.term(label, expression).z(),)
+    rows = expressions.results.at(expressions.results.summary, expressions.point)
+    rows = rows[(rows["filter"] == label) & (rows["metric"] == expression)]
+    if len(rows):
+        return float(rows.iloc[0]["value"]), float(rows.iloc[0]["stderr"])
+    return tuple(expressions.term(label, expression).estimate)
+
+
+@cache
+def _expressions(folder: str, point: str) -> Expressions:
+    results = Results(HERE / "results" / folder)
+    at = point_of(results, point)
+    if at is None:
+        raise ValueError(f"results/{folder} has no point {point}")
+    return Expressions(results, at)
+
+
+def main() -> int:
+    """List what changed, or write it; exit code 1 if a number is stale and not written."""
+    parser = argparse.ArgumentParser(prog="python -m tests.prose", description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    stale = [t for t in tied() if t.written != t.found]
+    for t in stale:
+        print(f"experiments/README.md:{t.line}: {t.written} is now {t.found} ({t.source})")
+    if options.write:
+        text = PROSE.read_text(encoding="utf-8")
+        PROSE.write_text(
+            _LINK.sub(
+                lambda m: m[0].replace(f"[{m[1]}]", f"[{as_found(m[1], m[2], m[3])}]", 1), text
+            ),
+            encoding="utf-8",
+        )
+    return int(bool(stale) and not options.write)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
