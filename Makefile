@@ -30,9 +30,12 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
 	touch $@ $(VENV)/.run
 
+# Lists at last which verdicts and which numbers of experiments/README.md are other ones now.
 reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench run $(EXPERIMENTS)
 	@$(BIN)/trackbench report results
+	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
+	@$(BIN)/python -m tests.prose || true
 
 # Without two studies beyond the papers, which would take a third of the time; figures as in the report.
 QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
