@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, joined
@@ -96,7 +96,7 @@ def in_batches(expression: str, number: int) -> str:
     return f"{expression}/{number}" if TIME_MEAN.fullmatch(expression) else expression
 
 
-def batch_of(runs: int, number: int) -> "np.ndarray[tuple[int], np.dtype[np.int_]]":
+def batch_of(runs: int, number: int) -> Index:
     """The batch (M,) that each run is in: consecutive runs, as many in each as can be."""
     return np.asarray(np.arange(runs) * number // max(runs, 1))
 

@@ -150,9 +150,9 @@ class Expressions:
         if statistic:
             return _OverRuns(statistic.group(1), statistic.group(2))
         shared = statistic_of(expression)
-        name = in_batches(expression, self.parts) if self.parts > 1 else expression
-        if shared and (label, name) in self.runs:
-            return _OverRuns(shared, name)
+        if shared and (label, expression) in self.runs:  # of other batches than these: none
+            alone = self.parts == 1
+            return _OverRuns(shared, expression if alone else in_batches(expression, self.parts))
         nees = expression.removeprefix("a")
         if expression.startswith("anees") and (label, nees) in self.runs:
             a, b = (self._summary.get((label, name)) for name in (f"mean({nees})", expression))
