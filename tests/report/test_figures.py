@@ -6,7 +6,7 @@ import pytest
 from trackbench import api
 from trackbench.experiment.problems import UserError
 from trackbench.report import style
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Expressions, Term
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
@@ -67,8 +67,9 @@ def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
     term = expressions.term("PF", "rmse@5")
     value, low, high = Bars(metric="rmse@5", level=level)._value(expressions, "PF")
     assert value == term.value
-    assert (high - value) / term.stderr == pytest.approx(deviations, rel=1e-4)
-    assert (value - low) / term.stderr == pytest.approx(deviations, rel=1e-4)
+    assert (low, high) == term.interval(level)
+    plain = Term(1.0, 0.1, None, 400).interval(level)  # as of rmse@5 where no run has a share
+    assert plain == pytest.approx((1.0 - 0.1 * deviations, 1.0 + 0.1 * deviations), rel=1e-4)
 
 
 def test_a_published_number_stands_at_its_point(tmp_path):

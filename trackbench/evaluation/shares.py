@@ -4,7 +4,7 @@
 own, and errors of one run are correlated in time. Its linear part gives each run a share (the
 infinitesimal jackknife, Efron 1982, chapter 6): ``value + influence``. ``rmse@20`` needs each run's
 error at a step. A share has the name of its expression, and stands in per_run.csv where an experiment
-asks for it.
+asks for it; ``time-mean(rmse)/4`` are shares of the averages of four batches, each of its own.
 """
 
 import re
@@ -12,12 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, joined
 
-TIME_MEAN = re.compile(r"time-mean\(([\w.-]+)(?:\[([^\]]+)\])?\)")
+TIME_MEAN = re.compile(r"time-mean\(([\w.-]+)(?:\[([^\]]+)\])?\)(?:/(\d+))?")
 _STEP = re.compile(r"([\w.-]+)@(\d+|last)")
 _SERIES = {"rmse": "squared", "distance": "distance", "bias": "error", "anees": "nees"}
 _SQUARED = ("rmse", "distance")
@@ -48,14 +48,18 @@ def with_shares(
     windows: Mapping[str, Mask],
     steps: Sequence[int],
     sizes: Mapping[str, int],
+    batches: int = 1,
 ) -> FilterResult:
     """The result with a metric per run for each expression whose series was kept.
 
     ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
-    many components each NEES has.
+    many components each NEES has. With ``batches``, averages over time have shares in each of them, too.
     """
+    wanted = list(expressions)
+    if batches > 1:
+        wanted += [in_batches(name, batches) for name in wanted if TIME_MEAN.fullmatch(name)]
     shares = {}
-    for expression in expressions:
+    for expression in wanted:
         rows = result.kept.get(series_of(expression) or "")
         if rows is not None:
             shares[expression] = _share(expression, rows, result, windows, steps, sizes)
@@ -75,7 +79,8 @@ def _share(
     if mean_over:
         mask = windows.get(mean_over.group(2) or "")
         found = result.per_run["lost"] == FOUND
-        return None if mask is None else time_mean_shares(rows[mask], found)
+        number = int(mean_over.group(3) or 1)
+        return None if mask is None else _shares_of_batches(rows[mask], found, number)
     metric, _, step = expression.partition("@")
     number = steps[-1] if step == "last" else int(step)
     if number not in steps:
@@ -84,6 +89,22 @@ def _share(
     if head in _SQUARED:
         return np.sqrt(row)
     return row / sizes[part] if head == "anees" else row
+
+
+def in_batches(expression: str, number: int) -> str:
+    """Name of the shares that an expression has in each of so many batches of the runs."""
+    return f"{expression}/{number}" if TIME_MEAN.fullmatch(expression) else expression
+
+
+def batch_of(runs: int, number: int) -> Index:
+    """The batch (M,) that each run is in: consecutive runs, as many in each as can be."""
+    return np.asarray(np.arange(runs) * number // max(runs, 1))
+
+
+def _shares_of_batches(squared: Array, found: Mask, number: int) -> Array:
+    batch = batch_of(len(found), number)
+    shares = [time_mean_shares(squared[:, batch == i], found[batch == i]) for i in range(number)]
+    return np.concatenate(shares)
 
 
 @np.errstate(all="ignore")

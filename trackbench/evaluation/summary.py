@@ -53,11 +53,10 @@ def summary_rows(
     lost = int((result.per_run["lost"] != FOUND).sum())
     for metric, values in result.per_run.items():
         found = values[~np.isnan(values)]
-        if (
-            TIME_MEAN.fullmatch(metric) and not result.steps
-        ):  # read back: nothing else is known of it
+        share = TIME_MEAN.fullmatch(metric)
+        if share and not share.group(3) and not result.steps:  # read back: it is all that is known
             yield SummaryRow(metric, *mean(found), len(found), lost)
-        if metric == "lost" or TIME_MEAN.fullmatch(metric):
+        if share or metric == "lost":
             continue
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)

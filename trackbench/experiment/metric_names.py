@@ -29,7 +29,7 @@ _FEW = 10
 """Particles that are enough to see what a filter notes."""
 _MOST_NOTED, _MOST_OF_RUNS = 3, 20
 """Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
-_ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)")
+_ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)(?:/\d+)?")
 
 
 def base_name(metric: str) -> str:

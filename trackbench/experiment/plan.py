@@ -183,7 +183,7 @@ def _read_bytes(experiment: Experiment) -> int:
         number_per_run(settings, point.scenario, label, tracker)
         for label, tracker in point.filters.items()
     )
-    metrics += len(shared(experiment)) * len(point.filters)
+    metrics += 2 * len(shared(experiment)) * len(point.filters)  # in batches, too
     return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 

@@ -113,11 +113,10 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
 
 def _shared(experiment: Experiment, key: Key, result: FilterResult) -> FilterResult:
     """With the runs' shares that are asked for, and without the series that they are made of."""
-    scenario = experiment.points[key[0]].scenario
-    result = with_shares(
-        result, shared(experiment), scenario.windows, scenario.steps.tolist(), sizes(scenario)
-    )
-    medians = experiment.settings.medians
+    scenario, settings = experiment.points[key[0]].scenario, experiment.settings
+    windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
+    names, batches, medians = shared(experiment), settings.verdict_seeds, settings.medians
+    result = with_shares(result, names, windows, steps, parts, batches)
     return result._replace(kept={n: rows for n, rows in result.kept.items() if n in medians})
 
 

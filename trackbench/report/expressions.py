@@ -19,7 +19,7 @@ from trackbench.evaluation.intervals import (
     quantile,
     studentised,
 )
-from trackbench.evaluation.shares import statistic_of
+from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, z_score
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.given import keys_at
@@ -92,12 +92,14 @@ class Expressions:
     point: dict[str, Any]
     chosen: Mask | None = None
     """the runs (M,) that count"""
+    parts: int = 1
+    """the batches that the runs are split into, of which they are one"""
 
     def batches(self, number: int) -> list["Expressions"]:
         """The same over so many batches of consecutive runs, whose streams are independent."""
-        run = np.arange(max(map(len, self.runs.values()), default=0))
-        batch = run * number // max(len(run), 1)
-        return [replace(self, chosen=batch == i) for i in range(number)]
+        runs = max(map(len, self.runs.values()), default=0)
+        batch = batch_of(runs, number)
+        return [replace(self, chosen=batch == i, parts=number) for i in range(number)]
 
     def term(self, label: str, expression: str, common: Mask | None = None) -> Term:
         """A filter's expression; over the ``common`` runs (M,) only, if they are given."""
@@ -149,8 +151,9 @@ class Expressions:
         if statistic:
             return _OverRuns(statistic.group(1), statistic.group(2))
         shared = statistic_of(expression)
-        if shared and (label, expression) in self.runs:
-            return _OverRuns(shared, expression)
+        if shared and (label, expression) in self.runs:  # of other batches than these: none
+            alone = self.parts == 1
+            return _OverRuns(shared, expression if alone else in_batches(expression, self.parts))
         nees = expression.removeprefix("a")
         if expression.startswith("anees") and (label, nees) in self.runs:
             a, b = (self._summary.get((label, name)) for name in (f"mean({nees})", expression))

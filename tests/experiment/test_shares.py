@@ -1,0 +1,97 @@
+"""Runs' shares of averages over time stand in per_run.csv where an experiment asks for them."""
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench import api
+from trackbench.evaluation.statistics import mean
+from trackbench.report.expressions import Expressions
+from trackbench.report.results import Results
+from trackbench.verification import verify
+
+CONFIG = """
+name: shares
+runs: 40
+block: 16
+scenario: {kind: merwe, T: 10}
+filters: {PF: {kind: pf, N: 20}, UKF: {kind: ukf}}
+"""
+TABLE = """
+tables:
+  t:
+    kind: metrics
+    columns: {A: time-mean(rmse), B: "ratio(time-mean(rmse), UKF)", C: rmse@last, D: anees@3}
+"""
+
+
+def run(folder, text):
+    (folder / "c.yaml").write_text(text)
+    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=())
+    return Results(folder / "out")
+
+
+def metrics(results):
+    return {metric for _, metric in results.runs({})}
+
+
+def row(results, metric):
+    frame = results.summary
+    return frame[(frame["filter"] == "PF") & (frame["metric"] == metric)].iloc[0]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("shares"), CONFIG + TABLE)
+
+
+def test_they_are_there_only_if_something_asks_for_them(results, tmp_path):
+    plain = run(tmp_path, CONFIG)
+    asked = {"time-mean(rmse)", "time-mean(rmse)/4", "rmse@last", "anees@3"}
+    assert metrics(results) - metrics(plain) == asked
+    a, b = (row(r, "time-mean(rmse)") for r in (results, plain))
+    assert a["value"] == b["value"]
+    assert a["stderr"] < b["stderr"]  # an upper bound, without them
+    assert a["stderr"] == pytest.approx(mean(results.runs({})["PF", "time-mean(rmse)"]).stderr)
+
+
+def test_they_average_to_the_value_of_every_step(results):
+    steps, e = results.per_step, Expressions(results, {})
+    for expression, metric, step in (("rmse@last", "rmse", 10), ("anees@3", "anees", 3)):
+        here = steps[(steps["filter"] == "UKF") & (steps["metric"] == metric)]
+        at = here[here["step"] == step].iloc[0]
+        term = e.term("UKF", expression)
+        assert term.estimate == pytest.approx((at["value"], at["stderr"]), rel=1e-4)
+        assert term.splits
+
+
+def test_a_batch_is_what_its_runs_alone_give(results, tmp_path):
+    quarter = run(tmp_path, CONFIG.replace("runs: 40", "runs: 10") + TABLE)
+    for expression in ("time-mean(rmse)", "rmse@last", "minus(time-mean(rmse), UKF)"):
+        batch = Expressions(results, {}).batches(4)[0].term("PF", expression)
+        alone = Expressions(quarter, {}).term("PF", expression)
+        assert batch.splits
+        assert batch.estimate == pytest.approx(alone.estimate, rel=1e-5)
+    other = Expressions(results, {}).batches(5)[0].term("PF", "time-mean(rmse)")
+    assert np.isnan(other.value)  # it was made for four: nothing of the whole passes for a batch's
+
+
+def test_they_come_out_again(results):
+    assert verify(results.folder, 40) == []
+    assert verify(results.folder, 7) == []
+
+
+def test_a_published_file_asks_for_them(tmp_path):
+    claims = "paper,claim,experiment,left,expression,right\np,c,shares,PF,time-mean(rmse),UKF\n"
+    (tmp_path / "claims.csv").write_text(claims)
+    results = run(tmp_path, CONFIG + "published: [claims.csv]\n")
+    assert "time-mean(rmse)" in metrics(results)
+    assert np.isfinite(
+        Expressions(results, {}).difference(*[(f, "time-mean(rmse)") for f in ("PF", "UKF")]).z()
+    )
+
+
+def test_a_metric_that_is_not_kept_has_none(tmp_path):
+    text = yaml.safe_load(CONFIG + TABLE)
+    text |= {"metrics": ["nees"], "tables": {}}
+    assert "time-mean(rmse)" not in metrics(run(tmp_path, yaml.safe_dump(text)))
