@@ -1,9 +1,9 @@
-"""Are the numbers of experiments/README.md those of results/? Each is a link that says where it is from.
+"""Are the numbers of experiments/README.md those of results/? Each is a link to where it is from.
 
-``[0.341 ± 0.010](../results/hdepf/ "PF | mean(rmse)")`` is the expression of a filter in a results folder;
-a third part picks a point of the grid (``scenario.R=0.1``), and ``z |`` before them asks for the number of
-standard errors from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists the numbers that
-changed, ``--write`` writes them anew, with as many decimals as they had.
+``[0.341 ± 0.010](../results/hdepf/ "PF | mean(rmse)")`` is an expression of a filter in a results folder;
+a third part picks a point of the grid (``scenario.R=0.1``), and ``z |`` in front asks for how many
+standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
+changed, ``--write`` writes it anew, with as many decimals as it had.
 """
 
 import argparse
