@@ -1,6 +1,6 @@
 """Are the numbers of experiments/README.md those of results/? Each is a link to where it is from.
 
-``[0.341 ± 0.010](../results/hdepf/ "PF | mean(rmse)")`` is an expression of a filter in a results folder;
+``[0.34 ± 0.01](../results/hdepf/ "PF | mean(rmse)")`` is an expression of a filter in a results folder;
 a third part picks a point of the grid (``scenario.R=0.1``), and ``z |`` in front asks for how many
 standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
 changed, ``--write`` writes it anew, with as many decimals as it had.
