@@ -57,11 +57,11 @@ def adaptive(
             nu, S, _ = quiet
             rho = GAMMA * rho + nu @ inv(S) @ nu
             seen = [*seen, quiet][-window:]
-        if mode == "NMF" and k >= 20:  # eqs. 5-7
+        if mode == "NMF" and k >= 20 and (statistic == "zeta" or rho > eta):  # eqs. 5-7
             fits = [fitted(seen[-age:]) for age in range(1, len(seen) + 1)]
             zeta = [fit[3] for fit in fits]
             age = {"argmax": 1 + np.argmax(zeta), "newest": 1, "oldest": len(fits)}[onset]
-            if (rho if statistic == "rho" else max(zeta)) > eta and age >= xi_min:
+            if (statistic == "rho" or max(zeta) > eta) and age >= xi_min:
                 M, u, L, _ = fits[age - 1]
                 x_m = np.concatenate([x + M @ u, u])
                 P_m = np.block([[P + M @ L @ M.T, M @ L], [L @ M.T, L]])

@@ -4,13 +4,10 @@ Readings as experiments/README.md lists them: the sine at the new index, the gam
 known; `demo` is van der Merwe's public demo.
 """
 
-from math import exp, floor, inf, log, pi, sin, sqrt
-from operator import itemgetter, sub
+from math import exp, floor, inf, log, pi, prod, sin, sqrt
 
 R, SHAPE, RATE = 1e-5, 3, 2
 MATCHED, DEMO = (SHAPE / RATE**2, R, SHAPE / RATE), (1.5, 0.1, 0.0)  # a UKF's Q, R, noise mean
-
-first = itemgetter(0)
 
 
 def f(x, k):
@@ -49,14 +46,19 @@ def weights(logs):
     return shares(logs if max(logs) > -inf else [0.0] * len(logs))
 
 
+def weighted(w, *factors):
+    """The weighted mean of a product."""
+    return sum(prod(terms) for terms in zip(w, *factors, strict=True))
+
+
 def moments(x, w):
-    mean = sum(a * b for a, b in zip(w, x, strict=True))
-    return [mean], [[sum(b * (a - mean) ** 2 for a, b in zip(x, w, strict=True))]]
+    mean = weighted(w, x)
+    return [mean], [[weighted(w, [(a - mean) ** 2 for a in x])]]
 
 
 def resampled(scheme, w, draws, size):
     """Ancestors in order: a comb with one uniform offset; or whole parts of N w, the rest drawn."""
-    certain, u = [], draws.take("uniform")
+    certain, u = [], draws.take("random")
     teeth = [(j + u[0]) / size for j in range(size)]
     if scheme == "residual":
         certain = [i for i, value in enumerate(w) for _ in range(floor(size * value + 1e-12))]
@@ -80,7 +82,7 @@ def apf(measurements, draws, N):
         first = [log_likelihood(z, f(a, k) + SHAPE / RATE, k) for a in x]
         chosen = weights([a + b for a, b in zip(first, logs, strict=True)])
         parents = resampled("systematic", chosen, draws, N)
-        (noise,) = draws.take("gamma")
+        (noise,) = draws.take("standard_gamma")
         x = [f(x[i], k) + g / RATE for i, g in zip(parents, noise, strict=True)]
         logs = [log_likelihood(z, a, k) - first[i] for a, i in zip(x, parents, strict=True)]
         yield moments(x, weights(logs))
@@ -96,17 +98,16 @@ def unscented(x, P, z, k, assumed):
     W = [2 / 5] + [1 / 10] * 6
     X = [f(a, k) + noise_mean + v for a, v, _ in points]
     Z = [h(a, k) + n for a, (_, _, n) in zip(X, points, strict=True)]
-    x_bar, z_bar = (sum(w * a for w, a in zip(W, values, strict=True)) for values in (X, Z))
-    P_xx = sum(w * (a - x_bar) ** 2 for w, a in zip(W, X, strict=True))
-    P_zz = sum(w * (b - z_bar) ** 2 for w, b in zip(W, Z, strict=True))
-    P_xz = sum(w * (a - x_bar) * (b - z_bar) for w, a, b in zip(W, X, Z, strict=True))
-    return x_bar + P_xz / P_zz * (z - z_bar), P_xx - P_xz**2 / P_zz
+    x_bar, z_bar = weighted(W, X), weighted(W, Z)
+    dx, dz = [a - x_bar for a in X], [b - z_bar for b in Z]
+    P_xz, P_zz = weighted(W, dx, dz), weighted(W, dz, dz)
+    return x_bar + P_xz / P_zz * (z - z_bar), weighted(W, dx, dx) - P_xz**2 / P_zz
 
 
 def proposed(x, P, z, k, assumed, draws):
     """Each particle's Gaussian importance density, and a draw from it (section III.B, step 1)."""
     mean, P = zip(*(unscented(a, b, z, k, assumed) for a, b in zip(x, P, strict=True)), strict=True)
-    (noise,) = draws.take("normal")
+    (noise,) = draws.take("standard_normal")
     return mean, P, [m + sqrt(b) * e for m, b, e in zip(mean, P, noise, strict=True)]
 
 
@@ -132,7 +133,7 @@ def evolved(x, log_fitness, draws, published_level):
     fit = [log_fitness(i, a) for i, a in enumerate(x)]
     best = list(zip(fit, x, strict=True))
     for _ in range(20):
-        (u1, u2), (crossing,), losses = (draws.take(d) for d in ("uniform", "uniform", "gamma"))
+        (u1, u2), (crossing,) = draws.take("random"), draws.take("random")
         trial = []
         for i in range(N):
             others = [(i + step) % N for step in range(1, N)]
@@ -142,10 +143,12 @@ def evolved(x, log_fitness, draws, published_level):
             trial.append(min(max(v, lowest), highest) if published_level else v)
         new = [log_fitness(i, a) for i, a in enumerate(trial)]
         f_x, f_v = (shares(a) if published_level else a for a in (fit, new))
-        for i, (gain, loss) in enumerate(zip(map(sub, f_v, f_x), losses, strict=True)):
+        for i, loss in enumerate(draws.take("standard_gamma")):
+            gain = f_v[i] - f_x[i]
             if gain > 0 or exp(-loss) < exp(gain / temperature):  # exp(-loss) is uniform
-                x, fit = [*x[:i], trial[i], *x[i + 1 :]], [*fit[:i], new[i], *fit[i + 1 :]]
-        best = [max(pair, key=first) for pair in zip(best, zip(fit, x, strict=True), strict=True)]
+                x[i], fit[i] = trial[i], new[i]
+            if fit[i] > best[i][0]:
+                best[i] = fit[i], x[i]
         temperature *= 0.9
     return (x, fit) if published_level else ([a for _, a in best], [a for a, _ in best])
 

@@ -22,6 +22,11 @@ def framed(along, across, a):
     return B @ np.diag([along, across]) @ B.T
 
 
+def position(scan):
+    r, a = scan
+    return r * np.array([cos(a), sin(a)])
+
+
 def converted(kind, scan, predicted=None):
     """The position that a scan gives, and the covariance of its error.
 
@@ -29,8 +34,7 @@ def converted(kind, scan, predicted=None):
     that vector's mean and variance. UCM lies farther out by e^s, which adds its bias squared. DUCM is
     UCM's e^(s/2) (r_t + w_r) (cos w_a, sin w_a) given the truth, averaged over the prediction.
     """
-    (r, a), s = scan, S_A
-    literal = r * np.array([cos(a), sin(a)])
+    (r, a), s, literal = scan, S_A, position(scan)
     if kind == "ccm":
         return literal, framed(V, r**2 * s, a)  # eqs. 1-2
     along = r**2 * expm1(-s) ** 2 / 2 + V * (1 + exp(-2 * s)) / 2
@@ -102,37 +106,35 @@ def mcaekf(first, second, scans):
 def mpf(first, second, scans, draws, N, boost, boost_scans):
     """Marginalised particle filter (section VI; Schon et al. 2005), regularised jointly."""
     (Q11, Q12), (_, Q22) = Q_AXIS
-    noise = [draws.take("normal"), draws.take("normal")]
-    (r1, a1), (r2, a2) = (
-        (scan[0] + sqrt(V) * np.array(e[0]), scan[1] + sqrt(S_A) * np.array(e[1]))
-        for scan, e in zip((first, second), noise, strict=True)
+    cloud, C, sigma = [], DENSITY * T / 3, np.sqrt([V, S_A])
+    earlier, later = (
+        np.transpose(draws.take("standard_normal")),
+        np.transpose(draws.take("standard_normal")),
     )
-    p1, p2 = ([r * np.cos(a), r * np.sin(a)] for r, a in ((r1, a1), (r2, a2)))
-    cloud, C = [], DENSITY * T / 3
-    for x1, y1, x2, y2 in zip(*p1, *p2, strict=True):
-        cloud.append((x2, (x2 - x1) / T, y2, (y2 - y1) / T))
+    for e1, e2 in zip(earlier, later, strict=True):
+        p = position(second + sigma * e2)
+        cloud.append((p, (p - position(first + sigma * e1)) / T))
     for age, (r, a) in enumerate(scans, 1):
         # The velocity given the move dz: what their common noise tells, then an update by the rest.
         S, A = T**2 * C + Q11, 1 - T * Q12 / Q11
         L = A * T * C / S
-        moved, logs = [], []
-        for (x, vx, y, vy), e in zip(cloud, np.transpose(draws.take("normal")), strict=True):
-            v = np.array([vx, vy])
+        X, logs = [], []
+        for (p, v), e in zip(cloud, np.transpose(draws.take("standard_normal")), strict=True):
             dz = T * v + sqrt(S) * e
-            vx, vy = A * v + Q12 / Q11 * dz + L * (dz - T * v)
-            x, y = x + dz[0], y + dz[1]
-            off = hypot(x, y) - r, remainder(atan2(y, x) - a, tau)
-            moved.append((x, vx, y, vy))
-            logs.append(-(off[0] ** 2) / V / 2 - off[1] ** 2 / S_A / 2)
+            x, y = p + dz
+            X.append((p + dz, A * v + Q12 / Q11 * dz + L * (dz - T * v)))
+            off_r, off_a = hypot(x, y) - r, remainder(atan2(y, x) - a, tau)
+            logs.append(-(off_r**2) / V / 2 - off_a**2 / S_A / 2)
         C = A**2 * C + Q22 - Q12**2 / Q11 - L * S * L
-        w, X = np.array(weights(logs)), np.array(moved)
+        w, X = np.array(weights(logs)), np.array([np.column_stack(x).ravel() for x in X])
         mean = w @ X
         P = (X - mean).T @ (w[:, None] * (X - mean))
         yield mean, P + np.diag([0, C, 0, C])
         size = N * (boost if age < boost_scans else 1)
         chosen = resampled("systematic", w, draws, size)
-        normals, gammas = np.transpose(draws.take("normal")), draws.take("gamma")
+        normals, gammas = np.transpose(draws.take("standard_normal")), draws.take("standard_gamma")
         h = (8 / (pi**2 / 2) * (4 + 4) * (2 * sqrt(pi)) ** 4 / size) ** (1 / 8)  # c_4 = pi^2 / 2
         A_P, cloud = cholesky(P), []
         for i, e, g in zip(chosen, normals, gammas, strict=True):
-            cloud.append(X[i] + h * A_P @ e / sqrt(e @ e + 2 * g))
+            x = X[i] + h * A_P @ e / sqrt(e @ e + 2 * g)
+            cloud.append((x[::2], x[1::2]))
