@@ -4,6 +4,8 @@ Readings as experiments/README.md lists them: the sine at the new index, the gam
 known; `demo` is van der Merwe's public demo.
 """
 
+from bisect import bisect_left
+from itertools import accumulate
 from math import exp, floor, inf, log, pi, prod, sin, sqrt
 
 R, SHAPE, RATE = 1e-5, 3, 2
@@ -65,14 +67,8 @@ def resampled(scheme, w, draws, size):
         teeth = u[: size - len(certain)]
         w = [max(size * value - certain.count(i), 0.0) for i, value in enumerate(w)]
         w = [value / sum(w) for value in w] if teeth else w
-    chosen = []
-    for tooth in teeth:
-        i, reached = 0, w[0]
-        while reached < tooth and i < len(w) - 1:
-            i += 1
-            reached += w[i]
-        chosen.append(i)
-    return sorted(certain + chosen)
+    edges = list(accumulate(w))
+    return sorted(certain + [min(bisect_left(edges, t), len(w) - 1) for t in teeth])
 
 
 def apf(measurements, draws, N):

@@ -43,9 +43,8 @@ def converted(kind, scan, predicted=None):
         return exp(-s / 2) * literal, framed(along, across, a)
     if kind == "ucm":
         return exp(s / 2) * literal, framed(along + (2 * r * sinh(s / 2)) ** 2, across, a)
-    if predicted is None or predicted[3] >= s:  # an azimuth predicted no better than measured
-        predicted = (r, a, V, s)
-    r_p, a_p, v_r, v_a = predicted
+    known = predicted is not None and predicted[3] < s  # the azimuth, better than measured
+    r_p, a_p, v_r, v_a = predicted if known else (r, a, V, s)
     square, more = r_p**2 + v_r, 2 * sinh(s / 2) ** 2  # more: cosh s - 1
     along, across = square * more + V * (1 + more), (square + V) * sinh(s)
     turned = -expm1(-2 * v_a) / 2 * (across - along)  # v_a turns the frame, too
@@ -55,11 +54,9 @@ def converted(kind, scan, predicted=None):
 def two_point(kind, first, second):
     """The state at the second scan by differencing."""
     (z1, R1), (z2, R2) = converted(kind, first), converted(kind, second)
-    x, P = np.zeros(4), np.zeros((4, 4))
-    x[::2], x[1::2] = z2, (z2 - z1) / T
-    P[::2, ::2], P[::2, 1::2], P[1::2, ::2] = R2, R2 / T, R2 / T
-    P[1::2, 1::2] = (R1 + R2) / T**2 + DENSITY * T / 3 * np.eye(2)
-    return x, P
+    P = np.kron(R2, [[1, 1 / T], [1 / T, 1 / T**2]])
+    P[1::2, 1::2] += R1 / T**2 + DENSITY * T / 3 * np.eye(2)
+    return np.column_stack([z2, (z2 - z1) / T]).ravel(), P
 
 
 def jacobian(x):
@@ -107,10 +104,7 @@ def mpf(first, second, scans, draws, N, boost, boost_scans):
     """Marginalised particle filter (section VI; Schon et al. 2005), regularised jointly."""
     (Q11, Q12), (_, Q22) = Q_AXIS
     cloud, C, sigma = [], DENSITY * T / 3, np.sqrt([V, S_A])
-    earlier, later = (
-        np.transpose(draws.take("standard_normal")),
-        np.transpose(draws.take("standard_normal")),
-    )
+    earlier, later = (np.transpose(draws.take("standard_normal")) for _ in range(2))
     for e1, e2 in zip(earlier, later, strict=True):
         p = position(second + sigma * e2)
         cloud.append((p, (p - position(first + sigma * e1)) / T))

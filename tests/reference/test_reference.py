@@ -24,7 +24,8 @@ RUNS, SEED = 3, 20261122
 LONG, MERWE = Maneuver(), Merwe()
 TURNS = (Leg(start=60, end=110, ax=1.0, ay=-2.0), Leg(start=170, end=200, ax=-3.0, ay=1.0))
 SHORT = Maneuver(duration=260.0, legs=TURNS)
-NEAR, FAR = (Banana(range_km=km, velocity_cross=1000.0, scans=40) for km in (50.0, 2711.549))
+FAR = Banana(velocity_cross=1000.0, scans=40)
+NEAR = Banana(velocity_cross=1000.0, scans=20, range_km=20.0, azimuth_deg=175.0)  # turns past 180
 
 
 def switching(q, q_m, n, hold_s, **detector):
@@ -39,23 +40,22 @@ def switching(q, q_m, n, hold_s, **detector):
 
 
 PAPER = switching(0.01, 1e-4, 0, 0.0, kind="fading-ie", eta=20.0)
-SECONDS = switching(0.0, 1e-4, 0, 9.0, kind="ie", eta=20.0, window_s=20.0, min_window_s=6.0)
+SECONDS = switching(0.0, 1e-4, 0, 9.0, kind="ie", eta=20.0, window_s=12.0, min_window_s=4.0)
 CAREFUL = switching(0.01, 1e-3, 8, 0.0, kind="fading", eta=15.0)
-BOOSTED = {"N": 200, "boost": 5, "boost_scans": 4}
+BOOSTED = {"N": 300, "boost": 4, "boost_scans": 3}
+PRINTED = make_filter("hdepf", "published-level", N=10)
 CASES = {
     "paper": (1e-9, LONG, PAPER, adaptive, (0.01, 1e-4, 20.0, "rho")),
-    "seconds": (1e-9, SHORT, SECONDS, adaptive, (0.0, 1e-4, 20.0, "zeta", "argmax", 20, 6, 0, 9)),
+    "seconds": (1e-9, SHORT, SECONDS, adaptive, (0.0, 1e-4, 20.0, "zeta", "argmax", 12, 4, 0, 9)),
     "careful": (1e-9, SHORT, CAREFUL, adaptive, (0.01, 1e-3, 15.0, "rho", "oldest", 5, 0, 8)),
-    "mpf": (1e-7, NEAR, make_filter("mpf", **BOOSTED), mpf, (200, 5, 4)),
+    "mpf": (1e-7, NEAR, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
     "apf": (1e-9, MERWE, make_filter("apf", N=20), apf, (20,)),
     "upf": (1e-9, MERWE, make_filter("upf", N=20), upf, (20, False)),
     "upf, demo": (1e-9, MERWE, make_filter("upf", "merwe-demo", N=20), upf, (20, True)),
-    "hdepf": (1e-6, MERWE, make_filter("hdepf", N=10), hdepf, (10, False)),
-    "hdepf, published": (
-        *(1e-6, MERWE, make_filter("hdepf", "published-level", N=10), hdepf, (10, True)),
-    ),
+    "hdepf": (1e-7, MERWE, make_filter("hdepf", N=10), hdepf, (10, False)),
+    "hdepf, printed": (1e-7, MERWE, PRINTED, hdepf, (10, True)),
 }
-for where, scenario, tolerance in (("near", NEAR, 1e-8), ("far", FAR, 1e-6)):
+for where, scenario, tolerance in (("near", NEAR, 1e-9), ("far", FAR, 1e-6)):
     CASES[f"mcaekf, {where}"] = tolerance, scenario, make_filter("mcaekf"), mcaekf, ()
     for kind in ("ccm", "ucm", "mucm", "ducm"):
         digits = 1e-2 if (where, kind) == ("far", "ccm") else tolerance
