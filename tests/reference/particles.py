@@ -24,9 +24,9 @@ def log_normal(e, variance):
     return -(e**2) / variance / 2 - log(2 * pi * variance) / 2
 
 
-def log_likelihood(z, x, k, floored=False):
+def log_likelihood(z, x, k, floored=False, variance=R):
     """log p(z_k | x_k), or what is left of it in a program that adds 1e-99."""
-    found = log_normal(z - h(x, k), R)
+    found = log_normal(z - h(x, k), variance)
     return log(exp(found) + 1e-99) if floored else found
 
 
@@ -71,16 +71,17 @@ def resampled(scheme, w, draws, size):
     return sorted(certain + [min(bisect_left(edges, t), len(w) - 1) for t in teeth])
 
 
-def apf(measurements, draws, N):
+def apf(measurements, draws, N, R):
     """Auxiliary particle filter (Pitt & Shephard 1999) judged at the mean; log-weights kept."""
     x, logs = [1.0] * N, [0.0] * N
     for k, z in enumerate(measurements, 2):
-        first = [log_likelihood(z, f(a, k) + SHAPE / RATE, k) for a in x]
+        first = [log_likelihood(z, f(a, k) + SHAPE / RATE, k, variance=R) for a in x]
         chosen = weights([a + b for a, b in zip(first, logs, strict=True)])
         parents = resampled("systematic", chosen, draws, N)
         (noise,) = draws.take("standard_gamma")
         x = [f(x[i], k) + g / RATE for i, g in zip(parents, noise, strict=True)]
-        logs = [log_likelihood(z, a, k) - first[i] for a, i in zip(x, parents, strict=True)]
+        second = [log_likelihood(z, a, k, variance=R) for a in x]
+        logs = [a - first[i] for a, i in zip(second, parents, strict=True)]
         yield moments(x, weights(logs))
 
 
