@@ -24,7 +24,7 @@ RUNS, SEED = 3, 20261122
 LONG, MERWE = Maneuver(), Merwe()
 TURNS = (Leg(start=60, end=110, ax=1.0, ay=-2.0), Leg(start=170, end=200, ax=-3.0, ay=1.0))
 SHORT = Maneuver(duration=260.0, legs=TURNS)
-FAR = Banana(velocity_cross=1000.0, scans=40)
+FAR, CURVED = Banana(velocity_cross=1000.0, scans=40), Banana(range_km=250.0, scans=15)
 NEAR = Banana(velocity_cross=0.1, scans=20, range_km=0.1, azimuth_deg=179.6)  # turns past 180
 
 
@@ -48,7 +48,8 @@ CASES = {
     "paper": (1e-9, LONG, PAPER, adaptive, (0.01, 1e-4, 20.0, "rho")),
     "seconds": (1e-9, SHORT, SECONDS, adaptive, (0.0, 1e-4, 20.0, "zeta", "argmax", 12, 4, 0, 9)),
     "careful": (1e-9, SHORT, CAREFUL, adaptive, (0.01, 1e-3, 15.0, "rho", "oldest", 5, 0, 8)),
-    "mpf": (1e-7, NEAR, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
+    "mpf": (1e-9, NEAR, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
+    "mpf, curved": (1e-6, CURVED, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
     "apf": (1e-9, MERWE, make_filter("apf", N=20), apf, (20, 1e-5)),
     "apf, noisy": (1e-9, Merwe(R=1.0), make_filter("apf", N=20), apf, (20, 1.0)),
     "upf": (1e-9, MERWE, make_filter("upf", N=20), upf, (20, False)),
