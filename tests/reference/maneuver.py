@@ -71,8 +71,7 @@ def adaptive(
             if k - since >= n:
                 mode, since, recent = "MF" if evidence > 0 else "NMF", k, [inf] * P_LAST
         elif mode == "MF":
-            a = x_m[4:]
-            recent = [*recent[1:], a @ inv(P_m[4:, 4:]) @ a]
+            recent = [*recent[1:], x_m[4:] @ inv(P_m[4:, 4:]) @ x_m[4:]]
             if sum(recent) < T_A and k - since >= hold:
                 mode, since, rho, seen, x, P = "NMF", k, 0.0, [], x_m[:4], P_m[:4, :4]
         yield (x_m[:4], P_m[:4, :4], 1.0) if mode == "MF" else (x, P, 0.0)

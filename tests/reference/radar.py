@@ -23,8 +23,7 @@ def framed(along, across, a):
 
 
 def position(scan):
-    r, a = scan
-    return r * np.array([cos(a), sin(a)])
+    return scan[0] * np.array([cos(scan[1]), sin(scan[1])])
 
 
 def converted(kind, scan, predicted=None):
@@ -76,12 +75,11 @@ def updated(x, P, nu, H, R):
 def cmkf(first, second, scans, kind):
     """Converted measurement Kalman filter (section III)."""
     x, P = two_point(kind, first, second)
-    H = np.eye(4)[::2]
     for scan in scans:
         x, P = F @ x, F @ P @ F.T + Q
         J, r, a = jacobian(x)
         z, R = converted(kind, scan, (r, a, *np.diag(J @ P @ J.T)))
-        x, P = updated(x, P, z - H @ x, H, R)
+        x, P = updated(x, P, z - x[::2], np.eye(4)[::2], R)
         yield x, P
 
 
