@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import Streams
+from trackbench.core.sums import mean
 from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import PositionSensor
@@ -45,6 +46,8 @@ class Launch:
     """m/s"""
 
 
+STRAY = 10.0
+"""Error beyond which a track has strayed, in standard deviations of a measurement."""
 _STRAIGHT = ConstantVelocity(q=0.0)
 
 
@@ -93,8 +96,11 @@ class Maneuver:
     """errors count from this time, s; the paper's detector starts with the twentieth sample"""
     settle: NonNegative = 100.0
     """time after a turn that is neither turn nor quiet, s"""
+    edge: Positive = 50.0
+    """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
     lost_beyond: Positive | None = None
-    """error beyond which a run counts as lost, m; default: none, so that divergence is seen"""
+    """error beyond which a run counts as lost and is left out, m; default: none: the position is always
+    bounded here, so that a filter's divergence can be seen; `strayed` counts it"""
 
     def __post_init__(self) -> None:
         _check_legs(self.turns, self.duration)
@@ -129,12 +135,18 @@ class Maneuver:
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """All that is scored; ``turns``, each ``leg n``, and ``quiet``: settled straight flight."""
-        scored, inside = self.times >= self.score_from, self._inside
+        """All that is scored; ``quiet``: settled straight flight; of the turns, if there are any:
+
+        ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
+        """
+        scored, inside, starts = self.times >= self.score_from, self._inside, self._starts
         out = {"": scored}
         if self.turns:
+            out["before"] = scored & (self.times <= self.turns[0].start)
             out["turns"] = scored & inside.any(axis=0)
+            out["starts"] = scored & starts.any(axis=0)
         out |= {f"leg {n}": scored & during for n, during in enumerate(inside, 1)}
+        out |= {f"start {n}": scored & during for n, during in enumerate(starts, 1)}
         out["quiet"] = scored & self._quiet
         return {name: mask for name, mask in out.items() if mask.any()}
 
@@ -148,6 +160,19 @@ class Maneuver:
         t = self.times
         during = [(t > leg.start) & (t <= leg.end) for leg in self.turns]
         return np.array(during, dtype=np.bool_).reshape(len(during), len(t))
+
+    @property
+    def _starts(self) -> Mask:
+        late = [self.times > leg.start + self.edge for leg in self.turns]
+        return self._inside & ~np.array(late, dtype=np.bool_).reshape(self._inside.shape)
+
+    @property
+    def _ends(self) -> Mask:
+        """The stretch after each turn's end (legs, K), as far as no other turn covers it."""
+        t = self.times
+        after = [(t > leg.end) & (t <= leg.end + self.edge) for leg in self.turns]
+        straight = ~self._inside.any(axis=0) & (t >= self.score_from)
+        return np.array(after, dtype=np.bool_).reshape(self._inside.shape) & straight
 
     @property
     def _quiet(self) -> Mask:
@@ -187,13 +212,36 @@ class Maneuver:
         return {"position": e[0:4:2], "velocity": e[1:4:2], "x": e[:1], "y": e[2:3]}
 
     def run_metrics(self, values: dict[str, Array]) -> dict[str, Array]:
-        """Peak position error, and how a filter that switches meets the onsets of the turns."""
-        scored = self.times >= self.score_from
-        out = {"peak_position": np.sqrt(values["squared_position"][scored].max(axis=0))}
+        """Peaks and overshoots, and how a filter that switches meets the onsets of the turns.
+
+        ``peak_position`` largest error in a window, m; ``strayed`` 1 where it was over ten standard
+        deviations of a measurement: none would be taken for the track's any more. ``overshoot_m[leg n]``
+        mean error along the turn's acceleration after its end.
+        """
+        squared, windows = values["squared_position"], self.windows
+        peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in windows.items()}
+        out = {
+            f"peak_position[{name}]" if name else "peak_position": p for name, p in peaks.items()
+        }
+        strayed = (peaks[""] > STRAY * self.sigma).astype(float)
+        out["strayed"] = np.where(np.isnan(peaks[""]), np.nan, strayed)
+        if "error_x" in values:
+            out |= self._overshoots(values["error_x"], values["error_y"])
         if "mode" in values:
             starts = tuple(leg.start for leg in self.turns)
-            onsets = Onsets(self.times, starts, self._inside, scored & self._quiet)
-            out |= onsets.metrics(values["mode"], values.get("alarm"))
+            quiet = (self.times >= self.score_from) & self._quiet
+            onsets = Onsets(self.times, starts, self._inside, quiet)
+            out |= onsets.metrics(values["mode"], values.get("alarm"), values.get("alarm_age_s"))
+        return out
+
+    def _overshoots(self, x: Array, y: Array) -> dict[str, Array]:
+        """From signed errors (K, M): a filter that still turns is ahead, on the side it turned to."""
+        out = {}
+        for n, (leg, after) in enumerate(zip(self.turns, self._ends, strict=True), 1):
+            size = np.sqrt(leg.ax * leg.ax + leg.ay * leg.ay)
+            if after.any() and size > 0.0:
+                ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
+                out[f"overshoot_m[leg {n}]"] = mean(ahead, axis=0)
         return out
 
 
