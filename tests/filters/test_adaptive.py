@@ -15,7 +15,8 @@ from trackbench.filters.input_estimation import VDF, InputEstimation
 from trackbench.filters.linear import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
 from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
-from trackbench.scenarios.maneuver import Leg, Maneuver
+from trackbench.scenarios.legs import Leg
+from trackbench.scenarios.maneuver import Maneuver
 
 QUIET_CV, STILL_CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=0.0)
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)

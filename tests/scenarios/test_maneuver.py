@@ -5,7 +5,8 @@ import pytest
 
 from trackbench.core.streams import RunStreams
 from trackbench.keys import MistakenKeyError
-from trackbench.scenarios.maneuver import Launch, Leg, Maneuver
+from trackbench.scenarios.legs import Launch, Leg
+from trackbench.scenarios.maneuver import Maneuver
 from trackbench.scenarios.onsets import Onsets
 
 

@@ -9,63 +9,18 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import Streams
 from trackbench.core.sums import mean
-from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.keys import MOST_STEPS, MistakenKeyError, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import PositionSensor
 from trackbench.models.motions import ConstantVelocity
 from trackbench.registry import register
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.legs import PAPER, Launch, Leg, check_legs
 from trackbench.scenarios.onsets import Onsets
-
-
-@dataclass(frozen=True, kw_only=True)
-class Leg:
-    """A stretch of constant acceleration."""
-
-    start: NonNegative
-    """s"""
-    end: Positive
-    """s"""
-    ax: Finite
-    """m/s^2"""
-    ay: Finite
-    """m/s^2"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Launch:
-    """Where the target is at time zero."""
-
-    x: Finite = 2000.0
-    """m"""
-    y: Finite = 10_000.0
-    """m"""
-    vx: Finite = 0.0
-    """m/s"""
-    vy: Finite = -15.0
-    """m/s"""
-
 
 STRAY = 10.0
 """Error beyond which a track has strayed, in standard deviations of a measurement."""
 _STRAIGHT = ConstantVelocity(q=0.0)
-
-
-def _legs(*rows: tuple[float, float, float, float]) -> tuple[Leg, ...]:
-    return tuple(Leg(start=s, end=e, ax=ax, ay=ay) for s, e, ax, ay in rows)
-
-
-_FIRST = ((400.0, 600.0, 0.075, 0.075), (620.0, 670.0, -0.3, 0.3), (1000.0, 1200.0, -0.075, -0.075))
-PAPER: dict[str, tuple[Launch, tuple[Leg, ...]]] = {
-    "corrected": (
-        Launch(),
-        _legs(*_FIRST, (1205.0, 1255.0, 0.3, -0.3), (1455.0, 1655.0, 0.075, 0.075)),
-    ),
-    "as-printed": (
-        Launch(vx=-15.0, vy=0.0),
-        _legs(*_FIRST, (1205.0, 1255.0, -0.3, -0.3), (1455.0, 1700.0, 0.075, 0.075)),
-    ),
-}
 
 
 @register("scenarios", "maneuver")
@@ -99,11 +54,11 @@ class Maneuver:
     edge: Positive = 50.0
     """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
     lost_beyond: Positive | None = None
-    """error beyond which a run counts as lost and is left out, m; default: none: the position is always
-    bounded here, so that a filter's divergence can be seen; `strayed` counts it"""
+    """error beyond which a run counts as lost and is left out, m; default: none, so that a filter that
+    diverges stays in every number; the metric `strayed` says in how many runs it does"""
 
     def __post_init__(self) -> None:
-        _check_legs(self.turns, self.duration)
+        check_legs(self.turns, self.duration)
         if self.duration > MOST_STEPS * self.T:
             raise MistakenKeyError(
                 f"{self.duration:g} s hold over {MOST_STEPS} samples", "duration"
@@ -243,15 +198,3 @@ class Maneuver:
                 ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
                 out[f"overshoot_m[leg {n}]"] = mean(ahead, axis=0)
         return out
-
-
-def _check_legs(legs: tuple[Leg, ...], duration: float) -> None:
-    for n, leg in enumerate(legs):
-        if leg.end <= leg.start:
-            raise MistakenKeyError(f"leg {n + 1} ends before it starts", "legs", n, "end")
-        if leg.end > duration:
-            what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {duration:g} s"
-            raise MistakenKeyError(what, "legs", n, "end")
-        if n and leg.start < legs[n - 1].end:
-            what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
-            raise MistakenKeyError(what, "legs", n, "start")
