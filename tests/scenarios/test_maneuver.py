@@ -143,6 +143,7 @@ def test_onset_errors_by_hand() -> None:
     age[1, 3], mode[1:, 3] = 1.0, 1.0  # on before the turn
     got = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, (age > 0).astype(float), age)
     np.testing.assert_array_equal(got["onset_error_s[leg 1]"], [-1.0, 2.5, np.nan, np.nan])
+    np.testing.assert_array_equal(got["onset_off_s[leg 1]"], [1.0, 2.5, np.nan, np.nan])
     np.testing.assert_array_equal(got["onset_age_s[leg 1]"], [3.0, 2.5, np.nan, np.nan])
     np.testing.assert_array_equal(got["delay_s[leg 1]"], [2.0, 5.0, np.nan, np.nan])
     without = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, None)

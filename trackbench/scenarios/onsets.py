@@ -25,7 +25,7 @@ class Onsets:
         there is none; ``missed[leg n]`` 1 where the leg went by without one; ``already_on[leg n]`` 1
         where the mode was on before the onset, which is no detection; ``onset_age_s[leg n]`` how long
         before that sample the maneuver is then estimated to have begun, and ``onset_error_s[leg n]``
-        estimated minus true onset, if the filter estimates it;
+        estimated minus true onset, ``onset_off_s[leg n]`` its size, if the filter estimates it;
         ``false_alarms_per_1000`` alarms per 1000 quiet samples in the quiescent mode.
         """
         on = mode > 0.5  # the prior's row is NaN: off
@@ -44,6 +44,7 @@ class Onsets:
             if begun is not None:
                 error = begun[met, np.arange(len(met))] - start
                 out[f"onset_error_s[leg {n}]"] = np.where(np.isnan(delay), np.nan, error)
+                out[f"onset_off_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
                 out[f"onset_age_s[leg {n}]"] = delay - error
             out[f"missed[leg {n}]"] = (~found).astype(float)
             out[f"already_on[leg {n}]"] = before.astype(float)
