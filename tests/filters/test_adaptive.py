@@ -15,7 +15,8 @@ from trackbench.filters.input_estimation import VDF, InputEstimation
 from trackbench.filters.linear import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
 from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
-from trackbench.scenarios.maneuver import Leg, Maneuver
+from trackbench.scenarios.legs import Leg
+from trackbench.scenarios.maneuver import Maneuver
 
 QUIET_CV, STILL_CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=0.0)
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)
@@ -229,22 +230,40 @@ def test_the_least_onset_postpones_the_switch() -> None:
 def test_onset_is_estimated_near_the_truth() -> None:
     """A strong turn: the first alarm's onset is within ten seconds of it on average."""
     strong = Maneuver(duration=160.0, legs=(Leg(start=100, end=150, ax=2.0, ay=2.0),))
-    tracker = AdaptiveKF(
-        nmf=CV, mf=CA, detector=Detector(eta=30.0, window_s=40.0, min_window_s=15.0)
-    )
-    data = strong.simulate(RunStreams(4, range(20)), 20)
-    rng = block_stream(4, 0)
-    state = tracker.init(strong.model, data.prior, rng)
-    onsets = np.full(20, np.nan)
-    for i, k in enumerate(strong.steps[1:]):
-        before = state
-        state = tracker.step(strong.model, state, data.measurements[:, i], int(k), rng)
-        if state.alarm.any() and k > 100:
-            zeta = before.inputs.significance()
-            onset = before.inputs.onset(zeta.argmax(axis=0), int(k) - 1)
-            onsets = np.where(state.alarm & np.isnan(onsets), onset, onsets)
-    assert np.isfinite(onsets).all()
-    assert abs(np.mean(onsets) - 100.0) < 10.0
+    detector = Detector(eta=30.0, window_s=40.0, min_window_s=15.0)
+    for tracker in (
+        AdaptiveKF(nmf=CV, mf=CA, detector=detector),
+        InputEstimation(motion=CV, eta=30.0, window_s=40.0, min_window_s=15.0),
+    ):
+        found = run_block(BlockTask(strong, tracker, 4, 0, 20, 20)).per_run
+        error = found["onset_error_s[leg 1]"]
+        assert np.isfinite(error).all()
+        assert abs(error.mean()) < 10.0
+        assert (found["onset_age_s[leg 1]"] >= 15.0).all()
+        total = found["onset_age_s[leg 1]"] + error
+        np.testing.assert_allclose(total, found["delay_s[leg 1]"])
+
+
+def test_the_variable_dimension_filter_takes_the_window_for_the_onset() -> None:
+    """Or its restart, if that is nearer."""
+    found = track(TURN, VDF(nmf=CV, mf=CA, eta=18.0), 8).diagnostics
+    age, alarm = found["alarm_age_s"][1:], found["alarm"][1:] > 0.0
+    np.testing.assert_array_equal(np.isnan(age), ~alarm)
+    first = alarm.argmax(axis=0)[alarm.any(axis=0)]
+    np.testing.assert_array_equal(age[first, alarm.any(axis=0)], 5.0)
+    assert np.nanmax(age) == 5.0
+
+
+@pytest.mark.parametrize("window_s", [5.0, 40.0])
+def test_zeta_of_the_oldest_onset_is_chi_square_in_straight_flight(window_s: float) -> None:
+    """Independent runs at the last of 90 steps: mean 2, variance 4, a tenth above the 10 % point."""
+    runs, straight = 3000, Maneuver(duration=90.0, legs=())
+    never = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=1e9, window_s=window_s))
+    found = track(straight, never, runs).diagnostics
+    zeta, beyond = found["zeta"][-1], found["zeta_beyond"][-1]
+    assert abs(zeta.mean() - 2.0) < 3.5 * np.sqrt(4.0 / runs)
+    assert abs(zeta.var() - 4.0) < 3.5 * np.sqrt(128.0 / runs)  # mu_4 - mu_2^2 = 144 - 16
+    assert abs(beyond.mean() - 0.1) < 3.5 * np.sqrt(0.09 / runs)
 
 
 def test_input_estimation_follows_the_turn_and_is_a_kalman_filter_without_alarms() -> None:

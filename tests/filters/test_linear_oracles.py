@@ -16,7 +16,8 @@ from trackbench.models.motions import (
     CoordinatedTurn,
     WhiteAcceleration,
 )
-from trackbench.scenarios.maneuver import Leg, Maneuver
+from trackbench.scenarios.legs import Leg
+from trackbench.scenarios.maneuver import Maneuver
 
 SCENARIO = Maneuver(duration=120.0, legs=(Leg(start=40, end=80, ax=0.3, ay=-0.2),), score_from=0.0)
 RUNS = 2

@@ -5,7 +5,8 @@ import pytest
 
 from trackbench.core.streams import RunStreams
 from trackbench.keys import MistakenKeyError
-from trackbench.scenarios.maneuver import Launch, Leg, Maneuver
+from trackbench.scenarios.legs import Launch, Leg
+from trackbench.scenarios.maneuver import Maneuver
 from trackbench.scenarios.onsets import Onsets
 
 
@@ -69,6 +70,46 @@ def test_a_longer_sampling_time_flies_the_same_path() -> None:
     assert len(coarse.steps) == 170
 
 
+def test_starts_of_turns_and_the_flight_before_them() -> None:
+    windows, t = Maneuver().windows, Maneuver().times
+    np.testing.assert_array_equal(t[windows["before"]][[0, -1]], [20.0, 400.0])
+    np.testing.assert_array_equal(t[windows["start 1"]][[0, -1]], [401.0, 450.0])
+    np.testing.assert_array_equal(windows["start 2"], windows["leg 2"])  # 50 s long
+    short = Maneuver(edge=10.0).windows
+    np.testing.assert_array_equal(t[short["start 4"]], np.arange(1206.0, 1216.0))
+    assert short["starts"].sum() == 5 * 10
+    assert not {"before", "starts", "turns"} & set(Maneuver(legs=()).windows)
+
+
+def test_peaks_of_windows_and_runs_that_strayed() -> None:
+    scenario = Maneuver(sigma=10.0)
+    error = np.ones((1700, 2))
+    error[630, :] = 30.0  # in the second leg
+    error[1300, :] = 100.0, 100.5  # between turns: at the limit, and beyond it
+    error[5, :] = 900.0  # before anything is scored
+    got = scenario.run_metrics({"squared_position": np.square(error)})
+    np.testing.assert_allclose(got["peak_position"], [100.0, 100.5])
+    np.testing.assert_allclose(got["peak_position[turns]"], 30.0)
+    np.testing.assert_allclose(got["peak_position[start 2]"], 30.0)
+    np.testing.assert_allclose(got["peak_position[leg 1]"], 1.0)
+    np.testing.assert_array_equal(got["strayed"], [0.0, 1.0])
+
+
+def test_overshoot_is_along_the_acceleration_until_the_next_turn() -> None:
+    """A filter that goes on turning for ever is ahead by a t^2 / 2 after so many seconds."""
+    first = Leg(start=100, end=150, ax=0.3, ay=-0.4)
+    second = Leg(start=160, end=200, ax=-1.0, ay=0.0)
+    scenario = Maneuver(duration=300.0, legs=(first, second), edge=20.0)
+    since = np.maximum(scenario.times - first.end, 0.0)
+    ahead = 0.5 * np.square(since)[:, None]  # its acceleration is 0.5 m/s^2
+    x, y = 0.6 * ahead * 0.5, -0.8 * ahead * 0.5
+    got = scenario.run_metrics({"squared_position": x * x, "error_x": x, "error_y": y})
+    t = np.arange(1.0, 11.0)  # the second turn begins after ten
+    np.testing.assert_allclose(got["overshoot_m[leg 1]"], 0.25 * np.mean(t * t))
+    t = np.arange(51.0, 71.0)
+    np.testing.assert_allclose(got["overshoot_m[leg 2]"], -0.6 * 0.25 * np.mean(t * t))
+
+
 def test_onsets_by_hand() -> None:
     """Two legs, four runs: met late, met at once, missed, and on from before."""
     times = np.arange(1.0, 11.0)
@@ -85,6 +126,28 @@ def test_onsets_by_hand() -> None:
     np.testing.assert_array_equal(got["missed[leg 2]"], [1, 1, 1, 0])
     # Quiet are 1, 2, 3 and 10 s; run 4 is still on at 9 s, so that 10 s is no chance of an alarm.
     np.testing.assert_allclose(got["false_alarms_per_1000"], [0, 0, 0, 1000.0 / 3.0])
+
+
+def test_onset_errors_by_hand() -> None:
+    """The onset believed where the mode goes on is that of the last alarm, once it is confirmed."""
+    times = np.arange(1.0, 11.0)
+    inside = np.array([(times > 4) & (times <= 9)])
+    mode, age = np.zeros((10, 4)), np.full((10, 4), np.nan)
+    age[2, 0], age[5, 0], mode[5:, 0] = (
+        1.0,
+        3.0,
+        1.0,
+    )  # a denied alarm at 3 s, one at 6 s: since 3 s
+    age[6, 1], mode[8:, 1] = 0.5, 1.0  # alarm at 7 s, since 6.5 s, confirmed at 9 s
+    age[5, 2] = 2.0  # an alarm that is denied
+    age[1, 3], mode[1:, 3] = 1.0, 1.0  # on before the turn
+    got = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, (age > 0).astype(float), age)
+    np.testing.assert_array_equal(got["onset_error_s[leg 1]"], [-1.0, 2.5, np.nan, np.nan])
+    np.testing.assert_array_equal(got["onset_off_s[leg 1]"], [1.0, 2.5, np.nan, np.nan])
+    np.testing.assert_array_equal(got["onset_age_s[leg 1]"], [3.0, 2.5, np.nan, np.nan])
+    np.testing.assert_array_equal(got["delay_s[leg 1]"], [2.0, 5.0, np.nan, np.nan])
+    without = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, None)
+    assert not any(name.startswith("onset") for name in without)
 
 
 def test_a_delay_counts_from_the_onset_between_two_samples() -> None:

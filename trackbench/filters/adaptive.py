@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.fading import tail
+from trackbench.core.fading import significance_threshold, tail
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.core.sums import total
 from trackbench.filters.axes import (
@@ -39,6 +39,7 @@ from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
 
 QUIET, BOTH, TURNING = 0, 1, 2
+_TENTH = significance_threshold(0.1)
 
 
 class Switched(NamedTuple):
@@ -47,7 +48,8 @@ class Switched(NamedTuple):
     ``quiet`` is the non-maneuvering filter (2 components per axis), ``turning`` the maneuvering one
     (3); ``mode`` (M,) which is on, ``since`` the step it began; ``rho`` the fading sum; ``evidence``
     the log-likelihood ratio of the second decision; ``recent`` (p, M) the acceleration's significance;
-    ``nis`` of the reported filter; ``alarm`` where the first decision has just been made.
+    ``nis`` of the reported filter; ``alarm`` where the first decision has just been made, ``age`` how
+    long before, s, the maneuver is then taken to have begun, else NaN; ``zeta`` of the oldest onset.
     """
 
     quiet: Gaussian
@@ -60,7 +62,9 @@ class Switched(NamedTuple):
     evidence: Array
     recent: Array
     nis: Array
+    zeta: Array
     alarm: Mask
+    age: Array
 
 
 @register("filters", "adaptive-kf")
@@ -123,7 +127,7 @@ class AdaptiveKF:
         runs, axes = quiet.mean.shape[-1], quiet.cov.shape[2]
         window = self.detector.window(here.T)
         idle = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
-        zero = np.zeros(runs)
+        zero, unknown = np.zeros(runs), np.full(runs, np.nan)
         return Switched(
             quiet=quiet,
             turning=Gaussian(np.zeros((3, 2, runs)), idle),
@@ -134,21 +138,25 @@ class AdaptiveKF:
             past=history(quiet, window) if self.initialise == "barshalom" else None,
             evidence=zero,
             recent=np.full((self.exit.p, runs), np.inf),
-            nis=np.full(runs, np.nan),
+            nis=unknown,
+            zeta=unknown,
             alarm=np.zeros(runs, dtype=np.bool_),
+            age=unknown,
         )
 
     def step(self, model: Model, state: Switched, z: Array, k: int, rng: Generator) -> Switched:
         """Both filters, then the three decisions: alarm, confirmation, exit."""
         here = site(model)
         state, likelihoods = self._filtered(state, z, k, here)
-        was, alarm, slot = state.mode, *self._alarm(state, k, here)
+        was, (alarm, slot, zeta) = state.mode, self._alarm(state, k, here)
+        age = np.full(len(was), np.nan)
         if alarm.any():
+            age = np.where(alarm, (k - state.inputs.onset(slot, k)) * here.T, age)
             state = self._augmented(state, alarm, slot, k, here)
         evidence = np.where(was == BOTH, state.evidence + likelihoods, 0.0)
         decided = (was == BOTH) & (k - state.since >= self.dlw.n)
         over = (was == TURNING) & self._is_over(state, k, here)
-        state = state._replace(evidence=evidence, alarm=alarm)
+        state = state._replace(evidence=evidence, alarm=alarm, age=age, zeta=zeta)
         if (alarm | decided | over).any():
             confirmed = decided & (evidence > 0.0) | alarm & (self.dlw.n == 0)
             mode = np.where(alarm, BOTH, np.where(decided | over, QUIET, was))
@@ -167,12 +175,22 @@ class AdaptiveKF:
         return joined(choose(state.mode == TURNING, turning, state.quiet))
 
     def diagnostics(self, state: Switched) -> dict[str, Array]:
-        """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now."""
-        return {
+        """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now.
+
+        ``alarm_age_s`` time since the onset that an alarm takes for true. Where that is the argmax of
+        zeta: ``zeta`` of the window's oldest onset (eq. 5: in straight flight chi-square with two
+        degrees of freedom), and ``zeta_beyond``: 1 above that law's 10 % point.
+        """
+        out = {
             "nis": state.nis,
             "mode": (state.mode == TURNING).astype(float),
             "alarm": state.alarm.astype(float),
+            "alarm_age_s": state.age,
         }
+        if self.detector.onset_rule == "argmax":
+            beyond = (state.zeta > _TENTH).astype(float)
+            out |= {"zeta": state.zeta, "zeta_beyond": beyond}
+        return out
 
     def _filtered(self, s: Switched, z: Array, k: int, here: Site) -> tuple[Switched, Array]:
         """Both filters' steps, the statistics, and the log-likelihood ratio of turning (M,)."""
@@ -212,13 +230,14 @@ class AdaptiveKF:
     def _estimates_inputs(self) -> bool:
         return self.initialise == "ie" or self.detector.onset_rule == "argmax"
 
-    def _alarm(self, s: Switched, k: int, here: Site) -> tuple[Mask, Index]:
-        """The first decision (eqs. 5-7): which runs (M,), and the slot of each one's onset."""
-        detector, runs = self.detector, len(s.rho)
+    def _alarm(self, s: Switched, k: int, here: Site) -> tuple[Mask, Index, Array]:
+        """The first decision (eqs. 5-7): which runs (M,), the slot of each one's onset, and ``zeta``."""
+        detector, runs, oldest = self.detector, np.arange(len(s.rho)), s.zeta
         if detector.onset_rule == "argmax":
             zeta = s.inputs.significance()
             slot = zeta.argmax(axis=0)
-            best = zeta[slot, np.arange(runs)]
+            best = zeta[slot, runs]
+            oldest = zeta[s.inputs.slot_of(s.inputs.width, k), runs]
         else:
             age = 1 if detector.onset_rule == "paper" else s.inputs.width
             slot = s.inputs.slot_of(age, k)
@@ -231,7 +250,7 @@ class AdaptiveKF:
         alarm = (statistic > detector.threshold) & old_enough & (s.mode == QUIET)
         if s.past is not None:
             alarm &= s.past.known(onset + 1)
-        return alarm & (k >= detector.start), slot
+        return alarm & (k >= detector.start), slot, oldest
 
     def _augmented(self, s: Switched, alarm: Mask, slot: Index, k: int, here: Site) -> Switched:
         """The maneuvering filter of the alarmed runs started at their onsets."""

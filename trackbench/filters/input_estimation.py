@@ -82,17 +82,18 @@ class VDF:
         return self.machine.estimate(state)
 
     def diagnostics(self, state: Switched) -> dict[str, Array]:
-        """``nis``, ``mode`` and ``alarm`` as of `adaptive-kf`."""
+        """``nis``, ``mode``, ``alarm`` and ``alarm_age_s`` as of `adaptive-kf`."""
         return self.machine.diagnostics(state)
 
 
 class Corrected(NamedTuple):
-    """The filter (2, 2, M), its hypotheses, the NIS, and the runs corrected in this step."""
+    """The filter (2, 2, M), its hypotheses, the NIS, the runs corrected now, and the inputs' age, s."""
 
     quiet: Gaussian
     inputs: Hypotheses
     nis: Array
     alarm: Mask
+    age: Array
 
 
 @register("filters", "input-estimation")
@@ -131,7 +132,8 @@ class InputEstimation:
         quiet, here = per_axis(prior), site(model)
         runs, axes = quiet.mean.shape[-1], quiet.cov.shape[2]
         inputs = hypotheses(self.detector.window(here.T), axes, runs)
-        return Corrected(quiet, inputs, np.full(runs, np.nan), np.zeros(runs, dtype=np.bool_))
+        unknown = np.full(runs, np.nan)
+        return Corrected(quiet, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
 
     def step(self, model: Model, state: Corrected, z: Array, k: int, rng: Generator) -> Corrected:
         """Predict, update, and add the input of the most significant onset where it is one."""
@@ -152,13 +154,13 @@ class InputEstimation:
             inputs = inputs.restarted(alarm, k)
         missing = np.isnan(seen.nu).any(axis=(0, 1))
         nis = np.where(missing, np.nan, over_axes(seen.nis))
-        return Corrected(quiet, inputs.opened(k), nis, alarm)
+        return Corrected(quiet, inputs.opened(k), nis, alarm, np.where(alarm, age * T, np.nan))
 
     def estimate(self, state: Corrected) -> Gaussian:
         """The corrected filter."""
         return joined(state.quiet)
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
-        """``nis``; ``mode`` and ``alarm``: 1 where the state has just been corrected."""
+        """``nis``; ``mode`` and ``alarm``: 1 where the state was just corrected; ``alarm_age_s``."""
         alarm = state.alarm.astype(float)
-        return {"nis": state.nis, "mode": alarm, "alarm": alarm}
+        return {"nis": state.nis, "mode": alarm, "alarm": alarm, "alarm_age_s": state.age}

@@ -8,61 +8,19 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import Streams
-from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.core.sums import mean
+from trackbench.keys import MOST_STEPS, MistakenKeyError, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import PositionSensor
 from trackbench.models.motions import ConstantVelocity
 from trackbench.registry import register
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.legs import PAPER, Launch, Leg, check_legs
 from trackbench.scenarios.onsets import Onsets
 
-
-@dataclass(frozen=True, kw_only=True)
-class Leg:
-    """A stretch of constant acceleration."""
-
-    start: NonNegative
-    """s"""
-    end: Positive
-    """s"""
-    ax: Finite
-    """m/s^2"""
-    ay: Finite
-    """m/s^2"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Launch:
-    """Where the target is at time zero."""
-
-    x: Finite = 2000.0
-    """m"""
-    y: Finite = 10_000.0
-    """m"""
-    vx: Finite = 0.0
-    """m/s"""
-    vy: Finite = -15.0
-    """m/s"""
-
-
+STRAY = 10.0
+"""Error beyond which a track has strayed, in standard deviations of a measurement."""
 _STRAIGHT = ConstantVelocity(q=0.0)
-
-
-def _legs(*rows: tuple[float, float, float, float]) -> tuple[Leg, ...]:
-    return tuple(Leg(start=s, end=e, ax=ax, ay=ay) for s, e, ax, ay in rows)
-
-
-_FIRST = ((400.0, 600.0, 0.075, 0.075), (620.0, 670.0, -0.3, 0.3), (1000.0, 1200.0, -0.075, -0.075))
-PAPER: dict[str, tuple[Launch, tuple[Leg, ...]]] = {
-    "corrected": (
-        Launch(),
-        _legs(*_FIRST, (1205.0, 1255.0, 0.3, -0.3), (1455.0, 1655.0, 0.075, 0.075)),
-    ),
-    "as-printed": (
-        Launch(vx=-15.0, vy=0.0),
-        _legs(*_FIRST, (1205.0, 1255.0, -0.3, -0.3), (1455.0, 1700.0, 0.075, 0.075)),
-    ),
-}
 
 
 @register("scenarios", "maneuver")
@@ -93,11 +51,14 @@ class Maneuver:
     """errors count from this time, s; the paper's detector starts with the twentieth sample"""
     settle: NonNegative = 100.0
     """time after a turn that is neither turn nor quiet, s"""
+    edge: Positive = 50.0
+    """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
     lost_beyond: Positive | None = None
-    """error beyond which a run counts as lost, m; default: none, so that divergence is seen"""
+    """error beyond which a run counts as lost and is left out, m; default: none, so that a filter that
+    diverges stays in every number; the metric `strayed` says in how many runs it does"""
 
     def __post_init__(self) -> None:
-        _check_legs(self.turns, self.duration)
+        check_legs(self.turns, self.duration)
         if self.duration > MOST_STEPS * self.T:
             raise MistakenKeyError(
                 f"{self.duration:g} s hold over {MOST_STEPS} samples", "duration"
@@ -129,12 +90,18 @@ class Maneuver:
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """All that is scored; ``turns``, each ``leg n``, and ``quiet``: settled straight flight."""
-        scored, inside = self.times >= self.score_from, self._inside
+        """All that is scored; ``quiet``: settled straight flight; of the turns, if there are any:
+
+        ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
+        """
+        scored, inside, starts = self.times >= self.score_from, self._inside, self._starts
         out = {"": scored}
         if self.turns:
+            out["before"] = scored & (self.times <= self.turns[0].start)
             out["turns"] = scored & inside.any(axis=0)
+            out["starts"] = scored & starts.any(axis=0)
         out |= {f"leg {n}": scored & during for n, during in enumerate(inside, 1)}
+        out |= {f"start {n}": scored & during for n, during in enumerate(starts, 1)}
         out["quiet"] = scored & self._quiet
         return {name: mask for name, mask in out.items() if mask.any()}
 
@@ -148,6 +115,19 @@ class Maneuver:
         t = self.times
         during = [(t > leg.start) & (t <= leg.end) for leg in self.turns]
         return np.array(during, dtype=np.bool_).reshape(len(during), len(t))
+
+    @property
+    def _starts(self) -> Mask:
+        late = [self.times > leg.start + self.edge for leg in self.turns]
+        return self._inside & ~np.array(late, dtype=np.bool_).reshape(self._inside.shape)
+
+    @property
+    def _ends(self) -> Mask:
+        """The stretch after each turn's end (legs, K), as far as no other turn covers it."""
+        t = self.times
+        after = [(t > leg.end) & (t <= leg.end + self.edge) for leg in self.turns]
+        straight = ~self._inside.any(axis=0) & (t >= self.score_from)
+        return np.array(after, dtype=np.bool_).reshape(self._inside.shape) & straight
 
     @property
     def _quiet(self) -> Mask:
@@ -187,23 +167,34 @@ class Maneuver:
         return {"position": e[0:4:2], "velocity": e[1:4:2], "x": e[:1], "y": e[2:3]}
 
     def run_metrics(self, values: dict[str, Array]) -> dict[str, Array]:
-        """Peak position error, and how a filter that switches meets the onsets of the turns."""
-        scored = self.times >= self.score_from
-        out = {"peak_position": np.sqrt(values["squared_position"][scored].max(axis=0))}
+        """Peaks and overshoots, and how a filter that switches meets the onsets of the turns.
+
+        ``peak_position`` largest error in a window, m; ``strayed`` 1 where it was over ten standard
+        deviations of a measurement: none would be taken for the track's any more. ``overshoot_m[leg n]``
+        mean error along the turn's acceleration after its end.
+        """
+        squared, windows = values["squared_position"], self.windows
+        peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in windows.items()}
+        out = {
+            f"peak_position[{name}]" if name else "peak_position": p for name, p in peaks.items()
+        }
+        strayed = (peaks[""] > STRAY * self.sigma).astype(float)
+        out["strayed"] = np.where(np.isnan(peaks[""]), np.nan, strayed)
+        if "error_x" in values:
+            out |= self._overshoots(values["error_x"], values["error_y"])
         if "mode" in values:
             starts = tuple(leg.start for leg in self.turns)
-            onsets = Onsets(self.times, starts, self._inside, scored & self._quiet)
-            out |= onsets.metrics(values["mode"], values.get("alarm"))
+            quiet = (self.times >= self.score_from) & self._quiet
+            onsets = Onsets(self.times, starts, self._inside, quiet)
+            out |= onsets.metrics(values["mode"], values.get("alarm"), values.get("alarm_age_s"))
         return out
 
-
-def _check_legs(legs: tuple[Leg, ...], duration: float) -> None:
-    for n, leg in enumerate(legs):
-        if leg.end <= leg.start:
-            raise MistakenKeyError(f"leg {n + 1} ends before it starts", "legs", n, "end")
-        if leg.end > duration:
-            what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {duration:g} s"
-            raise MistakenKeyError(what, "legs", n, "end")
-        if n and leg.start < legs[n - 1].end:
-            what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
-            raise MistakenKeyError(what, "legs", n, "start")
+    def _overshoots(self, x: Array, y: Array) -> dict[str, Array]:
+        """From signed errors (K, M): a filter that still turns is ahead, on the side it turned to."""
+        out = {}
+        for n, (leg, after) in enumerate(zip(self.turns, self._ends, strict=True), 1):
+            size = np.sqrt(leg.ax * leg.ax + leg.ay * leg.ay)
+            if after.any() and size > 0.0:
+                ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
+                out[f"overshoot_m[leg {n}]"] = mean(ahead, axis=0)
+        return out
