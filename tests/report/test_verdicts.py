@@ -1,7 +1,6 @@
 """Published numbers and claims get the verdict they deserve."""
 
 import csv
-import resource
 import subprocess
 import sys
 from math import isnan, nan
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from trackbench import api
+from trackbench.evaluation import block
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber
@@ -236,19 +236,11 @@ def test_paired_csv_holds_every_pair_once_with_holm(made):
     assert adjusted[np.argmin(p)] == pytest.approx(min(10 * p.min(), 1.0))
 
 
-@pytest.mark.parametrize("command", ["compare", "plot", "report"])
-def test_from_the_folder_alone_in_under_five_seconds(folder, command):
-    before = cpu_of_children()
-    done = cli(command, folder)
-    assert done.returncode == 0, done.stderr
-    assert (
-        cpu_of_children() - before < 5.0
-    )  # of the processor: the wall clock is shared with others
-
-
-def cpu_of_children():
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+@pytest.mark.parametrize("command", [api.compare, api.plot, api.report])
+def test_from_the_folder_alone(folder, command, monkeypatch):
+    monkeypatch.setattr(block, "estimate", lambda *_: pytest.fail("a run was computed"))
+    monkeypatch.setattr(block, "simulate", lambda *_: pytest.fail("a run was simulated"))
+    assert command(folder)
 
 
 def test_pairs_need_common_runs():

@@ -181,11 +181,12 @@ class Expressions:
             return _MISSING
         chosen = np.ones(len(values), bool) if self.chosen is None else self.chosen
         there = ~np.isnan(values)
-        lost = int((chosen & ~there).sum())
+        codes = self.runs.get((label, "lost"))
+        lost = int((chosen & (~there if codes is None else codes > 0)).sum())
         kept = chosen & there if common is None else chosen & there & common
         x = values[kept] / wanted.divisor
         if not len(x):
-            return _MISSING._replace(lost=int(chosen.sum()))
+            return _MISSING._replace(lost=lost)
         influences = np.full(len(values), np.nan)
         influences[kept] = influence(wanted.statistic, x)
         return Term(*STATISTICS[wanted.statistic](x), influences, len(x), lost)
