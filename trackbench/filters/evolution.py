@@ -86,7 +86,7 @@ class _Evolutionary(UnscentedProposal):
         after = Particles(evolved.x, self._final_weights(evolved, log_ratio))
         source = after if self.estimate_from == "after" else before
         carried = Particles(evolved.x, particles.uniform(*initial.w.shape))
-        cloud = ProposedCloud(carried, proposed.P, source.moments(), initial.dead)
+        cloud = ProposedCloud(carried, proposed.kalman.cov, source.moments(), initial.dead)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
     def estimate(self, state: EvolvedCloud) -> Gaussian:
@@ -151,7 +151,7 @@ class PFDE(_Evolutionary):
         if self.proposal == "ukf":
             return self.propose(model, cloud, z, k, rng)
         moved = model.motion.transition(cloud.particles.x, k)
-        return Proposed(moved.sample(rng), cloud.P, moved.log_prob)
+        return Proposed(moved.sample(rng), Gaussian(moved.mean, cloud.P), moved.log_prob)
 
 
 @register("filters", "hdepf")
