@@ -50,7 +50,7 @@ def test_one_step_goes_where_the_formula_says(state: int, rng: np.random.Generat
     start = np.full((1, RUNS, N), float(state))
     expected = np.array(matrix()[state])
     assert same(moved(start, 1, rng), expected)
-    assert not same(moved(start, 1, rng), PROPOSAL)
+    assert state == 0 or not same(moved(start, 1, rng), PROPOSAL)  # 0 is left for anything
 
 
 def test_the_target_is_left_as_it_is(rng: np.random.Generator) -> None:

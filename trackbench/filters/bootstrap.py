@@ -25,7 +25,8 @@ class Cloud(NamedTuple):
     """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
 
     ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
-    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows.
+    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows; ``w``
+    (M, N) the weights before resampling, where they are noted.
     """
 
     particles: Particles
@@ -35,6 +36,7 @@ class Cloud(NamedTuple):
     age: int
     P: Array | None = None
     log_w: Array | float = 0.0
+    w: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +70,14 @@ class ParticleFilter:
         return state.weighted.expectation(g)
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights."""
-        return {"dead_steps": state.dead.astype(float)}
+        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
+
+        ``ess``: effective sample size before resampling, as a share of N.
+        """
+        noted = {"dead_steps": state.dead.astype(float)}
+        if state.w is not None:
+            noted["ess"] = particles.effective_sample_size(state.w) / state.w.shape[-1]
+        return noted
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
@@ -114,7 +122,11 @@ class PF(ParticleFilter):
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
         source = weighted if self.estimate_from == "weighted" else resampled
-        return Cloud(resampled, source, source.moments(), dead, state.age + 1)
+        return Cloud(resampled, source, source.moments(), dead, state.age + 1, w=w)
+
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
+        """The same, and ``distinct``: share of particles that are no copies after resampling."""
+        return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
 
     def _moved(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
         """The children (n, M, N) of (children, parents) (2 n, M, N), moved given their parents."""
@@ -158,7 +170,7 @@ class RPF(ParticleFilter):
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(state.age + 1))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1)
+        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1, w=w)
 
 
 @register("filters", "apf")
@@ -190,7 +202,7 @@ class APF(ParticleFilter):
         w, dead = particles.normalise(second)
         moved = Particles(x, w)
         log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
-        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w)
+        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w, w=w)
 
     @property
     def _in_float64(self) -> bool:

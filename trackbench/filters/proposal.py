@@ -36,12 +36,21 @@ TransitionReading = Literal["model", "increment"]
 
 
 class ProposedCloud(NamedTuple):
-    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs."""
+    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
+
+    ``w`` (M, N) are the weights before resampling.
+    """
 
     particles: Particles
     P: Array
     estimate: Gaussian
     dead: Mask
+    w: Array
+
+    def noted(self) -> dict[str, Array]:
+        """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""
+        ess = particles.effective_sample_size(self.w) / self.w.shape[-1]
+        return {"dead_steps": self.dead.astype(float), "ess": ess}
 
 
 class Proposed(NamedTuple):
@@ -119,7 +128,7 @@ class KalmanProposal:
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
         cloud = Particles(x, particles.uniform(runs, N))
-        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_))
+        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_), cloud.w)
 
     def propose(
         self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
@@ -181,7 +190,7 @@ class _ProposalFilter(KalmanProposal):
             x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source.moments(), dead)
+        return ProposedCloud(resampled, P, source.moments(), dead, w)
 
     def _moved(
         self,
@@ -206,8 +215,12 @@ class _ProposalFilter(KalmanProposal):
         return state.estimate
 
     def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
-        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights."""
-        return {"dead_steps": state.dead.astype(float)}
+        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
+
+        ``ess``: effective sample size before resampling, ``distinct``: particles that are no copies
+        after it, both as shares of N.
+        """
+        return state.noted() | {"distinct": particles.distinct(state.particles.x[0])}
 
 
 @register("filters", "epf")
