@@ -27,6 +27,11 @@ grid:
 tables:
   joint: {kind: readings, of: original, rows: 3}
   PF: {kind: readings, of: original, filters: [PF]}
+  gains:
+    kind: metrics
+    filters: [PF]
+    columns: {Mean: mean(rmse), Rms: rms(rmse)}
+    gain: {of: APF, over: PF}
 """
 
 NUMBERS = """\
@@ -111,3 +116,12 @@ def test_a_reading_that_is_lost_is_infinitely_far() -> None:
     assert distance([good]).value == 0.0
     assert distance([good, gone]).value == np.inf
     assert distance([good, nothing]).value == np.inf
+
+
+def test_a_gain_is_that_of_its_column(results: Results) -> None:
+    table = results.tables["gains"]
+    runs = results.runs(results.points()[0])
+    apf, pf = runs["APF", "rmse"], runs["PF", "rmse"]
+    mean, rms = (cell.estimate.value for cell in table.cells[1])
+    assert mean == pytest.approx(100 * (1 - apf.mean() / pf.mean()))
+    assert rms == pytest.approx(100 * (1 - np.sqrt((apf**2).mean() / (pf**2).mean())))
