@@ -27,6 +27,7 @@ grid:
 tables:
   joint: {kind: readings, of: original, rows: 3}
   PF: {kind: readings, of: original, filters: [PF]}
+  nothing: {kind: readings, of: nowhere}
   gains:
     kind: metrics
     filters: [PF]
@@ -91,6 +92,12 @@ def test_one_filters_readings_are_its_own(results: Results) -> None:
         expected = by_hand(results, points[keys[1]], ("PF",))
         assert cells[0].estimate.value == pytest.approx(expected)
     assert len(table.keys) == 2
+
+
+def test_nothing_published_is_said(results: Results) -> None:
+    assert results.tables["nothing"].notes == [
+        "Nothing is published about nowhere that these filters measure."
+    ]
 
 
 def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) -> None:

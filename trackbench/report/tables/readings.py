@@ -78,7 +78,12 @@ class Readings:
         for rank, (shown, whole, parts) in enumerate(found[: self.rows], start=1):
             cells = [whole, *parts] if len(labels) > 1 else [whole]
             table.add([str(rank), *shown], [d.cell for d in cells])
-        table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in found], len(numbers))
+        if numbers:
+            table.notes += _notes(
+                heads, [(shown, whole) for shown, whole, _ in found], len(numbers)
+            )
+        else:
+            table.notes.append(f"Nothing is published about {self.of} that these filters measure.")
         return table
 
     def _numbers(self, results: Results) -> list[PublishedNumber]:
@@ -109,7 +114,7 @@ def distance(terms: list[tuple[str, float, Term]]) -> Distance:
         if term.influences is not None:
             share = runs / term.runs  # of survivors, each counts for more
             influences += off / term.value * share * np.nan_to_num(term.influences)
-    value = float(np.sqrt(squares / len(terms)))
+    value = float(np.sqrt(squares / max(len(terms), 1)))
     return Distance(value, influences / (len(terms) * value) if value else influences, near, lost)
 
 
