@@ -8,7 +8,7 @@ import pytest
 from trackbench import api
 from trackbench.report.expressions import Term
 from trackbench.report.results import Results
-from trackbench.report.tables.readings import distance
+from trackbench.report.tables.readings import Number, distance
 
 CONFIG = """
 name: search
@@ -60,7 +60,7 @@ def by_hand(results: Results, point: dict, labels: tuple[str, ...]) -> float:
     squares = []
     for label, printed, statistic in (
         ("PF", 0.5, np.mean),
-        ("PF", 0.02, lambda x: x.var(ddof=1)),
+        ("PF", sqrt(0.02), lambda x: x.std(ddof=1)),
         ("APF", 0.4, np.mean),
     ):
         if label in labels:
@@ -101,25 +101,28 @@ def test_nothing_published_is_said(results: Results) -> None:
 
 
 def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) -> None:
-    """Delta method on two dependent means, against 400 repetitions of 100 runs."""
+    """Delta method on dependent means and a variance, against 400 repetitions of 100 runs."""
     values, errors = [], []
     for _ in range(400):
         a = rng.gamma(16.0, 1.0 / 16.0, 100)
         b = 0.5 * a + rng.gamma(4.0, 1.0 / 4.0, 100)
-        terms = [
-            ("A", 0.7, Term(a.mean(), 0.0, a - a.mean(), 100)),
-            ("B", 1.0, Term(b.mean(), 0.0, b - b.mean(), 100)),
-        ]
-        found = distance(terms)
+        squares = np.square(b - b.mean())
+        found = distance(
+            [
+                Number("A", 0.7, Term(a.mean(), 0.0, a - a.mean(), 100)),
+                Number("B", 1.0, Term(b.mean(), 0.0, b - b.mean(), 100)),
+                Number("B", 0.2, Term(squares.mean(), 0.0, squares - squares.mean(), 100), True),
+            ]
+        )
         values.append(found.value)
         errors.append(found.cell.estimate.stderr)
     assert np.mean(errors) == pytest.approx(np.std(values), rel=5 / sqrt(2 * 400))
 
 
 def test_a_reading_that_is_lost_is_infinitely_far() -> None:
-    good = ("A", 1.0, Term(1.0, 0.1, np.zeros(10), 10))
-    gone = ("A", 1.0, Term(1.0, 0.1, np.zeros(10), 4, lost=6))
-    nothing = ("A", 1.0, Term(np.nan, np.nan, None, 0, lost=10))
+    good = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 10))
+    gone = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 4, lost=6))
+    nothing = Number("A", 1.0, Term(np.nan, np.nan, None, 0, lost=10))
     assert distance([good]).value == 0.0
     assert distance([good, gone]).value == np.inf
     assert distance([good, nothing]).value == np.inf

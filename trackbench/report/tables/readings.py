@@ -23,6 +23,20 @@ from trackbench.report.table import Cell, Table, rounded
 _NEAR = 0.1
 
 
+class Number(NamedTuple):
+    """A printed number of a filter, what is measured for it, and whether it is a variance."""
+
+    label: str
+    printed: float
+    measured: Term
+    is_variance: bool = False
+
+    @property
+    def power(self) -> float:
+        """Of both numbers, before they are compared."""
+        return 0.5 if self.is_variance else 1.0
+
+
 class Distance(NamedTuple):
     """Root mean square of log(measured / printed), one influence per run (M,), numbers within 10 %."""
 
@@ -44,11 +58,12 @@ class Readings:
     """The points of the grid, each a reading of a paper, by their distance to what it prints.
 
     The distance is the root mean square, over the printed numbers of the filters, of
-    log(measured / printed): 0.1 is about 10 %. Numbers that are made of others (ratios, gains) are left
-    out, and so are words; a reading that loses most runs of a filter is infinitely far. Points that
-    differ only in keys of filters that do not count are one reading. The nearest of many readings is
-    nearer than one chosen beforehand: the notes say how many were tried, and how many of them are not
-    farther than the nearest by two paired standard errors.
+    log(measured / printed): 0.1 is about 10 %. Of a variance the root is taken, which has the unit of
+    the other numbers. Numbers that are made of others (ratios, gains) are left out, and so are words; a
+    reading that loses most runs of a filter is infinitely far. Points that differ only in keys of
+    filters that do not count are one reading. The nearest of many readings is nearer than one chosen
+    beforehand: the notes say how many were tried, and how many of them are not farther than the nearest
+    by two paired standard errors.
     """
 
     title: str = ""
@@ -69,9 +84,9 @@ class Readings:
         heads, points = _readings(results, labels)
         found = []
         for shown, point in points:
-            terms = _terms(Expressions(results, point), numbers)
-            parts = [distance([t for t in terms if t[0] == label]) for label in labels]
-            found.append((shown, distance(terms), parts))
+            there = _measured(Expressions(results, point), numbers)
+            parts = [distance([n for n in there if n.label == label]) for label in labels]
+            found.append((shown, distance(there), parts))
         found.sort(key=lambda reading: reading[1].value)
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
@@ -100,29 +115,34 @@ class Readings:
         ]
 
 
-def distance(terms: list[tuple[str, float, Term]]) -> Distance:
-    """Distance of measured terms, each with its label and what is printed for it."""
-    runs = max((len(t.influences) for _, _, t in terms if t.influences is not None), default=0)
-    lost = max((t.lost for _, _, t in terms), default=0)
+def distance(numbers: list[Number]) -> Distance:
+    """Distance of what is measured from what is printed."""
+    terms = [number.measured for number in numbers]
+    runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
+    lost = max((t.lost for t in terms), default=0)
     influences, squares, near = np.zeros(runs), 0.0, 0
-    for _, printed, term in terms:
+    for number in numbers:
+        term, printed = number.measured, number.printed
         if not (isfinite(term.value) and term.value > 0.0 < printed) or term.lost > term.runs:
             return Distance(inf, np.full(runs, np.nan), 0, lost)
-        off = float(elementary.log(term.value / printed))
+        off = number.power * float(elementary.log(term.value / printed))
         squares += off * off
         near += abs(term.value - printed) <= _NEAR * printed
         if term.influences is not None:
             share = runs / term.runs  # of survivors, each counts for more
-            influences += off / term.value * share * np.nan_to_num(term.influences)
-    value = float(np.sqrt(squares / max(len(terms), 1)))
-    return Distance(value, influences / (len(terms) * value) if value else influences, near, lost)
+            influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
+    value = float(np.sqrt(squares / max(len(numbers), 1)))
+    return Distance(value, influences / (len(numbers) * value) if value else influences, near, lost)
 
 
-def _terms(
-    expressions: Expressions, numbers: list[PublishedNumber]
-) -> list[tuple[str, float, Term]]:
+def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[Number]:
     return [
-        (label, float(number.value), expressions.term(label, number.expression))
+        Number(
+            label,
+            float(number.value),
+            expressions.term(label, number.expression),
+            number.expression.startswith("variance("),
+        )
         for number in numbers
         for label in number.labels
     ]
