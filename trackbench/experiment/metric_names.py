@@ -26,7 +26,7 @@ COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
 STEP = re.compile(r"(.+)@(\d+|last)")
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
-_MOST_NOTED, _MOST_OF_RUNS = 5, 20
+_MOST_NOTED, _MOST_OF_RUNS = 6, 50
 """Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
 _ANY_STATISTIC = re.compile(r"[a-z-]+\((.+)\)")
 
