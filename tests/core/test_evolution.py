@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from trackbench.core.evolution import Evolution, crossover, distinct_pairs, metropolis
+from trackbench.core.streams import block_stream
 
 
 @pytest.mark.parametrize("N", [4, 5, 10])
@@ -82,3 +85,45 @@ def test_cloud_bounds_hold(rng: np.random.Generator) -> None:
     evolved = wild.run(x, lambda x: np.zeros(x.shape[1:]), rng).x
     assert (evolved >= x.min(axis=2, keepdims=True)).all()
     assert (evolved <= x.max(axis=2, keepdims=True)).all()
+
+
+def test_acceptance_counts_trials_that_are_new(rng: np.random.Generator) -> None:
+    """A scalar count of trials and of what became of them; of one component 1 - CR are the parent."""
+
+    def log_normal(x: np.ndarray) -> np.ndarray:
+        return -0.5 * np.square(x).sum(axis=0)
+
+    start, trials = rng.standard_normal((1, 30, 8)), []
+
+    def recorded(x: np.ndarray) -> np.ndarray:
+        trials.append(x.copy())
+        return log_normal(x)
+
+    hybrid = Evolution(F=0.9, CR=0.6, G=6, T0=0.5, rho=0.9, select="metropolis")
+    found = hybrid.run(start, recorded, block_stream(1, 0))
+    # The population before each generation, from runs of fewer of them on the same noise.
+    before = [
+        replace(hybrid, G=g).run(start, log_normal, block_stream(1, 0)).x[0] for g in range(7)
+    ]
+    taken, tried = np.zeros(30), np.zeros(30)
+    for g, m, i in np.ndindex(6, 30, 8):
+        new, old, kept = trials[g + 1][0, m, i], before[g][m, i], before[g + 1][m, i]
+        tried[m] += new != old
+        taken[m] += new != old and kept == new
+    np.testing.assert_allclose(found.acceptance, taken / tried)
+    assert 0.0 < taken.sum() < tried.sum()
+    assert abs(tried.mean() / 48 - 0.6) < 4.5 * np.sqrt(0.24 / (30 * 48))
+
+
+def test_acceptance_is_one_where_all_is_taken_and_zero_without_trials(
+    rng: np.random.Generator,
+) -> None:
+    x = rng.standard_normal((1, 30, 10))
+
+    def flat(x: np.ndarray) -> np.ndarray:
+        return np.zeros(x.shape[1:])
+
+    hot = Evolution(F=0.9, CR=0.3, G=20, T0=100.0, select="metropolis")
+    np.testing.assert_array_equal(hot.run(x, flat, rng).acceptance, 1.0)
+    assert not replace(hot, G=0).run(x, flat, rng).acceptance.any()
+    assert not replace(hot, CR=0.0).run(x, flat, rng).acceptance.any()

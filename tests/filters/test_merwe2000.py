@@ -11,15 +11,23 @@ PUBLISHED = {  # RMSE mean and variance over 100 runs
     "EKF": (0.374, 0.015),
     "UKF": (0.280, 0.012),
     "PF": (0.424, 0.053),
+    "PF-MCMC": (0.417, 0.055),
     "EKPF": (0.310, 0.016),
+    "EKPF-MCMC": (0.307, 0.015),
     "UPF": (0.070, 0.006),
+    "UPF-MCMC": (0.074, 0.008),
 }
+FLOOR = {"N": 200, "weights": "floor", "resampling": "residual", "estimate_from": "resampled"}
+DEMO = {"N": 200, "preset": "merwe-demo"}
 FILTERS = {
     "EKF": ("ekf", {"preset": "merwe-demo"}),
     "UKF": ("ukf", {"preset": "merwe-demo"}),
-    "PF": ("pf", {"weights": "floor", "resampling": "residual", "estimate_from": "resampled"}),
-    "EKPF": ("epf", {"preset": "merwe-demo"}),
-    "UPF": ("upf", {"preset": "merwe-demo"}),
+    "PF": ("pf", FLOOR),
+    "PF-MCMC": ("pf", {**FLOOR, "moves": 1}),
+    "EKPF": ("epf", DEMO),
+    "EKPF-MCMC": ("epf", {**DEMO, "moves": 1}),
+    "UPF": ("upf", DEMO),
+    "UPF-MCMC": ("upf", {**DEMO, "moves": 1}),
 }
 
 
@@ -27,8 +35,6 @@ FILTERS = {
 def test_table_1_reproduces(label: str) -> None:
     """Mean and variance within three standard errors, ours (400 runs) and theirs (100) combined."""
     kind, keys = FILTERS[label]
-    if kind in ("pf", "epf", "upf"):
-        keys = {**keys, "N": 200}
     rmse = per_run(Merwe(T=60, lost_beyond=None), make_filter(kind, **keys), runs=400)
     for statistic, published in zip((mean, variance), PUBLISHED[label], strict=True):
         ours = statistic(rmse)

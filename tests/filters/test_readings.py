@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.conftest import make_filter, per_run
+from tests.conftest import make_filter, per_run, track
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.evaluation.block import simulate
 from trackbench.scenarios.merwe import Merwe
 
 
@@ -41,6 +42,44 @@ def test_index_readings_are_negligible(keys: dict) -> None:
     other = per_run(Merwe(**keys), make_filter("pf", N=10), 300)
     stderr = np.hypot(base.std(), other.std()) / np.sqrt(300)
     assert abs(base.mean() - other.mean()) < 4 * stderr + 0.02 * base.mean()
+
+
+def test_a_first_state_that_nobody_knows() -> None:
+    """The truth is drawn from the prior, and the grid's posterior is a large cloud's."""
+    scenario = Merwe(x1=0.0, P1=1.0, T=6, R=0.1)
+    first = simulate(scenario, 1, 0, 400).truth[0, 0]
+    assert abs(first.mean()) < 4.0 / np.sqrt(400)
+    assert abs(first.var() - 1.0) < 4.0 * np.sqrt(2.0 / 400)
+    exact = track(scenario, make_filter("grid"), 30)
+    cloud = track(scenario, make_filter("pf", N=20_000), 30)
+    np.testing.assert_allclose(exact.mean[0, 0], 0.0, atol=1e-15)
+    off = cloud.mean[0, 1:] - exact.mean[0, 1:]
+    assert np.sqrt(np.square(off).mean()) < 0.02
+    same = track(scenario, make_filter("grid", nodes=200), 30)
+    np.testing.assert_allclose(exact.mean, same.mean, atol=1e-5)
+
+
+def test_weights_and_copies_are_counted() -> None:
+    """One measurement: all N weights and particles can be looked at."""
+    scenario = Merwe(R=0.1)
+    data = scenario.simulate(RunStreams(1, range(5)), 5)
+    for kind in ("pf", "apf", "rpf", "epf", "upf", "hdepf"):
+        tracker = make_filter(kind, N=12)
+        state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
+        state = tracker.step(scenario.model, state, data.measurements[:, 0], 2, block_stream(2, 0))
+        noted = tracker.diagnostics(state)
+        inner = getattr(state, "cloud", state)
+        for m in range(5):
+            assert noted["ess"][m] == pytest.approx(1.0 / sum(w * w for w in inner.w[m]) / 12)
+            if "distinct" in noted:
+                assert noted["distinct"][m] == len(set(inner.particles.x[0, m])) / 12
+    # Copies of a cloud clipped to its own limits do not stand side by side.
+    tracker = make_filter("hdepf", preset="published-level", N=12)
+    state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
+    state = tracker.step(scenario.model, state, data.measurements[:, 0], 2, block_stream(2, 0))
+    found = [len(set(x)) / 12 for x in state.cloud.particles.x[0]]
+    np.testing.assert_array_equal(tracker.diagnostics(state)["distinct"], found)
+    assert min(found) < 1.0
 
 
 def test_resampling_schemes_and_threshold_agree_on_the_level() -> None:

@@ -14,14 +14,18 @@ from trackbench.core import elementary
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.resampling import select
 from trackbench.core.streams import Streams
-from trackbench.core.sums import mean, total
+from trackbench.core.sums import total
 
 Fitness = Literal["log", "normalised", "raw"]
 Selection = Literal["metropolis", "greedy"]
 
 
 class Evolved(NamedTuple):
-    """The last population, its log-fitness (M, N), and the share of trials accepted (M,)."""
+    """The last population, its log-fitness (M, N), and the share of trials accepted (M,).
+
+    A trial that is its parent again, because crossover took nothing from the mutant or clipping took it
+    back, is none: of one component it is 1 - CR of them.
+    """
 
     x: Array
     log_fitness: Array
@@ -47,20 +51,23 @@ class Evolution:
         fit = log_fitness(x)
         lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
         best_x, best_fit = x, fit
-        accepted, temperature = np.zeros(fit.shape), self.T0
+        accepted, tried = (np.zeros(fit.shape) for _ in range(2))
+        temperature = self.T0
         for _ in range(self.G):
             trial = crossover(x, mutate(x, self.F, rng), self.CR, rng)
             if self.clip_to_cloud:
                 trial = np.clip(trial, lowest, highest)
             trial_fit = log_fitness(trial)
             take = self._selected(fit, trial_fit, temperature, rng)
+            is_new = (trial != x).any(axis=0)
             x, fit = np.where(take, trial, x), np.where(take, trial_fit, fit)
             if self.keep_best:
                 better = fit > best_fit
                 best_x, best_fit = np.where(better, x, best_x), np.where(better, fit, best_fit)
-            accepted += take
+            accepted += take & is_new
+            tried += is_new
             temperature *= self.rho
-        acceptance = mean(accepted) / max(self.G, 1)
+        acceptance = total(accepted) / np.maximum(total(tried), 1.0)
         return (
             Evolved(best_x, best_fit, acceptance) if self.keep_best else Evolved(x, fit, acceptance)
         )

@@ -104,3 +104,11 @@ def _row_maxima(a: Array) -> Array:
 def effective_sample_size(w: Array) -> Array:
     """1 / sum w^2 (M,), between 1 and N."""
     return np.asarray(1.0 / dot(w, w))
+
+
+def distinct(x: Array) -> Array:
+    """Share (M,) of N values x (M, N) that are no copy of their neighbour.
+
+    As a share of distinct values it needs copies side by side, as resampling leaves them.
+    """
+    return np.asarray((1 + (x[:, 1:] != x[:, :-1]).sum(axis=-1)) / x.shape[-1])

@@ -11,6 +11,7 @@ from numpy.random import Generator
 from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
@@ -24,7 +25,8 @@ class Cloud(NamedTuple):
     """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
 
     ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
-    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows.
+    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows; ``w``
+    (M, N) the weights before resampling, where they are noted.
     """
 
     particles: Particles
@@ -34,6 +36,7 @@ class Cloud(NamedTuple):
     age: int
     P: Array | None = None
     log_w: Array | float = 0.0
+    w: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +70,14 @@ class ParticleFilter:
         return state.weighted.expectation(g)
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights."""
-        return {"dead_steps": state.dead.astype(float)}
+        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
+
+        ``ess``: effective sample size before resampling, as a share of N.
+        """
+        noted = {"dead_steps": state.dead.astype(float)}
+        if state.w is not None:
+            noted["ess"] = particles.effective_sample_size(state.w) / state.w.shape[-1]
+        return noted
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
@@ -92,20 +101,42 @@ class PF(ParticleFilter):
 
     ess_threshold: Annotated[float, Interval(gt=0, le=1)] = 1.0
     """resample a run when its effective sample size is below this share of N; 1 is every step"""
+    moves: Natural = 0
+    """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's transition"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
-    """cloud the estimate is taken from: before resampling, or after it as in the public demo"""
+    """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Move, weight (eq. 7 with q the prior), resample."""
-        x = model.motion.transition(state.particles.x, k).sample(rng)
+        """Predict, weight (eq. 7 with q the prior), resample, move."""
+        origin = state.particles.x
+        x = model.motion.transition(origin, k).sample(rng)
         log_w = self._log_likelihood(model, z, x, k)
         if self.ess_threshold < 1.0:
             log_w = log_w + elementary.log(state.particles.w)
         w, dead = particles.normalise(log_w)
-        weighted = Particles(x, w)
-        resampled = self._resample_if_needed(weighted, rng, self._size(state.age + 1))
+        weighted, size = Particles(x, w), self._size(state.age + 1)
+        if self.moves:
+            # Parents are resampled with their children, as components of one state.
+            joint = Particles(np.concatenate((x, origin)), w)
+            resampled = self._moved(model, self._resample_if_needed(joint, rng, size), z, k, rng)
+        else:
+            resampled = self._resample_if_needed(weighted, rng, size)
         source = weighted if self.estimate_from == "weighted" else resampled
-        return Cloud(resampled, source, source.moments(), dead, state.age + 1)
+        return Cloud(resampled, source, source.moments(), dead, state.age + 1, w=w)
+
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
+        """The same, and ``distinct``: share of particles that are no copies after resampling."""
+        return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
+
+    def _moved(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
+        """The children (n, M, N) of (children, parents) (2 n, M, N), moved given their parents."""
+        x, parents = np.split(joint.x, 2)
+        moved = model.motion.transition(parents, k)
+
+        def log_ratio(x: Array) -> Array:
+            return self._log_likelihood(model, z, x, k)
+
+        return Particles(independence_moves(x, moved.sample, log_ratio, self.moves, rng), joint.w)
 
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
         resampled = self._resampled(cloud, rng, size)
@@ -139,7 +170,7 @@ class RPF(ParticleFilter):
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(state.age + 1))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1)
+        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1, w=w)
 
 
 @register("filters", "apf")
@@ -152,13 +183,16 @@ class APF(ParticleFilter):
 
     first_stage: Literal["mean", "mode", "sample"] = "mean"
     """point mu at which an ancestor's likelihood is judged: of its transition density"""
+    carried: Literal["log", "float64"] | None = None
+    """weights that the next step starts from: logarithms, or normalised in float64, where small ones
+    are zero; default: log with `weights: log`, else float64"""
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """First-stage weights w p(z|mu), move the chosen, second-stage weights p(z|x) / p(z|mu)."""
         cloud = state.particles
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalise(first + state.log_w)
+        chosen = particles.normalise(self._read(first + state.log_w))
         # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
         first = np.where(chosen.dead[:, None], 0.0, first)
         size = self._size(state.age + 1)
@@ -167,8 +201,19 @@ class APF(ParticleFilter):
         second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, dead = particles.normalise(second)
         moved = Particles(x, w)
-        log_w = np.where(dead[:, None], 0.0, second)
-        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w)
+        log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
+        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w, w=w)
+
+    @property
+    def _in_float64(self) -> bool:
+        carried = self.carried or ("log" if self.weights == "log" else "float64")
+        return carried == "float64"
+
+    def _read(self, log_w: Array) -> Array:
+        """Products of weights and likelihoods, of which a program that carries float64 loses some."""
+        if self._in_float64 and self.weights != "log":
+            return read_likelihood(log_w, "naive")
+        return log_w
 
     def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
         moved = model.motion.transition(x, k)

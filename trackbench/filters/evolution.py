@@ -86,7 +86,8 @@ class _Evolutionary(UnscentedProposal):
         after = Particles(evolved.x, self._final_weights(evolved, log_ratio))
         source = after if self.estimate_from == "after" else before
         carried = Particles(evolved.x, particles.uniform(*initial.w.shape))
-        cloud = ProposedCloud(carried, proposed.P, source.moments(), initial.dead)
+        estimate, P = source.moments(), proposed.kalman.cov
+        cloud = ProposedCloud(carried, P, estimate, initial.dead, initial.w)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
     def estimate(self, state: EvolvedCloud) -> Gaussian:
@@ -94,11 +95,15 @@ class _Evolutionary(UnscentedProposal):
         return state.cloud.estimate
 
     def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:
-        """Acceptance rate, spread of the cloud after over before, steps without any weight."""
-        return {
+        """Share of new trials accepted, spread of the cloud after over before, steps without weight.
+
+        ``ess``: effective sample size of the proposal before the evolution, ``distinct``: particles that
+        are no copies after it, both as shares of N.
+        """
+        return state.cloud.noted() | {
             "acceptance": state.acceptance,
             "spread_ratio": state.spread_ratio,
-            "dead_steps": state.cloud.dead.astype(float),
+            "distinct": particles.distinct(np.sort(state.cloud.particles.x[0])),
         }
 
     def _proposed(
@@ -151,7 +156,7 @@ class PFDE(_Evolutionary):
         if self.proposal == "ukf":
             return self.propose(model, cloud, z, k, rng)
         moved = model.motion.transition(cloud.particles.x, k)
-        return Proposed(moved.sample(rng), cloud.P, moved.log_prob)
+        return Proposed(moved.sample(rng), Gaussian(moved.mean, cloud.P), moved.log_prob)
 
 
 @register("filters", "hdepf")

@@ -16,10 +16,12 @@ from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gamma, Gaussian
 from trackbench.core.elementary import log, logaddexp
+from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
-from trackbench.keys import Finite, NonNegative, Positive, Share
+from trackbench.keys import Finite, Natural, NonNegative, Positive, Share
 from trackbench.models.base import Model, log_likelihood
 from trackbench.models.gaussian import (
     Assumed,
@@ -34,20 +36,48 @@ TransitionReading = Literal["model", "increment"]
 
 
 class ProposedCloud(NamedTuple):
-    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs."""
+    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
+
+    ``w`` (M, N) are the weights before resampling.
+    """
 
     particles: Particles
     P: Array
     estimate: Gaussian
     dead: Mask
+    w: Array
+
+    def noted(self) -> dict[str, Array]:
+        """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""
+        ess = particles.effective_sample_size(self.w) / self.w.shape[-1]
+        return {"dead_steps": self.dead.astype(float), "ess": ess}
 
 
 class Proposed(NamedTuple):
-    """Draws x (n, M, N) from each particle's proposal N(mean, P), and their log-density."""
+    """Draws x (n, M, N), each particle's Gaussian with (n, n, M, N), and the draws' log-density."""
 
     x: Array
-    P: Array
+    kalman: Gaussian
     log_q: Callable[[Array], Array]
+
+
+class Defensive(NamedTuple):
+    """Proposals (n, M, N) of which a share is drawn from the transition, so that weights are bounded."""
+
+    kalman: Gaussian
+    moved: Distribution
+    share: float
+
+    def sample(self, rng: Streams) -> Array:
+        """One draw per particle (n, M, N)."""
+        x = self.kalman.sample(rng)
+        from_prior = rng.random(x.shape[1:]) < self.share
+        return np.where(from_prior, self.moved.sample(rng), x)
+
+    def log_prob(self, x: Array) -> Array:
+        """Log-density of the mixture (M, N)."""
+        kalman = log(1.0 - self.share) + self.kalman.log_prob(x)
+        return logaddexp(kalman, log(self.share) + self.moved.log_prob(x))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,25 +128,15 @@ class KalmanProposal:
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
         cloud = Particles(x, particles.uniform(runs, N))
-        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_))
+        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_), cloud.w)
 
     def propose(
         self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
     ) -> Proposed:
         """One draw from each particle's Kalman posterior, or from the transition (defensive)."""
-        posterior = self._kalman(model, Gaussian(state.particles.x, state.P), z, k)
-        x = posterior.sample(rng)
-        if self.defensive == 0.0:
-            return Proposed(x, posterior.cov, posterior.log_prob)
-        moved = model.motion.transition(state.particles.x, k)
-        from_prior = rng.random(x.shape[1:]) < self.defensive
-        x = np.where(from_prior, moved.sample(rng), x)
-
-        def log_mixture(x: Array) -> Array:
-            kalman = log(1.0 - self.defensive) + posterior.log_prob(x)
-            return logaddexp(kalman, log(self.defensive) + moved.log_prob(x))
-
-        return Proposed(x, posterior.cov, log_mixture)
+        kalman = self._kalman(model, Gaussian(state.particles.x, state.P), z, k)
+        proposal = self._proposal(model, kalman, state.particles.x, k)
+        return Proposed(proposal.sample(rng), kalman, proposal.log_prob)
 
     def log_target(self, model: Model, origin: Array, z: Array, x: Array, k: int) -> Array:
         """log p(z_k | x) + log p(x | origin): the posterior of x_k given one past particle."""
@@ -128,6 +148,13 @@ class KalmanProposal:
         noise, v = cast(Any, model.motion).noise, x[0] - origin[0]
         return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
+    def _proposal(
+        self, model: Model, kalman: Gaussian, origin: Array, k: int
+    ) -> "Gaussian | Defensive":
+        if self.defensive == 0.0:
+            return kalman
+        return Defensive(kalman, model.motion.transition(origin, k), self.defensive)
+
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         raise NotImplementedError
 
@@ -138,8 +165,10 @@ class KalmanProposal:
 
 @dataclass(frozen=True, kw_only=True)
 class _ProposalFilter(KalmanProposal):
+    moves: Natural = 0
+    """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's proposal"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
-    """cloud the estimate is taken from: before resampling, or after it as in the public demo"""
+    """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
         """N draws from the prior."""
@@ -148,23 +177,50 @@ class _ProposalFilter(KalmanProposal):
     def step(
         self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
     ) -> ProposedCloud:
-        """Propose, weight by lik * prior / proposal (eq. 7), resample."""
+        """Propose, weight by lik * prior / proposal (eq. 7), resample, move."""
+        origin = state.particles.x
         proposed = self.propose(model, state, z, k, rng)
-        target = self.log_target(model, state.particles.x, z, proposed.x, k)
+        target = self.log_target(model, origin, z, proposed.x, k)
         w, dead = particles.normalise(target - proposed.log_q(proposed.x))
         weighted = Particles(proposed.x, w)
         index = ancestors(w, rng, self.resampling)
-        resampled = Particles(select(proposed.x, index), particles.uniform(*w.shape))
+        x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
+        if self.moves:
+            kalman = Gaussian(select(proposed.kalman.mean, index), P)
+            x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
+        resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, select(proposed.P, index), source.moments(), dead)
+        return ProposedCloud(resampled, P, source.moments(), dead, w)
+
+    def _moved(
+        self,
+        model: Model,
+        x: Array,
+        parents: Array,
+        kalman: Gaussian,
+        z: Array,
+        k: int,
+        rng: Generator,
+    ) -> Array:
+        """Each particle moved by proposals of its parent: no Kalman step is taken again."""
+        proposal = self._proposal(model, kalman, parents, k)
+
+        def log_ratio(x: Array) -> Array:
+            return self.log_target(model, parents, z, x, k) - proposal.log_prob(x)
+
+        return independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
 
     def estimate(self, state: ProposedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.estimate
 
     def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
-        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights."""
-        return {"dead_steps": state.dead.astype(float)}
+        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
+
+        ``ess``: effective sample size before resampling, ``distinct``: particles that are no copies
+        after it, both as shares of N.
+        """
+        return state.noted() | {"distinct": particles.distinct(state.particles.x[0])}
 
 
 @register("filters", "epf")

@@ -14,6 +14,7 @@ from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
 _LARGEST_SHAPE = 20
+_PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
 
 
 @register("filters", "prior-mean")
@@ -100,10 +101,14 @@ class Grid:
         return 7 * self.nodes * self.nodes
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> grid.Posterior:
-        """All mass on the known first state."""
-        if np.any(prior.cov):
-            raise ValueError("the grid filter starts from a known state")
-        return grid.known(prior.mean)
+        """All mass on the first state, or nodes over what a Gaussian prior leaves open of it."""
+        if not np.any(prior.cov):
+            return grid.known(prior.mean)
+        assert isinstance(prior, Gaussian)
+        mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
+        around = mean - reach, mean + reach
+        (panel,) = grid.nodes_between([around], around, self.nodes)
+        return (panel._replace(density=elementary.exp(prior.log_prob(panel.x[None]))),)
 
     def step(
         self, model: Any, state: grid.Posterior, z: Array, k: int, rng: Generator

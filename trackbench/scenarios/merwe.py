@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Gamma, Point
+from trackbench.core.distributions import Distribution, Gamma, Gaussian, Point
 from trackbench.core.streams import Streams
-from trackbench.keys import Finite, Natural, Positive, Steps
+from trackbench.keys import Finite, Natural, NonNegative, Positive, Steps
 from trackbench.models.base import Model
 from trackbench.models.merwe import MerweMotion, MerweSensor
 from trackbench.registry import register
@@ -40,7 +40,9 @@ class Merwe:
     R: Positive = 1e-5
     """variance of the measurement noise"""
     x1: Finite = 1.0
-    """the known first state"""
+    """the first state's mean"""
+    P1: NonNegative = 0.0
+    """the first state's variance about x1, which every filter starts from; 0: it is known"""
     lost_beyond: Positive | None = 10.0
     """error beyond which a run counts as lost: ten times the error without any data"""
     first: Literal[0, 1] = 1
@@ -87,10 +89,14 @@ class Merwe:
         return {"": scored} | {name: mask for name, mask in split.items() if mask.any()}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Runs of eqs. 12 and 13 from the known first state."""
+        """Runs of eqs. 12 and 13 from the first state, known or drawn from what is known of it."""
         start = np.full((1, runs), self.x1)
+        prior: Distribution = Point(start)
+        if self.P1:
+            prior = Gaussian(start, np.array([[self.P1]]))
+            start = prior.sample(rng)
         truth, seen = simulate_markov(self.model, start, self.steps, rng)
-        return Simulation(truth, seen, Point(start))
+        return Simulation(truth, seen, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """The state's own error, without a name."""

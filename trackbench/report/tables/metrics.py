@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Interval
 
 from trackbench.evaluation.metrics import LOST_BECAUSE
-from trackbench.evaluation.statistics import Estimate, relative_gain
+from trackbench.evaluation.statistics import Estimate
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
@@ -17,7 +17,7 @@ from trackbench.report.table import Cell, Table
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """A last row: by how much one filter's rms is below another's, on common runs."""
+    """A last row: by how many percent one filter's metric is below another's, on common runs."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("of", "over")
 
@@ -61,7 +61,12 @@ class Metrics:
                 table.add([*keys, label], cells)
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
-                table.add([*keys, head], list(self._gains(results, point, self.gain)))
+                gain = "gain({}, " + self.gain.over + ")"
+                cells = [
+                    _evaluated(expressions, self.gain.of, gain.format(m))
+                    for m in self.columns.values()
+                ]
+                table.add([*keys, head], cells)
             table.notes += _lost_notes(results, point, labels)
         table.notes += [
             f"{row['filter']} failed: {row['reason']}"
@@ -69,18 +74,6 @@ class Metrics:
             if row["filter"] in labels
         ]
         return table
-
-    def _gains(self, results: Results, point: dict[str, Any], gain: Gain) -> Iterator[Cell]:
-        runs = results.runs(point)
-        for metric in self.columns.values():
-            name = metric.partition("(")[2].removesuffix(")")
-            a, b = (runs.get((label, name)) for label in (gain.of, gain.over))
-            if a is None or b is None:
-                yield Cell.missing()
-                continue
-            both = np.isfinite(a) & np.isfinite(b)
-            value, stderr = relative_gain(a[both], b[both])
-            yield Cell(Estimate(100 * value, 100 * stderr), runs=int(both.sum()), lost=0)
 
 
 def _evaluated(expressions: Expressions, label: str, expression: str) -> Cell:
