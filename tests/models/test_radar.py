@@ -65,11 +65,12 @@ def test_log_density_of_the_start(start: TwoPoint, rng: np.random.Generator) -> 
 
 
 def test_positions_lie_on_the_measured_arc(start: TwoPoint, rng: np.random.Generator) -> None:
-    _, p2, _ = start.positions(rng, 1000)
+    _, p2, log_w = start.positions(rng, 1000)
     r = np.sqrt(np.square(p2).sum(axis=0))
     assert np.abs(r - 2.002e5).max() < 0.2 * 5
     centre = position(start.second[0], start.second[1])
-    assert 300 < np.sqrt(np.square(p2[:, 0] - centre).sum(axis=0).mean()) < 500
+    squares = np.square(p2[:, 0] - centre).sum(axis=0)
+    assert 300 < np.sqrt((squares * np.exp(log_w[0])).mean()) < 500
 
 
 def test_a_weighted_cover_has_the_moments_of_plain_draws(

@@ -1,4 +1,4 @@
-"""Normal variates that reach into the tails, with weights: for a cloud that a bad scan stays inside of."""
+"""Normal variates that reach into the tails, with weights: a bad scan stays inside such a cloud."""
 
 from math import pi, sqrt
 
