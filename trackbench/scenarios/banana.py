@@ -53,7 +53,7 @@ class Banana:
     """standard deviation of the azimuth, mrad"""
     rmse_window: tuple[int, int] | None = None
     """first and last scan over which errors are averaged (not printed); default: from the second on"""
-    lost_sigmas: Positive | None = 5.0
+    lost_sigmas: Positive | None = 10.0
     """a run is lost once its position is off by more than so many times what one azimuth leaves, r
     sigma_azimuth at the first scan; null: never"""
 
@@ -99,8 +99,8 @@ class Banana:
     def lost_beyond(self) -> float | None:
         """Position error beyond which a run counts as lost, m.
 
-        Five deviations: a single measured azimuth is off by that once in 1.7 million scans, so that any
-        one scan is nearer to the target than the track is, and would start a better one.
+        Ten deviations: no measured azimuth is off by that, so any single scan is nearer to the target than
+        the track is, and none that was as far off has come back.
         """
         if self.lost_sigmas is None:
             return None
