@@ -34,7 +34,7 @@ class LineOfSight(ParticleFilter):
     hit the thin banana, as they must where the velocity is marginalised instead (`mpf`). A particle is
     kept as its Cartesian mean, and regularised in (theta, v_c, r, r') so that it stays on its arc, each
     sense of the cross speed by itself. Few of the first draws survive the third range of a fast target:
-    40 000 in the first three scans (`boost`) make a lost run rare, at 10 km/s too.
+    at 5 km/s it takes some 8000 in the first three scans (`boost`).
     """
 
     ess_threshold: OpenShare = 0.5

@@ -99,8 +99,8 @@ class Banana:
     def lost_beyond(self) -> float | None:
         """Position error beyond which a run counts as lost, m.
 
-        Ten deviations: no measured azimuth is off by that, so any single scan is nearer to the target than
-        the track is, and none that was as far off has come back.
+        Ten deviations: no measured azimuth is off by that, so any single scan is nearer to the target
+        than the track is, and none that was as far off has come back.
         """
         if self.lost_sigmas is None:
             return None
