@@ -76,8 +76,8 @@ class TwoPoint:
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """States (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
-        scans = (self.first, self.second)
-        return self._moving(*(position(*self.polar(scan, rng, *trailing)) for scan in scans), rng)
+        one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
+        return self._moving(position(*one), position(*two), rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """States (4, M, N) from `positions`, and their log-weights (M, N)."""
