@@ -17,7 +17,7 @@ RUNS = 60
 RIVALS: list[tuple[str, dict[str, Any]]] = [
     ("rpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
     ("mpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
-    ("los-rbpf", {"N": 2000, "boost": 20, "boost_scans": 3}),
+    ("los-rbpf", {"N": 2000, "boost": 4, "boost_scans": 3}),
     ("gaussian-sum", {}),
     ("mcaekf", {}),
     ("iekf", {}),

@@ -65,8 +65,27 @@ def test_log_density_of_the_start(start: TwoPoint, rng: np.random.Generator) -> 
 
 
 def test_positions_lie_on_the_measured_arc(start: TwoPoint, rng: np.random.Generator) -> None:
-    _, p2 = start.positions(rng, 1000)
+    _, p2, log_w = start.positions(rng, 1000)
     r = np.sqrt(np.square(p2).sum(axis=0))
     assert np.abs(r - 2.002e5).max() < 0.2 * 5
     centre = position(start.second[0], start.second[1])
-    assert 300 < np.sqrt(np.square(p2[:, 0] - centre).sum(axis=0).mean()) < 500
+    squares = np.square(p2[:, 0] - centre).sum(axis=0)
+    assert 300 < np.sqrt((squares * np.exp(log_w[0])).mean()) < 500
+
+
+def test_a_weighted_cover_has_the_moments_of_plain_draws(
+    start: TwoPoint, rng: np.random.Generator
+) -> None:
+    """And holds the second scan where the first one's azimuth would not let it be."""
+    n = 200_000
+    x, log_w = start.cover(rng, n)
+    w = np.exp(log_w[0]) / n
+    gaussian = start.gaussian("mucm")
+    scale = np.sqrt(np.diagonal(gaussian.cov[..., 0]))
+    e = (x[:, 0] - gaussian.mean[:, :1]) / scale[:, None]
+    assert abs(w.sum() - 1.0) < 1e-3
+    assert (np.abs(e @ w) < 4 / np.sqrt(n)).all()
+    exact = gaussian.cov[..., 0] / np.outer(scale, scale)
+    assert np.abs((e * w) @ e.T - exact).max() < 4 * np.sqrt(2 / n)
+    plain = start.sample(rng, n)[:, 0] - gaussian.mean[:, :1]
+    assert (np.abs(e) > 4.5).sum(axis=1).max() > 100 * (np.abs(plain / scale[:, None]) > 4.5).sum()

@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
 from trackbench.core.streams import RunStreams
+from trackbench.evaluation.metrics import TOO_FAR
 from trackbench.scenarios.banana import Banana
 
 GOOD = """name: x
@@ -49,6 +51,11 @@ filters:
             "    kind: rpf\n    N: 10",
             "    kind: ekf\n    start: foo",
             "8:12: filters.RPF.start: 'foo' is not one of ccm, ucm, mucm or ducm",
+        ),
+        (
+            "kind: banana",
+            "kind: banana, lost_sigmas: 0",
+            "4:39: scenario.lost_sigmas: 0 is not greater than 0",
         ),
         ("bound: PCRLB", "bound: RPF", "3:8: bound: 'RPF' is already the label of a filter"),
         ("kind: banana", "kind: merwe", "3:8: bound: scenario merwe has no lower bounds"),
@@ -109,3 +116,13 @@ def test_noise_of_a_simulation_has_the_stated_size() -> None:
         "ij,jtm->itm", scenario.model.motion.F, data.truth[:, :-1]
     )
     assert abs(steps[1].var() / 1e-3 - 1) < 4 * np.sqrt(2 / n)
+
+
+def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
+    assert Banana(range_km=50.0).lost_beyond == pytest.approx(10 * 50e3 * 2e-3)
+    assert Banana(range_km=50.0, lost_sigmas=None).lost_beyond is None
+    never = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "lost")
+    lost = per_run(Banana(), make_filter("ekf"), 100, "lost")
+    far = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
+    assert not never.any()
+    assert 0 < far.sum() <= (lost == TOO_FAR).sum() < 100

@@ -45,6 +45,19 @@ class Distribution(Protocol):
         """Log-density at x (n, ...); shape of the broadcast batch."""
 
 
+def covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
+    """N draws (n, M, N) for a cloud and their log-weights (M, N).
+
+    From what covers the prior's tails, if it has a method ``cover(rng, N)``; else its own samples.
+    """
+    cover = getattr(prior, "cover", None)
+    if cover is not None:
+        x, log_w = cover(rng, N)
+        return x, log_w
+    x = prior.sample(rng, N)
+    return x, np.zeros(x.shape[1:])
+
+
 @dataclass(frozen=True)
 class Gaussian:
     """N(mean, cov): mean (n, *batch), cov (n, n) or (n, n, *batch)."""

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
@@ -56,10 +56,11 @@ class ParticleFilter:
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Draws from the prior in each run."""
-        x = prior.sample(rng, self._size(0))
-        cloud = Particles(x, particles.uniform(*x.shape[1:]))
-        return Cloud(cloud, cloud, cloud.moments(), np.zeros(x.shape[1], dtype=np.bool_), 0)
+        """Draws from the prior in each run, with weights where it covers its tails."""
+        x, log_w = covering(prior, rng, self._size(0))
+        cloud = Particles(x, particles.normalise(log_w).w)
+        dead = np.zeros(x.shape[1], dtype=np.bool_)
+        return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
 
     def estimate(self, state: Cloud) -> Gaussian:
         """Weighted mean and covariance."""
@@ -110,9 +111,8 @@ class PF(ParticleFilter):
         """Predict, weight (eq. 7 with q the prior), resample, move."""
         origin = state.particles.x
         x = model.motion.transition(origin, k).sample(rng)
-        log_w = self._log_likelihood(model, z, x, k)
-        if self.ess_threshold < 1.0:
-            log_w = log_w + elementary.log(state.particles.w)
+        carried = elementary.log(state.particles.w) if self.ess_threshold < 1.0 else state.log_w
+        log_w = self._log_likelihood(model, z, x, k) + carried
         w, dead = particles.normalise(log_w)
         weighted, size = Particles(x, w), self._size(state.age + 1)
         if self.moves:
@@ -165,7 +165,7 @@ class RPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead = particles.normalise(self._log_likelihood(model, z, x, k))
+        w, dead = particles.normalise(self._log_likelihood(model, z, x, k) + state.log_w)
         weighted = Particles(x, w)
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(state.age + 1))

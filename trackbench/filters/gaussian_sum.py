@@ -18,6 +18,8 @@ from trackbench.models.radar import RangeAzimuth
 from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
 from trackbench.registry import register
 
+_DUST = 1e-9  # weight below which a few azimuths do not bring a component back
+
 
 class Mixture(NamedTuple):
     """Components with means (4, M, C), covariances (4, 4, M, C) and weights (M, C) that sum to one."""
@@ -33,8 +35,9 @@ class GaussianSum:
     """Gaussian sum filter: extended Kalman filters over a split of the first two scans' azimuths.
 
     Alspach & Sorenson 1972. Both azimuths together are azimuth and cross speed. Each component is so
-    narrow that the sharp range is nearly linear over it; after each update the heaviest are kept, and
-    those that the heaviest one cannot be told from are merged with it.
+    narrow that the sharp range is nearly linear over it; after each update the heaviest of either sense
+    across the line of sight are kept, since the ranges leave the sense open and three azimuths can speak
+    for the wrong one. Those that the heaviest one cannot be told from are merged with it.
     """
 
     split: Annotated[int, Ge(3)] = 35
@@ -42,7 +45,7 @@ class GaussianSum:
     span: Positive = 3.5
     """half the width of the split, in standard deviations of the azimuth"""
     kept: Count = 150
-    """largest number of components after an update"""
+    """largest number of components of either sense after an update"""
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
@@ -89,9 +92,9 @@ class GaussianSum:
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, Assumed())
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
-        heaviest = _strongest(Mixture(bank.mean, bank.cov, particles.normalise(log_w).w), self.kept)
-        merged = _merged(heaviest, self.merge_within)
-        return _strongest(merged, int((merged.w > 0.0).sum(axis=-1).max()))
+        w = _thinned(bank.mean, particles.normalise(log_w).w, self.kept)
+        heaviest = _compact(Mixture(bank.mean, bank.cov, w))
+        return _compact(_merged(heaviest, self.merge_within))
 
     def estimate(self, state: Mixture) -> Gaussian:
         """Mean and covariance of the mixture."""
@@ -104,10 +107,21 @@ def _shifted(scan: Array, azimuth: Array) -> Array:
     return np.stack([np.repeat(r, len(azimuth)), (a[:, None] + azimuth).ravel()])
 
 
-def _strongest(mixture: Mixture, number: int) -> Mixture:
-    """The components with the largest weights."""
-    if number >= mixture.w.shape[1]:
-        return mixture
+def _thinned(mean: Array, w: Array, kept: int) -> Array:
+    """Weights (M, C), zero but for the heaviest of either sense of the cross speed."""
+    px, vx, py, vy = mean
+    out = np.zeros_like(w)
+    for there in (px * vy > py * vx, px * vy <= py * vx):
+        of_sense = np.where(there & ~(w < _DUST), w, 0.0)
+        lightest: Index = np.argsort(-of_sense, axis=-1, kind="stable")[:, kept:]
+        np.put_along_axis(of_sense, lightest, 0.0, axis=-1)
+        out += of_sense
+    return out
+
+
+def _compact(mixture: Mixture) -> Mixture:
+    """The components with a weight, in the order of their weights, which sum to one again."""
+    number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)
     return Mixture(

@@ -42,19 +42,19 @@ class MPF(ParticleFilter):
         return two_scan_conflicts(scenario)
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
-        """Both first positions drawn; their difference over T is the velocity's mean."""
+        """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
-        p1, p2 = prior.positions(rng, self._size(0))
+        p1, p2, log_w = prior.positions(rng, self._size(0))
         vx, vy = (p2 - p1) / prior.T
-        cloud = Particles(np.stack([p2[0], vx, p2[1], vy]), particles.uniform(*vx.shape))
+        cloud = Particles(np.stack([p2[0], vx, p2[1], vy]), particles.normalise(log_w).w)
         C = np.array(prior.q * prior.T / 3.0)
         dead = np.zeros(len(vx), dtype=np.bool_)
-        return Cloud(cloud, cloud, _with_velocity(cloud.moments(), C), dead, 0, C)
+        return Cloud(cloud, cloud, _with_velocity(cloud.moments(), C), dead, 0, C, log_w)
 
     def step(self, model: Any, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move positions, learn the velocities from the moves, weight, resample, regularise."""
         x, C = _moved(model.motion, state, rng)
-        w, dead = particles.normalise(self._log_likelihood(model, z, x, k))
+        w, dead = particles.normalise(self._log_likelihood(model, z, x, k) + state.log_w)
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(age))

@@ -1,12 +1,14 @@
 """The first state that two scans of a range-azimuth sensor give, in every form that a filter may ask."""
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, convert, position
+from trackbench.core.covering import covering_normal
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.streams import RunStreams, Streams
@@ -27,7 +29,8 @@ class TwoPoint:
 
     Velocity is the difference of the two positions over T plus the noise that white acceleration of
     density q adds to it within T (variance q T / 3 per axis). Samples are drawn in polar coordinates:
-    with no knowledge of position the posterior is the measurement's own banana (to 1 in r).
+    with no knowledge of position the posterior is the measurement's own banana (to 1 in r). Particle
+    filters start from a `cover` of it.
     """
 
     sensor: RangeAzimuth
@@ -73,26 +76,45 @@ class TwoPoint:
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """States (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
-        p1, p2 = self.positions(rng, *trailing)
-        excess = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
-        vx, vy = (p2 - p1) / self.T + excess
-        return np.stack([p2[0], vx, p2[1], vy])
-
-    def positions(self, rng: Streams, *trailing: int) -> tuple[Array, Array]:
-        """Draws (2, M, *trailing) of the target's position at the first and at the second scan."""
         one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
-        return position(*one), position(*two)
+        return self._moving(position(*one), position(*two), rng)
 
-    def azimuths(self, scan: Array, rng: Streams, *trailing: int) -> Array:
-        """Draws (M, *trailing) of the azimuth at a scan (2, M), not wrapped."""
-        noise = rng.standard_normal((scan.shape[1], *trailing))
-        return with_trailing(scan[1], noise.ndim, leading=0) + self.sensor.sigma_azimuth * noise
+    def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
+        """States (4, M, N) from `positions`, and their log-weights (M, N)."""
+        p1, p2, log_w = self.positions(rng, N)
+        return self._moving(p1, p2, rng), log_w
+
+    def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
+        """Draws (2, M, N) of the position at the first and the second scan, and log-weights (M, N)."""
+        a1, a2, log_w = self.azimuths(rng, N)
+        noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
+        r1, r2 = self.first[0][:, None] + noise[0], self.second[0][:, None] + noise[1]
+        return position(r1, a1), position(r2, a2), log_w
+
+    def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
+        """Draws (M, N) of the azimuth at the first and at the second scan, and log-weights (M, N).
+
+        A third sharp range tells their difference up to its sign, to a small part of sigma_azimuth, and
+        nothing of their sum. So the difference covers its tails: measured azimuths that are off by
+        some standard deviations against each other leave as many particles as others do.
+        """
+        apart, log_w = covering_normal(self.first.shape[1], N, rng)
+        both = rng.standard_normal(apart.shape)
+        half = sqrt(0.5) * self.sensor.sigma_azimuth
+        a1, a2 = self.first[1][:, None], self.second[1][:, None]
+        return a1 + half * (both - apart), a2 + half * (both + apart), log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
         """Draws of (range, azimuth) given a scan (2, M)."""
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
+
+    def _moving(self, p1: Array, p2: Array, rng: Streams) -> Array:
+        """States at the second of two positions: the difference over T, and what noise adds to it."""
+        excess = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
+        vx, vy = (p2 - p1) / self.T + excess
+        return np.stack([p2[0], vx, p2[1], vy])
 
     def log_prob(self, x: Array) -> Array:
         """Log-density at x (4, M[, N]): both scans' polar densities, turned to Cartesian ones.

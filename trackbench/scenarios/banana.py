@@ -53,6 +53,9 @@ class Banana:
     """standard deviation of the azimuth, mrad"""
     rmse_window: tuple[int, int] | None = None
     """first and last scan over which errors are averaged (not printed); default: from the second on"""
+    lost_sigmas: Positive | None = 10.0
+    """a run is lost once its position is off by more than so many times what one azimuth leaves, r
+    sigma_azimuth at the first scan; null: never"""
 
     def __post_init__(self) -> None:
         first, last = self._window
@@ -91,6 +94,17 @@ class Banana:
         """The scans of ``rmse_window``."""
         first, last = self._window
         return {"": (self.steps >= first) & (self.steps <= last)}
+
+    @property
+    def lost_beyond(self) -> float | None:
+        """Position error beyond which a run counts as lost, m.
+
+        Ten deviations: no measured azimuth is off by that, so any single scan is nearer to the target
+        than the track is, and none that was as far off has come back.
+        """
+        if self.lost_sigmas is None:
+            return None
+        return self.lost_sigmas * self.range_km * self.sigma_azimuth_mrad
 
     @property
     def marginals(self) -> dict[str, tuple[int, ...]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.experiment.definition import Point
 from trackbench.keys import Count, Positive
+from trackbench.models.linear import CWNA
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.given import keys_at
@@ -102,6 +103,9 @@ class Posterior:
     """number of the grid's point, from 1"""
     half_height_m: Positive = 20.0
     """half the height of the panel, m"""
+    predicted: str | None = None
+    """label of a filter whose prediction from the step before is drawn, too"""
+    label_keys: ClassVar[tuple[str, ...]] = ("predicted",)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """It shows a measurement of a radar, so there must be one at that point and step."""
@@ -110,6 +114,8 @@ class Posterior:
         scenario: Any = points[self.point - 1].scenario
         if not hasattr(scenario, "sigma_range") or not hasattr(scenario, "sigma_azimuth_mrad"):
             return {"": f"scenario {scenario.kind} has no range and azimuth to show"}
+        if self.predicted is not None and not isinstance(scenario.model.motion, CWNA):
+            return {"predicted": "the motion is not white noise acceleration"}
         first, last = scenario.steps[1], scenario.steps[-1]
         if not first <= self.step <= last:
             return {"step": f"{self.step} is not one of the steps {first} to {last}"}
@@ -148,6 +154,13 @@ class Posterior:
         a = np.arctan2(truth[1], truth[0])
         frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
         self._arc(ax, z, truth, frame, scenario)
+        if f"cov/{self.predicted}" in tracks:
+            before = [tracks[f"{part}/{self.predicted}"][..., k - 1, m] for part in ("mean", "cov")]
+            region = predicted_position(Gaussian(*before), scenario)
+            along, across = ellipse(
+                frame @ (region.mean - truth), frame @ region.cov @ frame.T, 2.0
+            )
+            ax.fill(1e-3 * across, along, color="#c9b26b", alpha=0.35, lw=0, label="Predicted, 2 σ")
         ax.plot(0.0, 0.0, "k+", label="Target")
         for i, label in enumerate(results.chosen(self.filters)):
             if f"cov/{label}" not in tracks:
@@ -168,6 +181,14 @@ class Posterior:
             1e-3 * edges[0][1], edges[0][0], edges[1][0], color="#999999", alpha=0.6, lw=0.8,
             label="Measurement, 2 σ",
         )  # fmt: skip
+
+
+def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:
+    """The position (2,) one scan after a state (4,), under the scenario's motion."""
+    motion = CWNA(scenario["T"], scenario["q"])
+    moved = motion.transition(before.mean, 0)
+    cov = motion.F @ before.cov @ motion.F.T + moved.cov
+    return Gaussian(moved.mean[0::2], cov[0::2, 0::2])
 
 
 def ellipse(mean: Array, cov: Array, deviations: float) -> Array:

@@ -1,0 +1,42 @@
+"""The predicted region of the figure `posterior`."""
+
+from pathlib import Path
+
+import numpy as np
+
+from tests.experiment.test_bad_input import mistakes
+from trackbench.api import run
+from trackbench.core.distributions import Gaussian
+from trackbench.report.figures.banana import predicted_position
+
+EXPERIMENT = """name: one
+runs: 4
+scenario: {kind: banana, scans: 4}
+filters: {EKF: {kind: ekf}}
+tables: {}
+figures: {f: {kind: posterior, step: 3, predicted: EKF}}
+"""
+
+
+def test_the_prediction_against_draws(rng: np.random.Generator) -> None:
+    """A state one step on, under white noise acceleration written out as two integrals of one noise."""
+    mean, A = np.array([1.0, -2.0, 3.0, 0.5]), rng.standard_normal((4, 4))
+    T, q, n = 2.0, 0.7, 400_000
+    found = predicted_position(Gaussian(mean, A @ A.T), {"T": T, "q": q})
+    x = mean[:, None] + A @ rng.standard_normal((4, n))
+    walked = np.sqrt(q * T**3 / 3.0) * rng.standard_normal((2, n))
+    moved = x[0::2] + T * x[1::2] + walked
+    scale = np.sqrt(np.diagonal(found.cov))
+    assert (np.abs(moved.mean(axis=1) - found.mean) < 4.0 * scale / np.sqrt(n)).all()
+    off = (np.cov(moved) - found.cov) / np.outer(scale, scale)
+    assert np.abs(off).max() < 4.0 * np.sqrt(2.0 / n)
+
+
+def test_it_is_drawn_and_its_label_checked(tmp_path: Path) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text(EXPERIMENT)
+    run(path, out=tmp_path / "out", formats=("svg",))
+    drawn = next((tmp_path / "out").rglob("f.svg")).read_text()
+    assert "Predicted, 2" in drawn
+    expected = "6:52: figures.f.predicted: 'UKF' is not a filter here; did you mean EKF?"
+    assert mistakes(tmp_path, EXPERIMENT.replace("predicted: EKF", "predicted: UKF")) == [expected]
