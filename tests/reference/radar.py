@@ -3,7 +3,7 @@
 A scan is (range, azimuth), the state (x, x', y, y').
 """
 
-from math import atan2, cos, exp, expm1, hypot, pi, remainder, sin, sinh, sqrt, tau
+from math import atan2, cos, exp, expm1, hypot, log, pi, remainder, sin, sinh, sqrt, tau
 
 import numpy as np
 from numpy.linalg import cholesky, inv
@@ -101,22 +101,27 @@ def mcaekf(first, second, scans):
 def mpf(first, second, scans, draws, N, boost, boost_scans):
     """Marginalised particle filter (section VI; Schon et al. 2005), regularised jointly."""
     (Q11, Q12), (_, Q22) = Q_AXIS
-    cloud, C, sigma = [], DENSITY * T / 3, np.sqrt([V, S_A])
-    earlier, later = (np.transpose(draws.take("standard_normal")) for _ in range(2))
-    for e1, e2 in zip(earlier, later, strict=True):
-        p = position(second + sigma * e2)
-        cloud.append((p, (p - position(first + sigma * e1)) / T))
+    cloud, logs, C, sigma = [], [], DENSITY * T / 3, np.sqrt([V, S_A / 2])
+    u, both, (e1, e2) = (draws.take(d) for d in ("random", "standard_normal", "standard_normal"))
+    for j, uniform in enumerate(u):
+        # The azimuths' difference is drawn in strata from a logistic of twice its deviation.
+        q = (j + uniform) / len(u)
+        apart = 2 * sqrt(3) / pi * log(q / (1 - q))
+        logs.append(-(apart**2) / 2 - log(q * (1 - q)))
+        p = position(second + sigma * (e2[j], both[j] + apart))
+        cloud.append((p, (p - position(first + sigma * (e1[j], both[j] - apart))) / T))
     for age, (r, a) in enumerate(scans, 1):
         # The velocity given the move dz: what their common noise tells, then an update by the rest.
         S, A = T**2 * C + Q11, 1 - T * Q12 / Q11
         L = A * T * C / S
-        X, logs = [], []
-        for (p, v), e in zip(cloud, np.transpose(draws.take("standard_normal")), strict=True):
+        X, carried, logs = [], logs, []
+        for i, e in enumerate(np.transpose(draws.take("standard_normal"))):
+            p, v = cloud[i]
             dz = T * v + sqrt(S) * e
             x, y = p + dz
             X.append((p + dz, A * v + Q12 / Q11 * dz + L * (dz - T * v)))
             off_r, off_a = hypot(x, y) - r, remainder(atan2(y, x) - a, tau)
-            logs.append(-(off_r**2) / V / 2 - off_a**2 / S_A / 2)
+            logs.append(carried[i] - off_r**2 / V / 2 - off_a**2 / S_A / 2)
         C = A**2 * C + Q22 - Q12**2 / Q11 - L * S * L
         w, X = np.array(weights(logs)), np.array([np.column_stack(x).ravel() for x in X])
         mean = w @ X
@@ -126,7 +131,7 @@ def mpf(first, second, scans, draws, N, boost, boost_scans):
         chosen = resampled("systematic", w, draws, size)
         normals, gammas = np.transpose(draws.take("standard_normal")), draws.take("standard_gamma")
         h = (8 / (pi**2 / 2) * (4 + 4) * (2 * sqrt(pi)) ** 4 / size) ** (1 / 8)  # c_4 = pi^2 / 2
-        A_P, cloud = cholesky(P), []
+        A_P, cloud, logs = cholesky(P), [], [0.0] * size
         for i, e, g in zip(chosen, normals, gammas, strict=True):
             x = X[i] + h * A_P @ e / sqrt(e @ e + 2 * g)
             cloud.append((x[::2], x[1::2]))
