@@ -17,6 +17,7 @@ CONFIG = """
 name: small
 seed: 3
 runs: 12
+verdict_seeds: 1
 scenario:
   kind: maneuver
   duration: 200
