@@ -1,8 +1,8 @@
 """Are the numbers of experiments/README.md those of results/? Each is a link to where it is from.
 
 ``[0.34 ± 0.01](../results/hdepf/ "PF | mean(rmse)")`` is an expression of a filter in a results folder;
-a third part picks a point of the grid (``scenario.R=0.1``), and ``z |`` in front asks for how many
-standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
+a third part gives the values of a point of the grid (``0.1; 10``), and ``z |`` in front asks for how
+many standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
 changed, ``--write`` writes it anew, with as many decimals as it had.
 """
 
@@ -15,13 +15,14 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
+from trackbench.experiment.published import split
+from trackbench.experiment.source import scalar
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
-from trackbench.report.verdicts import point_of
 
 HERE = Path(__file__).resolve().parent.parent
 PROSE = HERE / "experiments" / "README.md"
-_LINK = re.compile(r'\[([^\]\[]+)\]\(\.\./results/([^/)]+)/ "([^"]+)"\)')
+LINK = re.compile(r'\[([^\]\[]+)\]\(\.\./results/([^/)]+)/ "([^"]+)"\)')
 _NUMBER = re.compile(r"([+-]?)(\d[\d ]*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
 
@@ -37,7 +38,7 @@ class Tied(NamedTuple):
 def tied(path: Path = PROSE) -> Iterator[Tied]:
     """Every tied number of a text."""
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        for match in _LINK.finditer(line):
+        for match in LINK.finditer(line):
             written, folder, title = match.groups()
             yield Tied(i, written, as_found(written, folder, title), f"{folder}: {title}")
 
@@ -78,28 +79,30 @@ def values(folder: str, title: str) -> tuple[float, ...]:
 @cache
 def _expressions(folder: str, point: str) -> Expressions:
     results = Results(HERE / "results" / folder)
-    at = point_of(results, point)
-    if at is None:
+    wanted = [scalar(value) for value in split(point)]
+    points = [p for p in results.points() if not wanted or list(p.values()) == wanted]
+    if not points:
         raise ValueError(f"results/{folder} has no point {point}")
-    return Expressions(results, at)
+    return Expressions(results, points[0])
+
+
+def _anew(link: re.Match[str]) -> str:
+    written, folder, title = link.groups()
+    return link[0].replace(f"[{written}]", f"[{as_found(written, folder, title)}]", 1)
 
 
 def main() -> int:
     """List what changed, or write it; exit code 1 if a number is stale and not written."""
     parser = argparse.ArgumentParser(prog="python -m tests.prose", description=__doc__)
+    parser.add_argument("path", nargs="?", type=Path, default=PROSE)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    stale = [t for t in tied() if t.written != t.found]
+    stale = [t for t in tied(options.path) if t.written != t.found]
     for t in stale:
-        print(f"experiments/README.md:{t.line}: {t.written} is now {t.found} ({t.source})")
+        print(f"{options.path.name}:{t.line}: {t.written} is now {t.found} ({t.source})")
     if options.write:
-        text = PROSE.read_text(encoding="utf-8")
-        PROSE.write_text(
-            _LINK.sub(
-                lambda m: m[0].replace(f"[{m[1]}]", f"[{as_found(m[1], m[2], m[3])}]", 1), text
-            ),
-            encoding="utf-8",
-        )
+        text = options.path.read_text(encoding="utf-8")
+        options.path.write_text(LINK.sub(_anew, text), encoding="utf-8")
     return int(bool(stale) and not options.write)
 
 
