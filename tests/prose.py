@@ -1,7 +1,7 @@
 """Are the numbers of experiments/README.md those of results/? Each is a link to where it is from.
 
-``[0.34 ± 0.01](../results/hdepf/ "PF | mean(rmse)")`` is an expression of a filter in a results folder;
-a third part gives the values of a point of the grid (``0.1; 10``), and ``z |`` in front asks for how
+``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
+a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
 many standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
 changed, ``--write`` writes it anew, with as many decimals as it had.
 """
@@ -23,7 +23,7 @@ from trackbench.report.results import Results
 HERE = Path(__file__).resolve().parent.parent
 PROSE = HERE / "experiments" / "README.md"
 LINK = re.compile(r'\[([^\]\[]+)\]\(\.\./results/([^/)]+)/ "([^"]+)"\)')
-_NUMBER = re.compile(r"([+-]?)(\d[\d ]*(?:\.\d+)?(?:e[+-]?\d+)?)")
+_NUMBER = re.compile(r"([+-]?)(\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
 
 class Tied(NamedTuple):
@@ -54,7 +54,8 @@ def like(match: re.Match[str], value: float) -> str:
     sign, text = match.groups()
     mantissa, exponent, _ = text.replace(" ", "").partition("e")
     decimals = len(mantissa.partition(".")[2])
-    out = f"{value:{'+' if sign == '+' else ''}.{decimals}{'e' if exponent else 'f'}}"
+    form = f"{'+' if sign == '+' else ''}{',' if ' ' in text else ''}.{decimals}"
+    out = f"{value:{form}{'e' if exponent else 'f'}}".replace(",", " ")
     if exponent:
         head, _, tail = out.partition("e")
         out = f"{head}e{int(tail)}"
@@ -63,7 +64,7 @@ def like(match: re.Match[str], value: float) -> str:
 
 def values(folder: str, title: str) -> tuple[float, ...]:
     """Value and standard error, or z alone."""
-    parts = [part.strip() for part in title.split("|")]
+    parts = re.split(r"\s*[;|]\s*", title)
     wants_z = parts[0] == "z"
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))
