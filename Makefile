@@ -50,7 +50,7 @@ check-results: $(VENV)/.run
 
 # Fails if another processor's kernels, as far as this one can show them, or two workers, give other bytes.
 check-machines: $(VENV)/.dev
-	$(BIN)/python -m tests.machines --runs 20 $(EXPERIMENTS)
+	$(BIN)/python -m tests.machines --runs 20 --block 20 $(EXPERIMENTS)
 
 # What git keeps of the large files: the commands read them packed as well.
 pack-results: $(VENV)/.run

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -109,8 +110,11 @@ def main() -> int:
     arguments += ["--scans", str(options.scans)] if options.scans else []
     expected: dict[str, str] = {}
     differs = False
-    for name in SETTINGS:
-        found = under(name, arguments)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each is a process
+        every = dict(
+            zip(SETTINGS, pool.map(lambda name: under(name, arguments), SETTINGS), strict=True)
+        )
+    for name, found in every.items():
         expected = expected or found
         other = [config for config in found if found[config] != expected[config]]
         differs = differs or bool(other)
