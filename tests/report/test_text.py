@@ -17,7 +17,7 @@ def test_latex_has_booktabs_rules_and_no_live_character():
     text = table().texts().tex()
     for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{lrr}"):
         assert rule in text
-    assert r"A \& B\_1 & 0.500 $\pm$ 0.010 & 0 \\" in text
+    assert r"A \& B\_1 & 0.500 $\pm$ 0.010 & 0 of 100 (0 to 3.6 \%) \\" in text
     assert r"\textbackslash{}input\{x\} \$y\$ \textasciitilde{}\textasciicircum{}" in text
     assert r"\caption{Mean \& spread of 100 \%}" in text
 

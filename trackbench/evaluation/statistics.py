@@ -46,7 +46,7 @@ def variance(x: Array) -> Estimate:
     if M < 2:
         return Estimate(np.nan, np.nan)
     s2 = total(np.square(x - _mean(x))) / (M - 1)  # of numpy: its square overflows to infinity
-    return Estimate(float(s2), mean(influence("variance", x)).stderr if M > 2 else np.nan)
+    return Estimate(float(s2), mean(influence("variance", x)).stderr if M > 3 else np.nan)
 
 
 @_quietly

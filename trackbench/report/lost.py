@@ -20,8 +20,8 @@ def share(lost: int, runs: int, level: float = 0.95) -> tuple[float, float]:
 
 def in_words(lost: int, runs: int) -> str:
     """``3 of 800 runs lost (0.077 to 1.1 %)``."""
-    low, high = share(lost, runs)
-    return f"{lost} of {runs} runs lost ({100 * low:.2g} to {100 * high:.2g} %)"
+    low, high = (f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in share(lost, runs))
+    return f"{lost} of {runs} runs lost ({low} to {high} %)"
 
 
 def loses_more(a: Array, b: Array) -> bool:

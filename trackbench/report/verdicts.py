@@ -105,7 +105,8 @@ def judge(results: Results, claim: Claim) -> Judged:
     batches = whole.batches(seeds_of(results))
     found = [_score(whole, batches, claim, right) for right in claim.rights or [""]]
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
-    of_batches = [min(zs) for zs in zip(*(score.batches for score in found), strict=True)]
+    every = all(score.batches for score in found)
+    of_batches = [min(zs) for zs in zip(*(s.batches for s in found), strict=True)] if every else []
     verdict = agreement.of_claim(weakest.z, of_batches, claim.relation == "~")
     if isnan(weakest.off):
         verdict = verdict._replace(word=NOT_MEASURED)
