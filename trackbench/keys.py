@@ -1,6 +1,7 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
-from typing import Annotated, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Gt, Interval
 
@@ -49,3 +50,33 @@ class MistakenKeyError(ValueError):
     def __init__(self, what: str, *path: str | int) -> None:
         super().__init__(what)
         self.path = path
+
+
+@dataclass(frozen=True)
+class PartOf:
+    """Marks a key that holds a registered part, or a list: ``Annotated[Motion, PartOf("motions")]``.
+
+    A config gives a mapping with a ``kind``, or the kind alone. What reads the config makes the parts
+    first and puts numbers in their place; this takes the part of that number in their stead.
+    """
+
+    group: str
+    """registry group of the part"""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Any value in a schema: the registry knows what may stand here."""
+        from pydantic_core import core_schema
+
+        return core_schema.with_info_plain_validator_function(
+            _made_before, json_schema_input_schema=core_schema.any_schema()
+        )
+
+
+def _made_before(number: Any, info: Any) -> Any:
+    return None if number is None else info.context[number]
+
+
+def part_group(hint: Any) -> str | None:
+    """The registry group of the parts that a key of this type holds, if it holds any."""
+    marks = (mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, PartOf))
+    return next(marks, None)

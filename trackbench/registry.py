@@ -15,12 +15,18 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-Group = Literal["filters", "scenarios", "figures", "tables"]
+Group = Literal[
+    "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
+]
 T = TypeVar("T", bound=type)
 
 _PACKAGES: dict[Group, str] = {
     "filters": "trackbench.filters",
     "scenarios": "trackbench.scenarios",
+    "targets": "trackbench.scenarios.targets",
+    "motions": "trackbench.models.motions",
+    "sensors": "trackbench.models.sensors",
+    "starts": "trackbench.scenarios.starts",
     "figures": "trackbench.report.figures",
     "tables": "trackbench.report.tables",
 }

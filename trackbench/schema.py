@@ -1,12 +1,15 @@
 """The JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
 
-from typing import Any
+from typing import Any, get_type_hints
 
 from trackbench.experiment.definition import Settings
 from trackbench.experiment.validate import described, help_texts
+from trackbench.keys import part_group
+from trackbench.models.assumed import Assume
 from trackbench.registry import Group, kinds
 
-_GROUPS: tuple[Group, ...] = ("scenarios", "filters", "tables", "figures")
+_TOP: tuple[Group, ...] = ("filters", "tables", "figures")
+_GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors", "starts")
 
 
 def schema() -> dict[str, Any]:
@@ -19,9 +22,10 @@ def schema() -> dict[str, Any]:
             names.append(f"{group}.{kind}")
             definitions |= _definitions(group, kind, cls)
         definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
+    definitions["assume"] = _assume()
     properties = top["properties"]
     _replace(properties, "scenario", {"$ref": _ref("scenarios")})
-    for group in _GROUPS[1:]:
+    for group in _TOP:
         several = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
         _replace(properties, group, several)
     return {
@@ -51,20 +55,36 @@ def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
     properties = own.setdefault("properties", {})
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
-    for key, part in getattr(cls, "parts", {}).items():
-        _replace(properties, key, {"$ref": _ref(part)})
-        own["required"] = [*own.get("required", []), key]
+    _refer_to_parts(cls, properties)
     if getattr(cls, "presets", None):
         # A preset may give any key, and a key of a mapping in it may be changed alone.
         own, inner = _without_required(own), _without_required(inner)
         properties = own["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
+    if group == "filters":
+        text = "motion and sensor that this filter assumes"
+        properties["assume"] = {"$ref": _ref("assume"), "description": text}
     own["properties"] = {"kind": {"const": kind}, **properties}
     own["required"] = ["kind", *own.get("required", [])]
     own["title"] = kind
     own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     return {name: own, **inner}
+
+
+def _assume() -> dict[str, Any]:
+    own = described(Assume).json_schema()
+    _refer_to_parts(Assume, own["properties"])
+    return own
+
+
+def _refer_to_parts(cls: type[Any], properties: dict[str, Any]) -> None:
+    for key, hint in get_type_hints(cls, include_extras=True).items():
+        group = part_group(hint)
+        if group is not None:
+            word = {"type": "string", "description": "a kind, with all keys at their defaults"}
+            one = {"anyOf": [word, {"$ref": _ref(group)}]}
+            _replace(properties, key, {"anyOf": [one, {"type": "array", "items": one}]})
 
 
 def _without_required(schema: Any) -> Any:

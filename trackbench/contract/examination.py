@@ -10,13 +10,12 @@ import numpy as np
 
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.finding import BrokenError, Finding
-from trackbench.contract.linear import Linear
+from trackbench.contract.playgrounds import LINEAR, SCALAR
 from trackbench.experiment.checks import has
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.plugins import load_plugin, read_plugin
 from trackbench.experiment.problems import UserError
 from trackbench.registry import kinds
-from trackbench.scenarios.merwe import Merwe
 
 
 def check_file(path: Path) -> dict[str, list[Finding]]:
@@ -51,7 +50,7 @@ def check_filter(
     if scenario is None:
         return [*found, Finding("everything else", "left out", why_not)]
     excused: dict[str, str] = dict(getattr(cls, "excused", {}))
-    if scenario.kind != "linear":
+    if scenario is not LINEAR:
         excused.setdefault("kalman", why_not)
     for key, (name, check) in CHECKS.items():
         if key in excused:
@@ -100,8 +99,8 @@ def _has_default(field: Any) -> bool:
 def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
-    for scenario in (Linear(), Merwe(T=8, R=0.1), *scenarios):
-        lacking = [n for n in getattr(tracker, "needs", ()) if not has(scenario.model, n)]
+    for scenario in (LINEAR, SCALAR, *scenarios):
+        lacking = [n for n in getattr(tracker, "needs", ()) if not has(scenario, n)]
         conflicts = getattr(tracker, "conflicts", None)
         mistakes = list(conflicts(scenario).values()) if conflicts and not lacking else []
         if not lacking and not mistakes:

@@ -1,6 +1,7 @@
 """The Kalman filter's two equations, batched: predict, and update in Joseph's form.
 
-A measurement column that is NaN is a missing one: its run is predicted over, not updated.
+A component of a measurement that is NaN is missing: its run is updated with the others, and predicted
+over where there are none.
 """
 
 from typing import NamedTuple
@@ -8,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
 from trackbench.core.once import once
 
 
@@ -21,13 +22,20 @@ class Innovation(NamedTuple):
 
     @property
     def nis(self) -> Array:
-        """Normalised innovation squared, nu' S^-1 nu (*batch); expected n_z."""
-        return linalg.mahalanobis(self.nu, self.S)
+        """Normalised innovation squared, nu' S^-1 nu (*batch); expected n_z.
+
+        Of the components that were measured; NaN where nothing was.
+        """
+        missing = np.isnan(self.nu)
+        if not missing.any():
+            return linalg.mahalanobis(self.nu, self.S)
+        nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S)
+        return np.where(missing.all(axis=0), np.nan, nis)
 
     def judged(self) -> tuple[Array, Array]:
         """NIS (*batch) and the square root of det S, from one factor."""
-        L = linalg.cholesky(self.S)
-        rows = linalg.whitened(L, self.nu)
+        L, missing = linalg.cholesky(self.S), np.isnan(self.nu)
+        rows = linalg.whitened(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
         nis, scale = rows[0] * rows[0], L[0, 0]
         for i in range(1, len(rows)):
             nis, scale = nis + rows[i] * rows[i], scale * L[i, i]
@@ -35,8 +43,13 @@ class Innovation(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """log N(nu; 0, S) (*batch)."""
-        return zero_mean_log_prob(self.nu, self.S)
+        """log N(nu; 0, S) (*batch) of what was measured; NaN where nothing was."""
+        missing = np.isnan(self.nu)
+        if not missing.any():
+            return zero_mean_log_prob(self.nu, self.S)
+        value = zero_mean_log_prob(np.where(missing, 0.0, self.nu), self.S)
+        value += 0.5 * LOG_2PI * missing.sum(axis=0)
+        return np.where(missing.all(axis=0), np.nan, value)
 
 
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
@@ -59,10 +72,34 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
     """Condition on the innovation ``nu = z - h(m)`` (n_z, *batch) of ``z = H x + N(0, R)``.
 
     ``K = P H' S^-1``; the covariance in Joseph's form ``(I - K H) P (I - K H)' + K R K'``, which
-    stays symmetric positive definite for any gain.
+    stays symmetric positive definite for any gain. A missing component (NaN) is one that sees nothing
+    of the state, with an error of its own.
     """
+    unknown = np.isnan(nu)
+    if not unknown.any():
+        S, K = gain(predicted.cov, H, R)
+        return corrected(predicted, nu, K, H, R), Innovation(nu, S)
+    missing = unknown & np.isfinite(predicted.mean).all(axis=0)
+    H, R = measured(H, R, missing)
     S, K = gain(predicted.cov, H, R)
-    return corrected(predicted, nu, K, H, R), Innovation(nu, S)
+    posterior = corrected(predicted, np.where(missing, 0.0, nu), K, H, R)
+    return posterior, Innovation(nu, S)
+
+
+def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
+    """H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
+
+    A missing component has a variance of one, whatever its unit: nothing comes of it. Matrices that are
+    alike in all runs stay one matrix.
+    """
+    pattern = missing.reshape(len(missing), -1)
+    if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
+        missing = pattern[:, 0]
+    batch = missing.ndim - 1
+    H = np.where(missing[:, None], 0.0, with_trailing(H, batch, leading=2))
+    either = missing[:, None] | missing[None]
+    eye = with_trailing(np.eye(len(missing)), batch, leading=2)
+    return H, np.where(either, eye, with_trailing(R, batch, leading=2))
 
 
 def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:

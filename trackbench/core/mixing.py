@@ -1,6 +1,8 @@
 """Interacting multiple models: mixing, and the moments of a mixture (Blom & Bar-Shalom 1988)."""
 
 from collections.abc import Sequence
+from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -8,6 +10,9 @@ from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.sums import total
+
+Shared: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
+"""Indices of the components that two states share, in the one and in the other."""
 
 
 def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
@@ -43,18 +48,29 @@ def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     return Gaussian(mean, cov)
 
 
-def padded(state: Gaussian, like: Gaussian, unbiased: bool) -> Gaussian:
-    """A state (n, M) with the further components of a longer one, to mix with it.
+def padded(state: Gaussian, like: Gaussian, shared: Shared, unbiased: bool) -> Gaussian:
+    """A state (n, M) as one of another model's components, to mix with it.
 
-    Unbiased: with the longer state's own mean and covariance (Yuan, Bar-Shalom et al. 2012); else with
-    zeros, which draws them to zero. The result is no longer than ``like``, whose tail is cut.
+    What it does not have comes from the other's own mean and covariance (unbiased: Yuan, Bar-Shalom et
+    al. 2012), or is zero, which draws it to zero; what the other does not have is left out.
     """
-    n, m = len(state.mean), len(like.mean)
-    if n >= m:
-        return Gaussian(state.mean[:m], state.cov[:m, :m])
-    runs = state.mean.shape[1]
+    here, there = shared
+    m, runs = len(like.mean), state.mean.shape[1]
+    if here == there == tuple(range(m)):
+        return state if len(state.mean) == m else Gaussian(state.mean[:m], state.cov[:m, :m])
     mean, cov = np.zeros((m, runs)), np.zeros((m, m, runs))
-    mean[:n], cov[:n, :n] = state.mean, with_trailing(state.cov, 1, leading=2)
+    own = with_trailing(state.cov, 1, leading=2)
+    mean[list(there)] = state.mean[list(here)]
+    cov[np.ix_(there, there)] = own[np.ix_(here, here)]
     if unbiased:
-        mean[n:], cov[n:, n:] = like.mean[n:], with_trailing(like.cov, 1, leading=2)[n:, n:]
+        rest = [i for i in range(m) if i not in there]
+        mean[rest] = like.mean[rest]
+        cov[np.ix_(rest, rest)] = with_trailing(like.cov, 1, leading=2)[np.ix_(rest, rest)]
     return Gaussian(mean, cov)
+
+
+@cache
+def shared(of: tuple[str, ...], like: tuple[str, ...]) -> Shared:
+    """Where the components stand that two models have in common."""
+    names = [name for name in like if name in of]
+    return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)

@@ -1,4 +1,6 @@
-"""The scaled unscented transform (Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3).
+"""Moments of a function of a Gaussian by weighted points: unscented transform, Gauss-Hermite rule.
+
+The scaled unscented transform (Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3).
 
 ``lambda = alpha^2 (n + kappa) - n``; points ``m`` and ``m +- sqrt((n + lambda) P)`` columns; weights
 ``lambda / (n + lambda)`` for the centre (plus ``1 - alpha^2 + beta`` in the covariance) and
@@ -6,13 +8,23 @@
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from itertools import pairwise, product
+from math import factorial, prod, sqrt
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+
+
+class PointRule(Protocol):
+    """How points and weights are chosen for a Gaussian."""
+
+    def points(self, mean: Array, cov: Array) -> "SigmaPoints":
+        """Points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +54,70 @@ class Unscented:
         return SigmaPoints(x, weights, cov_weights)
 
 
+@dataclass(frozen=True)
+class GaussHermite:
+    """The product rule with ``order`` points along each axis: exact to degree 2 order - 1 in each.
+
+    Ito & Xiong 2000; Abramowitz & Stegun, 25.4.46, for the weight exp(-x^2 / 2).
+    """
+
+    order: int
+
+    @cached_property
+    def nodes(self) -> list[tuple[float, float]]:
+        """Nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
+        n = self.order
+        norm = factorial(n) / (n * n)
+        return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
+
+    def points(self, mean: Array, cov: Array) -> "SigmaPoints":
+        """order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        grid = list(product(self.nodes, repeat=len(mean)))
+        root = linalg.root(cov)
+        unit = np.array([[x for x, _ in point] for point in grid])
+        steps = [linalg.matvec(root, _vector_like(e, mean)) for e in unit]
+        weights = np.array([prod(w for _, w in point) for point in grid])
+        return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
+
+
+def _hermite(n: int, x: float) -> float:
+    """He_n(x), by its recursion."""
+    before, now = 0.0, 1.0
+    for k in range(n):
+        before, now = now, x * now - k * before
+    return now
+
+
+def _hermite_roots(n: int) -> list[float]:
+    """Roots of He_n, by bisection between those of He_{n-1}."""
+    if n == 0:
+        return []
+    edge = 2.0 * sqrt(n)
+    brackets = [-edge, *_hermite_roots(n - 1), edge]
+    return [_root_between(n, a, b) for a, b in pairwise(brackets)]
+
+
+def _root_between(n: int, low: float, high: float) -> float:
+    rising = _hermite(n, high) > 0.0
+    middle = 0.5 * (low + high)
+    while low < middle < high:
+        value = _hermite(n, middle)
+        if value == 0.0:
+            break
+        low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+        middle = 0.5 * (low + high)
+    return middle
+
+
 class SigmaPoints(NamedTuple):
-    """Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,)."""
+    """Points (n, P, *batch), weights of the mean and of the covariance (P,)."""
 
     x: Array
     weights: Array
     cov_weights: Array
 
     def mean(self, values: Array) -> Array:
-        """Weighted mean of transformed points (m, 2 n + 1, *batch); shape (m, *batch)."""
+        """Weighted mean of transformed points (m, P, *batch); shape (m, *batch)."""
         return _weighted(self.weights, values)
 
     def cross(self, a: Array, b: Array) -> Array:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
+from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.checked import (
     check_estimate,
@@ -29,6 +30,8 @@ from trackbench.evaluation.metrics import (
     step_sums,
 )
 from trackbench.filters.base import AnyFilter
+from trackbench.models.assumed import Assume
+from trackbench.models.extended import extended
 from trackbench.scenarios.base import Scenario, Simulation
 
 
@@ -50,6 +53,14 @@ class BlockTask:
     """keep the covariances of the shown tracks too"""
     keep_steps: tuple[str, ...] = ()
     """series kept per run and step, for their medians"""
+    assume: Assume | None = None
+    """what the filter assumes that is not the scenario's"""
+
+    @property
+    def seen(self) -> Scenario:
+        """The scenario with the model that the filter assumes."""
+        scenario: Any = self.scenario
+        return self.scenario if self.assume is None else scenario.believing(self.assume)
 
     @property
     def first_run(self) -> int:
@@ -181,13 +192,17 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     filter writes to what it is given, or gives back what is no estimate.
     """
     scenario, tracker, n = task.scenario, task.filter, len(data.truth)
-    model, rng = frozen(scenario.model), block_stream(task.seed, task.index)
+    model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
+    every = len(model.motion.components)
+    prior = data.prior
+    if every > n:
+        prior = frozen(extended(prior, model.motion.extra_std))
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
     consistency, clock = Consistency(scenario, task.width), _Clock()
     with clock:
-        state = tracker.init(model, data.prior, rng)
+        state = tracker.init(model, prior, rng)
         found = tracker.estimate(state)
     for i, k in enumerate(scenario.steps):
         if i > 0:
@@ -195,6 +210,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
                 state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
             noted.append(checked_numbers("diagnostic", note(state), task.width))
+        found = _own_part(found, n)
         check_estimate(found, n, task.width)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
         consistency.add(mean[:, i], found.cov, data.truth[:, i])
@@ -213,6 +229,13 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
     return Estimates(mean, nees, kept, notes, clock.cpu_s)
+
+
+def _own_part(found: Gaussian, n: int) -> Gaussian:
+    """The truth's components of an estimate: the first n of what the filter has beside them."""
+    if np.ndim(found.mean) != 2 or len(found.mean) <= n:
+        return found
+    return Gaussian(found.mean[:n], found.cov[:n, :n])
 
 
 class _Clock:

@@ -14,7 +14,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.checked import checked_numbers
-from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.base import Scenario, truth_components
 
 _ENOUGH = 1024  # columns: a call on so many is worth its price
 
@@ -67,6 +67,8 @@ def observed(scenario: Scenario, tracker: Any, state: Any, truth: Array) -> dict
     expectation = getattr(tracker, "expectation", None)
     if observables is not None and expectation is not None:
         exact = observables(truth)
+        if not exact:
+            return out
         given = expectation(state, observables)
         for name, value in checked_numbers("expectation", given, truth.shape[1]).items():
             error = value - exact[name]
@@ -93,4 +95,4 @@ def marginals(scenario: Scenario) -> dict[str, tuple[int, ...]]:
 def sizes(scenario: Scenario) -> dict[str, int]:
     """Number of components by the name of each NEES series; the whole state has no name."""
     parts = {name: len(part) for name, part in marginals(scenario).items()}
-    return {"": len(scenario.model.motion.components)} | parts
+    return {"": len(truth_components(scenario))} | parts

@@ -8,8 +8,27 @@ from trackbench.experiment.definition import Point, Settings, labels_to_run
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.experiment.validate import unknown
-from trackbench.models.base import Model
+from trackbench.filters.base import prior_kind
+from trackbench.models.base import moving
 from trackbench.registry import Group
+from trackbench.scenarios.base import truth_components
+
+_NEEDS = {
+    "state.planar": "a target in the plane",
+    "motion.jacobian": "a motion with a Jacobian",
+    "motion.F": "a linear motion",
+    "motion.Q": "a linear motion",
+    "motion.T": "a motion with a sampling time",
+    "sensor.H": "a linear sensor",
+    "sensor.jacobian": "a sensor with a Jacobian",
+    "sensor.per_axis": "a sensor of planar positions",
+    "sensor.reading": "a sensor of range and azimuth",
+    "prior.first": "a start from two scans of a radar at the origin",
+    "prior.gaussian": "a start from two scans of a radar at the origin",
+    "prior.positions": "a start from two scans of a radar at the origin",
+    "prior.azimuths": "a start from two scans of a radar at the origin",
+}
+"""What a filter needs, in words (other needs are named as they are)."""
 
 
 def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -> list[str]:
@@ -28,10 +47,15 @@ def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -
     return labels_to_run(known, settings.only, settings.reference)
 
 
-def has(model: Model, need: str) -> bool:
-    """Whether a model can do what a filter needs, such as ``motion.jacobian``."""
+def has(scenario: Any, need: str) -> bool:
+    """Whether a scenario has what a filter needs: ``motion.jacobian``, ``prior.first``."""
     part, _, name = need.partition(".")
-    return hasattr(getattr(model, part), name)
+    if part == "state":
+        return truth_components(scenario) == moving(2)
+    if part == "prior":
+        kind = prior_kind(scenario)
+        return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
+    return hasattr(getattr(scenario.model, part), name)
 
 
 def check_fit(
@@ -40,14 +64,28 @@ def check_fit(
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
     for need in getattr(tracker, "needs", ()):
-        if not has(scenario.model, need):
-            what = f"{tracker.kind} needs {need}, which scenario {scenario.kind} does not have"
+        if not has(scenario, need):
+            what = f"{tracker.kind} needs {_in_words(need)}, which there is not here"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
     conflicts = getattr(tracker, "conflicts", None)
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
     if conflicts and not unmet:
         problems += _conflicts(source, keys, conflicts(scenario))
+
+
+def check_bound(source: Source, scenario: Any, problems: list[Problem]) -> None:
+    """A lower bound that the experiment asks for must exist."""
+    if source.data.get("bound") is None:
+        return
+    why = getattr(scenario, "no_bound", None)
+    if not hasattr(scenario, "bounds") or why:
+        what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
+        problems.append(Problem(source.mark(("bound",)), "bound", what))
+
+
+def _in_words(need: str) -> str:
+    return _NEEDS.get(need, need)
 
 
 def _conflicts(source: Source, keys: Keys, found: dict[str, str]) -> Iterator[Problem]:
@@ -119,7 +157,7 @@ def check_figures(
     problems: list[Problem],
 ) -> None:
     """A figure may show only runs and components that there are."""
-    sizes = [len(p.scenario.model.motion.components) for p in points if p is not None]
+    sizes = [len(truth_components(p.scenario)) for p in points if p is not None]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
         for key, most in limits.items():

@@ -1,6 +1,7 @@
 """Putting a config together: parts from other files, and overrides by path."""
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,8 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
-            _inline_nested(source, keys)
+            if isinstance(at(source, keys), dict):
+                _inline_nested(source, keys)
         except UserError as error:
             found = [p for p in error.problems if isinstance(p, Problem)]
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
@@ -34,13 +36,16 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
 
 def _inline_nested(source: Source, keys: Keys) -> None:
-    """The scenario that a recorded one is like; its path counts from the file it stands in."""
-    data = source.data
-    for key in keys:
-        data = data[key]
-    if keys == ("scenario",) and isinstance(data, dict) and "like" in data:
-        inner = (*keys, "like")
-        _inline(source, inner, Path(source.mark(inner).file).parent, depth=1)
+    """The parts of a part, such as a target's motion; a path counts from the file it stands in."""
+    data = at(source, keys)
+    inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
+    for key in list(inner):
+        value, place = data[key], (*keys, key)
+        is_file = isinstance(value, str) and key != "use" and value.endswith((".yaml", ".yml"))
+        if is_file or (isinstance(value, dict) and "use" in value):
+            _inline(source, place, Path(source.mark(place).file).parent, depth=1)
+        if isinstance(data[key], dict | list):
+            _inline_nested(source, place)
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
@@ -132,7 +137,23 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     source.graft(keys, part)
     source.marks.update(own)
     source.key_marks.update(own_keys)
-    parent[keys[-1]] = {**part.data, **changes}
+    parent[keys[-1]] = laid_over(part.data, changes, by_kind=True)
     if "use" in part.data:
         parent[keys[-1]]["use"] = part.data["use"]
         _inline(source, keys, path.parent, depth + 1)
+
+
+def laid_over(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) -> dict[str, Any]:
+    """``base`` with the keys of ``top``; a mapping in both is laid over in the same way.
+
+    ``by_kind``: but of another kind, and so with other keys, it stands in place of the base's.
+    """
+
+    def both(key: str, value: Any) -> Any:
+        mine = base.get(key)
+        if not isinstance(mine, dict) or not isinstance(value, dict):
+            return value
+        other = by_kind and value.get("kind", mine.get("kind")) != mine.get("kind")
+        return value if other else laid_over(mine, value, by_kind)
+
+    return {**base, **{key: both(key, value) for key, value in top.items()}}

@@ -9,8 +9,10 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+from trackbench.experiment.assuming import check_assumed, read_assumed
 from trackbench.experiment.axes import add_axis
 from trackbench.experiment.checks import (
+    check_bound,
     check_drawable,
     check_figures,
     check_fit,
@@ -123,15 +125,16 @@ def _point(
 ) -> Point | None:
     scenario = build_kind("scenarios", source, ("scenario",), problems)
     filters = _filters(source, labels, problems)
+    assumed = {b: a for b in labels if (a := read_assumed(source, b, problems)) is not None}
     if scenario is None:
         return None
-    if source.data.get("bound") is not None and not hasattr(scenario, "bounds"):
-        what = f"scenario {scenario.kind} has no lower bounds"
-        problems.append(Problem(source.mark(("bound",)), "bound", what))
+    point = Point(dict(values), scenario, filters, assumed)
+    check_bound(source, scenario, problems)
     for label, tracker in filters.items():
-        if tracker is not None:
-            check_fit(source, ("filters", label), tracker, scenario, problems)
-    return Point(dict(values), scenario, filters)
+        seen = check_assumed(source, point, label, problems)
+        if tracker is not None and seen is not None:
+            check_fit(source, ("filters", label), tracker, seen, problems)
+    return point
 
 
 def _filters(source: Source, labels: list[str], problems: list[Problem]) -> dict[str, Any]:

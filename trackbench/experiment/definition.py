@@ -11,6 +11,7 @@ from trackbench.experiment.published import Published
 from trackbench.experiment.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.keys import ONE_LINE, Count, Natural
+from trackbench.models.assumed import Assume
 from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
@@ -79,6 +80,16 @@ class Point:
     values: dict[str, Any]
     scenario: Scenario
     filters: dict[str, AnyFilter]
+    assumed: dict[str, Assume] = field(default_factory=dict)
+    """what filters assume that is not the scenario's, by label"""
+
+    def seen_by(self, label: str) -> Scenario:
+        """The scenario with the model that this filter assumes."""
+        if label not in self.assumed:
+            return self.scenario
+        scenario: Any = self.scenario
+        seen: Scenario = scenario.believing(self.assumed[label])
+        return seen
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ def block_key(task: BlockTask, used: int) -> str:
         _part(task.scenario),
         _part(task.filter),
         _part(task.reference) if task.reference is not None else None,
+        _part(task.assume) if task.assume is not None else None,
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [code_digest(), arithmetic.own()],
@@ -50,11 +51,11 @@ def _content_digest(path: str) -> str:
 
 
 def _nested(part: Any) -> Iterator[Any]:
-    yield part
-    for field in fields(part):
-        value = getattr(part, field.name)
-        if is_dataclass(value):
-            yield from _nested(value)
+    if is_dataclass(part):
+        yield part
+        part = [getattr(part, field.name) for field in fields(part)]
+    for value in part if isinstance(part, list | tuple) else ():
+        yield from _nested(value)
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:

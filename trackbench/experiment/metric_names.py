@@ -21,6 +21,7 @@ from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.registry import Group
+from trackbench.scenarios.base import truth_components
 
 STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
 COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
@@ -175,7 +176,7 @@ def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
             names.given |= set(getattr(tracker, "__dataclass_fields__", ()))
             try:
                 if noted:
-                    series |= _noted(settings, point.scenario, tracker)
+                    series |= _noted(settings, point.seen_by(label), tracker)
                 alike = frozenset(series), frozenset(getattr(tracker, "counts", ()))
                 if alike not in done:
                     names.add(settings, point.scenario, tracker, series)
@@ -186,7 +187,7 @@ def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
 
 
 def _series(settings: Settings, scenario: Any, label: str, tracker: Any) -> Iterator[str]:
-    nowhere = np.zeros((len(scenario.model.motion.components), 1))
+    nowhere = np.zeros((len(truth_components(scenario)), 1))
     for quantity, error in scenario.errors(nowhere, nowhere).items():
         yield joined("squared", quantity)
         if len(error) == 1:

@@ -1,14 +1,17 @@
 """The parts of a config that name a ``kind``: a mapping into the registered dataclass."""
 
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
-from trackbench.experiment.problems import Mark, Problem
+from trackbench.experiment.compose import laid_over
+from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.experiment.validate import at, build, file_keys, unknown
-from trackbench.keys import DataError
+from trackbench.keys import part_group
 from trackbench.registry import Group, kinds
+
+T = TypeVar("T")
 
 
 def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]) -> Any:
@@ -26,47 +29,74 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         return None
     cls = known[kind]
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
-    nested = {
-        key: build_kind(inner, source, (*keys, key), problems)
-        for key, inner in getattr(cls, "parts", {}).items()
-        if own.pop(key, None) is not None
-    }
+    if group == "filters":
+        own.pop("assume", None)  # of every filter: see `trackbench.experiment.assuming`
+    return _built(cls, own, source, keys, problems)
+
+
+def build_plain(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
+    """A dataclass without a kind from the mapping at ``keys``, with the parts it has."""
+    data = at(source, keys)
+    if not isinstance(data, dict):
+        problems.append(Problem(source.mark(keys), dotted(keys), "is not a mapping"))
+        return None
+    return _built(cls, data, source, keys, problems)
+
+
+def _built(
+    cls: type[T], own: dict[str, Any], source: Source, keys: Keys, problems: list[Problem]
+) -> T | None:
+    inner = _Inner(source, problems, [])
+    own = inner.numbered(cls, own, keys)
     part = Source(own, {}, {})
     for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
         mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
     found: list[Problem] = []
-    built = build(cls, part, (), found)
-    problems += [
-        Problem(p.mark, ".".join(filter(None, [dotted(keys), p.path])), p.what) for p in found
-    ]
-    return _assembled(cls, built, nested, source, keys, problems)
+    built = build(cls, part, (), found, inner.made)
+    problems += [replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in found]
+    return None if None in inner.made else built
 
 
-def _assembled(
-    cls: type[Any],
-    built: Any,
-    nested: dict[str, Any],
-    source: Source,
-    keys: Keys,
-    problems: list[Problem],
-) -> Any:
-    """The dataclass with the parts it is made of, such as the scenario that a recorded one is like."""
-    missing = [key for key in getattr(cls, "parts", {}) if key not in nested]
-    for key in missing:
-        where = dotted((*keys, key))
-        problems.append(Problem(source.mark(keys), where, "this key is required"))
-    if built is None or missing or None in nested.values():
-        return None
-    try:
-        return replace(built, **nested) if nested else built
-    except DataError as error:
-        problems += [
-            Problem(Mark(where.file, where.line, where.column), dotted(keys), where.what)
-            for where in error.places
-        ]
-    except ValueError as error:
-        problems.append(Problem(source.mark(keys), dotted(keys), str(error)))
-    return None
+class _Inner(NamedTuple):
+    """The parts within a part, made one after another; a number stands for each in the mapping."""
+
+    source: Source
+    problems: list[Problem]
+    made: list[Any]
+
+    def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
+        """The mapping of a dataclass with its parts, and those of mappings in it, made."""
+        hints, out = get_type_hints(cls, include_extras=True), dict(data)
+        for key in hints.keys() & data.keys():
+            out[key] = self._made(hints[key], data[key], (*keys, key))
+        return out
+
+    def _made(self, hint: Any, value: Any, keys: Keys) -> Any:
+        group = part_group(hint)
+        if group is not None and value is not None:
+            return self._number(cast(Group, group), value, keys)
+        inner = [h for h in (hint, *get_args(hint)) if isinstance(h, type) and is_dataclass(h)]
+        if len(inner) == 1 and isinstance(value, dict):
+            return self.numbered(inner[0], value, keys)
+        return value
+
+    def _number(self, group: Group, value: Any, keys: Keys) -> int:
+        if isinstance(value, list):
+            parts = [self._part(group, (*keys, i)) for i in range(len(value))]
+            self.made.append(None if None in parts else tuple(parts))
+        else:
+            self.made.append(self._part(group, keys))
+        return len(self.made) - 1
+
+    def _part(self, group: Group, keys: Keys) -> Any:
+        """The part at ``keys``; a word is a kind without keys of its own."""
+        value = at(self.source, keys)
+        if not isinstance(value, str):
+            return build_kind(group, self.source, keys, self.problems)
+        mark, parent = self.source.mark(keys), at(self.source, keys[:-1])
+        parent[keys[-1]] = {"kind": value}
+        self.source.marks[(*keys, "kind")] = mark
+        return build_kind(group, self.source, keys, self.problems)
 
 
 def _with_absolute_files(
@@ -96,18 +126,7 @@ def _with_preset(
         what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
         problems.append(Problem(source.mark(where), dotted(where), what))
         return data
-    if any(presets.values()) and all(_laid_over(p, data) == data for p in presets.values()):
+    if any(presets.values()) and all(laid_over(p, data) == data for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
         problems.append(Problem(source.mark(where), dotted(where), what))
-    return _laid_over(presets[name], data)
-
-
-def _laid_over(base: dict[str, Any], top: dict[str, Any]) -> dict[str, Any]:
-    """``base`` with the keys of ``top``; a mapping in both is laid over in the same way."""
-    both = {
-        key: _laid_over(base[key], value)
-        if isinstance(value, dict) and isinstance(base.get(key), dict)
-        else value
-        for key, value in top.items()
-    }
-    return {**base, **both}
+    return laid_over(presets[name], data)

@@ -14,7 +14,7 @@ from trackbench.experiment.metric_names import number_per_run, shared
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.base import Scenario, truth_components
 
 _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
@@ -72,6 +72,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
                 BlockTask(
                     scenario=point.scenario,
                     filter=tracker,
+                    assume=point.assumed.get(label),
                     seed=settings.seed,
                     index=block,
                     width=width,
@@ -134,7 +135,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
-            block = max(_block_bytes(point.scenario, f, width) for f in (tracker, reference))
+            block = max(_block_bytes(point.seen_by(label), f, width) for f in (tracker, reference))
             needed = workers * (_PROCESS + block) + merged
             most = max(most, needed)
             if needed > 0.9 * there:
@@ -165,12 +166,12 @@ def cautions(point: Point) -> list[str]:
     out = []
     for label, tracker in point.filters.items():
         warn = getattr(tracker, "cautions", None)
-        out += [f"{label}: {text}" for text in (warn(point.scenario) if warn else [])]
+        out += [f"{label}: {text}" for text in (warn(point.seen_by(label)) if warn else [])]
     return out
 
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
-    n_x = len(scenario.model.motion.components)
+    n_x = len(truth_components(scenario))
     cloud = _boost(tracker) * particle_count(tracker) * n_x * _TEMPORARIES
     held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
     return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
@@ -190,7 +191,7 @@ def _read_bytes(experiment: Experiment) -> int:
 def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:
     """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
     settings, steps = experiment.settings, len(point.scenario.steps)
-    n_x = len(point.scenario.model.motion.components)
+    n_x = len(truth_components(point.scenario))
     per_run = 60 + len(_kept_series(experiment)) * steps
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps

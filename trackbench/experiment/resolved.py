@@ -45,6 +45,9 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     parts = {"filters": filters, "tables": experiment.tables, "figures": experiment.figures}
     for group, built in parts.items():
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
+    for label, assume in first.assumed.items():
+        assumed = as_config(assume, relative)
+        out["filters"][label]["assume"] = {k: v for k, v in assumed.items() if v is not None}
     return out
 
 
@@ -90,7 +93,7 @@ _Dumper.add_representer(str, _Dumper.represent_word)
 def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
-    out = {"kind": part.kind}
+    out = {"kind": part.kind} if hasattr(part, "kind") else {}
     for key in fields(part):
         value = getattr(part, key.name)
         if key.name in files and value is not None:
@@ -101,7 +104,9 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
 
 def _plain(value: Any, shown: Callable[[str], str]) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        return as_config(value, shown) if hasattr(value, "kind") else _plain(asdict(value), shown)
+        if hasattr(value, "kind"):
+            return as_config(value, shown)
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, dict):
         return {k: _plain(v, shown) for k, v in value.items()}
     return [_plain(v, shown) for v in value] if isinstance(value, list | tuple) else value

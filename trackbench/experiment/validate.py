@@ -1,6 +1,7 @@
 """A mapping into a frozen dataclass, with every mistake said in words and with its position."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -9,9 +10,9 @@ from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from trackbench.experiment.problems import Problem
+from trackbench.experiment.problems import Mark, Problem
 from trackbench.experiment.source import Keys, Source, dotted
-from trackbench.keys import IS_FILE, ONE_LINE
+from trackbench.keys import IS_FILE, ONE_LINE, DataError
 
 T = TypeVar("T")
 
@@ -79,22 +80,35 @@ def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
         _configure(inner, config, done)
 
 
-def build(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
-    """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``."""
+def build(
+    cls: type[T],
+    source: Source,
+    keys: Keys,
+    problems: list[Problem],
+    parts: Sequence[Any] = (),
+) -> T | None:
+    """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``.
+
+    A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
+    """
     data = at(source, keys)
     if not isinstance(data, dict):
         problems.append(Problem(source.mark(keys), dotted(keys), f"{_show(data)} is not a mapping"))
         return None
     try:
         # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
-        return adapter(cls).validate_json(json.dumps(data), strict=True)
+        return adapter(cls).validate_json(json.dumps(data), strict=True, context=parts)
+    except (AttributeError, TypeError):
+        if None in parts:  # what is missing has been said
+            return None
+        raise
     except ValidationError as error:
         seen = set()
         for item in error.errors(include_url=False):
-            problem = _problem(item, source, keys, cls)
-            if problem not in seen:
-                problems.append(problem)
-            seen.add(problem)
+            for problem in _problems(item, source, keys, cls):
+                if problem not in seen:
+                    problems.append(problem)
+                seen.add(problem)
         return None
 
 
@@ -110,6 +124,13 @@ def unknown(word: str, known: list[str]) -> str:
     """``did you mean ...?``, or all there is."""
     near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
+def _problems(item: Any, source: Source, keys: Keys, cls: type[Any]) -> list[Problem]:
+    raised = item.get("ctx", {}).get("error")
+    if isinstance(raised, DataError):
+        return [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in raised.places]
+    return [_problem(item, source, keys, cls)]
 
 
 def _problem(item: Any, source: Source, keys: Keys, cls: type[Any]) -> Problem:

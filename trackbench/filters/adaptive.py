@@ -15,7 +15,6 @@ from trackbench.core.fading import significance_threshold, tail
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.core.sums import total
 from trackbench.filters.axes import (
-    SEPARABLE,
     Site,
     axis_step,
     choose,
@@ -25,6 +24,7 @@ from trackbench.filters.axes import (
     per_axis,
     site,
 )
+from trackbench.filters.base import PLANAR_POSITION
 from trackbench.filters.refiltering import History, history, refiltered
 from trackbench.filters.switching import (
     BELIEVE,
@@ -35,7 +35,7 @@ from trackbench.filters.switching import (
     exit_cautions,
 )
 from trackbench.models.base import Model
-from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
 
 QUIET, BOTH, TURNING = 0, 1, 2
@@ -88,7 +88,7 @@ class AdaptiveKF:
     """return to the non-maneuvering filter"""
     initialise: Literal["ie", "barshalom"] = "ie"
     """augmented start: estimated input added, or refiltered from the onset (1982)"""
-    needs: ClassVar[tuple[str, ...]] = SEPARABLE
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "paper-eta35": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 35.0}},
@@ -107,8 +107,8 @@ class AdaptiveKF:
     def cautions(self, scenario: Any) -> list[str]:
         """What the exit test will do on the scenario's smallest turn."""
         here = site(scenario.model)
-        turns = [np.hypot(leg.ax, leg.ay) for leg in getattr(scenario, "turns", ())]
-        return exit_cautions(self.exit, self.mf, here.T, here.R, min(turns, default=None))
+        smallest = min(getattr(scenario, "turns", ()), default=None)
+        return exit_cautions(self.exit, self.mf, here.T, here.R, smallest)
 
     @classmethod
     def explain(cls) -> str:

@@ -15,10 +15,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.models.base import Model
-from trackbench.models.motions import Axis
-
-SEPARABLE = ("motion.T", "sensor.H", "sensor.sigma")
-"""What a filter of this kind needs of the model."""
+from trackbench.models.motions.kinematic import Axis
 
 
 class Site(NamedTuple):
@@ -32,23 +29,23 @@ def site(model: Model) -> Site:
     """What these filters take from the scenario's model."""
     motion: Any = model.motion
     sensor: Any = model.sensor
-    return Site(motion.T, np.array([[sensor.sigma * sensor.sigma]]))
+    return Site(motion.T, sensor.per_axis)
 
 
 def per_axis(prior: Distribution) -> Gaussian:
-    """A prior of (px, vx, py, vy), mean (4, M), as mean (2, 2, M) and cov (2, 2, A, M).
+    """A prior that begins (px, vx, py, vy), mean (n, M), as mean (2, 2, M) and cov (2, 2, A, M).
 
     Raises ValueError if it correlates the axes.
     """
     runs = prior.mean.shape[1]
-    if prior.cov[:2, 2:].any():
+    if prior.cov[:2, 2:4].any():
         raise ValueError("the prior correlates x and y, which this filter treats apart")
     cov = with_trailing(prior.cov, 1, leading=2)
-    blocks = np.stack([cov[:2, :2], cov[2:, 2:]], axis=2)
+    blocks = np.stack([cov[:2, :2], cov[2:4, 2:4]], axis=2)
     if (blocks[:, :, 0] == blocks[:, :, 1]).all():
         blocks = blocks[:, :, :1]
     shape = (*blocks.shape[:3], runs)
-    mean = prior.mean.reshape(2, 2, runs).swapaxes(0, 1)
+    mean = prior.mean[:4].reshape(2, 2, runs).swapaxes(0, 1)
     return Gaussian(mean.copy(), np.broadcast_to(blocks, shape).copy())
 
 

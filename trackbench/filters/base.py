@@ -2,7 +2,7 @@
 
 Optional attributes of a filter class:
 
-``needs``        capabilities of the model it cannot do without, as ``motion.jacobian``
+``needs``        what it cannot do without of model and prior: ``motion.jacobian``, ``prior.first``
 ``presets``      named sets of keys, chosen in a config by ``preset: NAME``
 ``expectation``  posterior means of functions of the state, which may differ from their values at
                  the mean: ``expectation(state, g) -> {name: (M,)}`` for ``g(x) -> {name: (...)}``
@@ -45,3 +45,12 @@ class Filter(Protocol[State]):
 
 
 AnyFilter = Filter[Any]
+
+PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
+"""What a filter needs that knows its motion itself, of a planar target seen by its position."""
+
+
+def prior_kind(scenario: Any) -> type[Distribution]:
+    """The class of a scenario's prior; moments are all that is known of one that does not say."""
+    kind: type[Distribution] = getattr(scenario, "prior_kind", Gaussian)
+    return kind

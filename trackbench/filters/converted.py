@@ -10,15 +10,16 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.filters.kalman import Tracked
+from trackbench.core.kalman import Innovation
+from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
-from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
+from trackbench.models.twopoint import Convertible, TwoPoint
 from trackbench.registry import register
 
 
 @register("filters", "cmkf")
 @dataclass(frozen=True, kw_only=True)
-class CMKF:
+class CMKF(GaussianFilter):
     """Converted measurement Kalman filter: a linear filter on the converted position.
 
     Banana paper, section III; the conversions and their sources are in `core.conversions`.
@@ -30,43 +31,30 @@ class CMKF:
     """conversion of the two scans that the filter starts from; default: its own"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Starts from two scans."""
-        return two_scan_conflicts(scenario)
+    def started(self, model: Model, prior: Distribution) -> Gaussian:
+        """Two-point differencing of converted measurements; the prior's moments if there are none."""
+        if not isinstance(prior, Convertible):
+            return Gaussian(prior.mean, prior.cov)
+        return prior.gaussian(self.start or self.conversion)
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """Two-point differencing of converted measurements."""
-        assert isinstance(prior, TwoPoint)
-        start = prior.gaussian(self.start or self.conversion)
-        return Tracked(start, np.full(start.mean.shape[1], np.nan))
-
-    def step(self, model: Any, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
-        """Predict, convert the measurement, update linearly."""
+    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
+        """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
         motion, sensor = model.motion, model.sensor
-        moved = motion.transition(state.posterior.mean, k)
-        F = motion.jacobian(state.posterior.mean, k)
-        predicted = kalman.predict(state.posterior, F, moved.cov, moved.mean)
-        expected = polar_moments(sensor, predicted) if self.conversion == "ducm" else None
+        moved = motion.transition(state.mean, k)
+        predicted = kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
+        expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
+        z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         seen = convert(self.conversion, sensor.reading(z), expected)
-        H = np.eye(len(predicted.mean))[list(sensor.position)]
-        nu = seen.mean - linalg.matvec(H, predicted.mean)
+        H = np.eye(len(predicted.mean))[0:4:2]
+        nu = sensor.from_here(seen.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], seen.cov)
-        posterior, innovation = kalman.update(predicted, nu, H, R)
-        return Tracked(posterior, innovation.nis)
-
-    def estimate(self, state: Tracked) -> Gaussian:
-        """The posterior."""
-        return state.posterior
-
-    def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """``nis``: normalised innovation squared, expected 2."""
-        return {"nis": state.nis}
+        return kalman.update(predicted, nu, H, R)
 
 
-def polar_moments(sensor: Any, state: Gaussian) -> Polar:
-    """Range and azimuth of N(mean, cov) with their variances to first order."""
-    r, a = sensor.polar(state.mean)
-    spread = linalg.sandwich(sensor.jacobian(state.mean, 0), state.cov)
+def polar_moments(sensor: Any, state: Gaussian, k: int) -> Polar:
+    """Range and azimuth of N(mean, cov) at step k with their variances to first order."""
+    r, a = sensor.polar(state.mean, k)
+    spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)
     return Polar(r, a, spread[0, 0], spread[1, 1])
 
 
@@ -87,11 +75,7 @@ class Converted:
 
     conversion: Conversion = "ucm"
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
-
-    def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Starts from two scans."""
-        return two_scan_conflicts(scenario)
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> LastTwo:
         """The first two scans."""

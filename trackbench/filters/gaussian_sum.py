@@ -9,13 +9,13 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, linalg, particles
 from trackbench.core.arrays import Array, Index
+from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.sums import dot, total
 from trackbench.keys import Count, NonNegative, Positive
 from trackbench.models.gaussian import Assumed, extended_step
-from trackbench.models.radar import RangeAzimuth
-from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
+from trackbench.models.twopoint import TwoPoint, differenced
 from trackbench.registry import register
 
 _DUST = 1e-9  # weight below which a few azimuths do not bring a component back
@@ -48,7 +48,7 @@ class GaussianSum:
     """largest number of components of either sense after an update"""
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "prior.first")
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:
@@ -64,10 +64,6 @@ class GaussianSum:
         """Components at the start: what a block's width follows from."""
         return self.split**2
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Starts from two scans."""
-        return two_scan_conflicts(scenario)
-
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
         """A component per pair of azimuths, two-point differenced as if they were known that well."""
         assert isinstance(prior, TwoPoint)
@@ -78,11 +74,12 @@ class GaussianSum:
             -0.5 * np.square(nodes) / (1.0 - width * width)
         )  # the mixture has the azimuth's variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
-        narrow = RangeAzimuth(model.sensor.sigma_range, width * s)
+        narrow = np.square(model.sensor.sigma_range), np.square(width * s)
         first, second = (
-            _shifted(scan, s * by) for scan, by in ((prior.first, one), (prior.second, two))
+            ccm(Polar(*_shifted(scan, s * by), *narrow))
+            for scan, by in ((prior.first, one), (prior.second, two))
         )
-        start = TwoPoint(narrow, first, second, prior.T, prior.q).gaussian("ccm")
+        start = differenced(first, second, prior.T, prior.q)
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         shape = (runs, self.N)
         return Mixture(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape), w)

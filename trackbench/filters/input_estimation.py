@@ -10,11 +10,12 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.filters.adaptive import AdaptiveKF, Switched
-from trackbench.filters.axes import SEPARABLE, axis_step, choose, joined, over_axes, per_axis, site
+from trackbench.filters.axes import axis_step, choose, joined, over_axes, per_axis, site
+from trackbench.filters.base import PLANAR_POSITION
 from trackbench.filters.switching import Detector, Exit
 from trackbench.keys import Count, NonNegative, OpenShare, Positive
 from trackbench.models.base import Model
-from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
 
 
@@ -42,7 +43,7 @@ class VDF:
     """samples over which the acceleration's significance is summed"""
     Ta: Positive = 9.49
     """threshold of that sum"""
-    needs: ClassVar[tuple[str, ...]] = SEPARABLE
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     def __post_init__(self) -> None:
@@ -114,7 +115,7 @@ class InputEstimation:
     """length of the window of onsets, s"""
     min_window_s: NonNegative = 15.0
     """an onset nearer than this is waited for, s"""
-    needs: ClassVar[tuple[str, ...]] = SEPARABLE
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     @property

@@ -17,8 +17,8 @@ from trackbench.core.streams import SomeRuns
 from trackbench.core.sums import total
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative, OpenShare
-from trackbench.models.radar import seen_along
-from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
+from trackbench.models.looking import seen_along
+from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
 _APART = 3.0  # modes of the cross speed: distance of their means in sums of their deviations
@@ -43,13 +43,13 @@ class LineOfSight(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.azimuths")
 
     def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Starts from two scans, and weighs in the log domain only."""
+        """Weighs in the log domain only."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
-        return two_scan_conflicts(scenario)
+        return {}
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn, with weights; the triangle of the two measured ranges gives the rest."""

@@ -13,7 +13,7 @@ from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative
-from trackbench.models.twopoint import TwoPoint, two_scan_conflicts
+from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
 
@@ -32,14 +32,13 @@ class MPF(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.F", "motion.Q", "sensor.reading")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
 
     def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Without process noise nothing but its particle moves a position; starts from two scans."""
-        Q = getattr(scenario.model.motion, "Q", None)
-        if Q is not None and Q[0, 0] == 0.0:
+        """Without process noise nothing but its particle moves a position."""
+        if scenario.model.motion.Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
-        return two_scan_conflicts(scenario)
+        return {}
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn, with weights; their difference over T is the velocity's mean."""

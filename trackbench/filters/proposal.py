@@ -26,9 +26,9 @@ from trackbench.models.base import Model, log_likelihood
 from trackbench.models.gaussian import (
     Assumed,
     augmented_size,
+    augmented_step,
     extended_step,
     spread_conflicts,
-    unscented_step,
 )
 from trackbench.registry import register
 
@@ -274,7 +274,7 @@ class UnscentedProposal(KalmanProposal):
 
     def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
         unscented = Unscented(self.alpha, self.beta, self.kappa)
-        return unscented_step(model, state, z, k, self._assumed, unscented)[0]
+        return augmented_step(model, state, z, k, self._assumed, unscented)[0]
 
 
 MERWE_DEMO: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}

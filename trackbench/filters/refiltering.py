@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.axes import Site, axis_step, choose
-from trackbench.models.motions import Axis
+from trackbench.models.motions.kinematic import Axis
 
 
 class History(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.fading import significance_threshold, threshold
 from trackbench.keys import Count, MistakenKeyError, Natural, NonNegative, OpenShare, Positive
-from trackbench.models.motions import ConstantAcceleration
+from trackbench.models.motions.kinematic import ConstantAcceleration
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,27 +1,52 @@
-"""What a motion and a sensor model are, and what may be asked of a pair of them."""
+"""What a motion and a sensor are, and what may be asked of a pair of them.
+
+A planar state begins ``(px, vx, py, vy)``, one in space ``(px, vx, py, vy, pz, vz)``, m and m/s; what a
+motion has beside them (accelerations, a turn rate) comes after. So every sensor, score and filter finds
+positions in the even and velocities in the odd places of what all motions of a target share.
+"""
 
 from functools import cache
 from typing import NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
+from trackbench.core import kalman
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian, zero_mean_log_prob
+from trackbench.core.distributions import LOG_2PI, Distribution, Gaussian, zero_mean_log_prob
+
+AXES = ("x", "y", "z")
 
 
-class Motion(Protocol):
+def moving(axes: int) -> tuple[str, ...]:
+    """Components of position and velocity along so many axes."""
+    return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
+
+
+class SampledMotion(Protocol):
     """p(x_k | x_{k-1}); ``components`` names the state's components, with units."""
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the state's components, in order."""
 
+    @property
+    def extra_std(self) -> tuple[float, ...]:
+        """Standard deviations, where nothing is known, of the last components: those which are neither a
+        position nor a velocity, and which a target may not have."""
+
     def transition(self, x: Array, k: int) -> Distribution:
         """The distribution of x_k given x_{k-1} = x (n_x, *batch)."""
 
 
+class Motion(Protocol):
+    """A motion as a config names it: a frozen dataclass, registered in the group ``motions``."""
+
+    def sampled(self, T: float, axes: int = 2) -> SampledMotion:
+        """The motion over T seconds along so many axes (a scalar one has none)."""
+
+
 class Sensor(Protocol):
-    """p(z_k | x_k), Gaussian in its own coordinates."""
+    """p(z_k | x_k), Gaussian in its own coordinates: a frozen dataclass of the group ``sensors``."""
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -35,7 +60,7 @@ class Sensor(Protocol):
 
 
 @runtime_checkable
-class DifferentiableMotion(Motion, Protocol):
+class DifferentiableMotion(SampledMotion, Protocol):
     """A motion with a Jacobian, which extended Kalman filters need."""
 
     def jacobian(self, x: Array, k: int) -> Array:
@@ -66,18 +91,26 @@ def _is_near(kind: type[object]) -> bool:
 class Model(NamedTuple):
     """What a filter knows: how the target moves and how it is seen."""
 
-    motion: Motion
+    motion: SampledMotion
     sensor: Sensor
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
-    """log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]); zero for a missing measurement."""
+    """log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]).
+
+    Of the components that were measured, if some are missing (NaN); zero where all are.
+    """
     if x.ndim == 3 and _is_near(type(sensor)):
-        residual = cast(NearSensor, sensor).residual(z, x, k)
-        value = zero_mean_log_prob(residual.mean, residual.cov)
+        seen = cast(NearSensor, sensor).residual(z, x, k)
+        nu, R = seen.mean, seen.cov
     else:
         predicted = sensor.measurement(x, k)
+        R = predicted.cov
         nu = sensor.innovation(with_trailing(z, predicted.mean.ndim - 1), predicted.mean)
-        value = zero_mean_log_prob(nu, predicted.cov)
-    missing = np.isnan(with_trailing(z, value.ndim)).any(axis=0)
-    return np.where(missing, 0.0, value) if missing.any() else value
+    missing = np.isnan(with_trailing(z, nu.ndim - 1))
+    if not missing.any():
+        return zero_mean_log_prob(nu, R)
+    _, R = kalman.measured(np.zeros((len(nu), 0)), R, missing)
+    value = zero_mean_log_prob(np.where(missing, 0.0, nu), R)
+    value += 0.5 * LOG_2PI * missing.sum(axis=0)
+    return np.where(missing.all(axis=0), 0.0, value)

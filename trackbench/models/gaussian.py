@@ -1,4 +1,4 @@
-"""One step of the extended and of the unscented Kalman filter on any model.
+"""One step of the extended Kalman filter, and of those by weighted points, on any model.
 
 The same steps serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
 """
@@ -11,7 +11,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.unscented import Unscented
+from trackbench.core.unscented import PointRule, SigmaPoints
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
 
 
@@ -61,49 +61,88 @@ def extended_step(
 
 
 def augmented_size(model: Model) -> int:
-    """Components of the augmented state (x, v, n) of which `unscented_step` takes sigma points."""
+    """Components of the augmented state (x, v, n) of which `augmented_step` takes sigma points."""
     return 2 * len(model.motion.components) + len(model.sensor.components)
 
 
-def spread_conflicts(alpha: float, kappa: float, model: Model) -> dict[str, str]:
+def spread_conflicts(
+    alpha: float, kappa: float, model: Model, augmented: bool = True
+) -> dict[str, str]:
     """What is wrong, by key, if the sigma points do not spread: alpha^2 (n + kappa) must."""
-    n = augmented_size(model)
+    n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:
-        return {
-            "kappa": f"n + kappa must be greater than 0; n = {n}, of state, noise and measurement"
-        }
+        parts = ", of state, noise and measurement" if augmented else ""
+        return {"kappa": f"n + kappa must be greater than 0; n = {n}{parts}"}
     if not 0 < alpha * alpha * (n + kappa) < float("inf"):
         return {"alpha": f"alpha^2 (n + kappa) must be a finite number greater than 0; n = {n}"}
     return {}
 
 
-def unscented_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, unscented: Unscented
+def augmented_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
 ) -> tuple[Gaussian, Innovation]:
-    """Predict to k and update with z by one set of sigma points of the augmented state (x, v, n).
+    """Predict to k and update with z by one set of points of the augmented state (x, v, n).
 
     The points go through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
     """
-    n_x, n_z, batch = state.mean.shape[0], z.shape[0], state.mean.shape[1:]
+    n_x = state.mean.shape[0]
     probe = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, probe.mean, k).cov
     augmented = _augmented(state, probe.cov, R)
-    sigma = unscented.points(augmented.mean, augmented.cov)
-    x, v, n = sigma.x[:n_x], sigma.x[n_x : 2 * n_x], sigma.x[2 * n_x :]
+    points = rule.points(augmented.mean, augmented.cov)
+    x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     moved = assumed.transition(model, x, k).mean + v
-    z_pred = model.sensor.measurement(moved, k).mean
-    # Deviations from the centre point keep angles away from the cut while they are averaged.
+    return _conditioned(model, points, moved, points.moments(moved), z, k, n, None)
+
+
+def additive_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
+) -> tuple[Gaussian, Innovation]:
+    """Predict to k by points of the state, and update with z by new points of the prediction.
+
+    The noise of either is added to the covariance (Arasaratnam & Haykin 2009, section 5).
+    """
+    batch = state.mean.ndim - 1
+    points = rule.points(state.mean, state.cov)
+    Q = assumed.transition(model, state.mean, k).cov
+    moved = points.moments(assumed.transition(model, points.x, k).mean)
+    predicted = Gaussian(moved.mean, moved.cov + with_trailing(Q, batch, leading=2))
+    points = rule.points(predicted.mean, predicted.cov)
+    R = with_trailing(assumed.measurement(model, predicted.mean, k).cov, batch, leading=2)
+    return _conditioned(model, points, points.x, predicted, z, k, None, R)
+
+
+def _conditioned(
+    model: Model,
+    points: SigmaPoints,
+    x: Array,
+    predicted: Gaussian,
+    z: Array,
+    k: int,
+    noise: Array | None,
+    R: Array | None,
+) -> tuple[Gaussian, Innovation]:
+    """The prediction given z: moments over points x of what the sensor makes of them.
+
+    Its noise is in the points, or its covariance is added.
+    """
+    z_pred = model.sensor.measurement(x, k).mean
+    # Deviations from the first point keep angles away from the cut while they are averaged.
     centre = z_pred[:, :1]
-    seen = model.sensor.innovation(z_pred, centre) + n
-    z_mean = sigma.mean(seen)
-    predicted = sigma.moments(moved)
-    dz, dx = seen - z_mean[:, None], moved - predicted.mean[:, None]
-    S, C = sigma.cross(dz, dz), sigma.cross(dx, dz)
-    z = np.broadcast_to(with_trailing(z, len(batch)), (n_z, *batch))
+    seen = model.sensor.innovation(z_pred, centre)
+    seen = seen if noise is None else seen + noise
+    z_mean = points.mean(seen)
+    dz, dx = seen - z_mean[:, None], x - predicted.mean[:, None]
+    S, C = points.cross(dz, dz), points.cross(dx, dz)
+    S = S if R is None else S + R
+    batch = predicted.mean.shape[1:]
+    z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
     nu = model.sensor.innovation(z, centre[:, 0] + z_mean)
+    missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
+    if missing.any():
+        rows, S = kalman.measured(linalg.transpose(C), S, missing)
+        C = linalg.transpose(rows)
     K = linalg.matmul(C, linalg.inverse(S))
-    missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
-    K = np.where(missing, 0.0, K)
     mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
     return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)
 

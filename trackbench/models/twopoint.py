@@ -1,8 +1,8 @@
-"""The first state that two scans of a range-azimuth sensor give, in every form that a filter may ask."""
+"""The first state that two scans give, and of a range-azimuth sensor in every form a filter may ask."""
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,16 +11,33 @@ from trackbench.core.conversions import Conversion, convert, position
 from trackbench.core.covering import covering_normal
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
 from trackbench.core.elementary import log
-from trackbench.core.streams import RunStreams, Streams
-from trackbench.models.radar import RangeAzimuth
+from trackbench.core.streams import Streams
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 
-def two_scan_conflicts(scenario: Any, key: str = "") -> dict[str, str]:
-    """What a filter that starts from two scans, because of a key, says of one that has none."""
-    prior = scenario.simulate(RunStreams(0, range(1)), 1).prior
-    if isinstance(prior, TwoPoint):
-        return {}
-    return {key: f"starts from two scans; scenario {scenario.kind} starts from a Gaussian"}
+@runtime_checkable
+class Convertible(Protocol):
+    """A prior that two scans of range and azimuth gave."""
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Two-point differencing of converted scans."""
+
+
+def differenced(one: Gaussian, two: Gaussian, T: float, q: float) -> Gaussian:
+    """The state at the second of two positions (axes, M), their difference over T for its velocity.
+
+    White acceleration of density q adds q T / 3 per axis to the velocity's variance (Bar-Shalom, Li &
+    Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
+    """
+    n, runs = 2 * len(two.mean), two.mean.shape[1]
+    noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
+    mean, cov = np.empty((n, runs)), np.empty((n, n, *two.cov.shape[2:]))
+    p, v = slice(0, n, 2), slice(1, n, 2)
+    mean[p], mean[v] = two.mean, (two.mean - one.mean) / T
+    cov[p, p] = two.cov
+    cov[p, v] = cov[v, p] = two.cov / T
+    cov[v, v] = (one.cov + two.cov) / (T * T) + noise
+    return Gaussian(mean, cov)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +77,11 @@ class TwoPoint:
         return self.mean
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Two-point differencing of converted scans (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3)."""
-        one = convert(conversion, self.sensor.reading(self.first))
-        two = convert(conversion, self.sensor.reading(self.second))
-        n, runs = 4, self.first.shape[1]
-        velocity = (two.mean - one.mean) / self.T
-        noise = (self.q * self.T / 3.0) * np.eye(2)[..., None]
-        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        p, v = slice(0, n, 2), slice(1, n, 2)
-        mean[p], mean[v] = two.mean, velocity
-        cov[p, p] = two.cov
-        cov[p, v] = cov[v, p] = two.cov / self.T
-        cov[v, v] = (one.cov + two.cov) / (self.T * self.T) + noise
-        return Gaussian(mean, cov)
+        """Two-point differencing of converted scans."""
+        one, two = (
+            convert(conversion, self.sensor.reading(scan)) for scan in (self.first, self.second)
+        )
+        return differenced(one, two, self.T, self.q)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """States (4, M, *trailing): both scans drawn in polar coordinates and differenced."""

@@ -9,6 +9,11 @@ Optional attributes of a scenario class:
 ``observables``  a method of the state: functions of it by name, whose posterior means are measured
 ``marginals``    components by name of a part of the state: its own NEES beside the whole state's
 ``has_truth``    False if there are measurements only, and so no errors
+``components``   names of the truth's components, if the model that filters assume has more
+``believing``    a method of `trackbench.models.assumed.Assume`: the scenario as a filter sees it that
+                 assumes this
+``prior_kind``   the class of the prior, for filters that ask it for more than moments
+``no_bound``     why ``bounds`` would be no bound, or None
 ``recorded_runs``  how many runs there are, if one cannot have as many as one likes
 ``spans``        start and end times of stretches that a figure over time shades
 """
@@ -63,6 +68,15 @@ class Scenario(Protocol):
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Error vectors (d, *batch) by name of the quantity, from estimate and truth (n_x, *batch)."""
+
+
+def truth_components(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the truth's components, which are also the first of every filter's state.
+
+    Those of the model unless the scenario has ``components`` of its own.
+    """
+    own: tuple[str, ...] | None = getattr(scenario, "components", None)
+    return own or scenario.model.motion.components
 
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:

@@ -2,17 +2,17 @@
 
 import hashlib
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import RunStreams, Streams
-from trackbench.keys import DataError, DataFile, Finite, NonNegative, Place
+from trackbench.keys import DataError, DataFile, Finite, NonNegative, PartOf, Place
 from trackbench.models.base import Model
 from trackbench.registry import register
-from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings import Recording, read_recording
 
 
@@ -26,7 +26,7 @@ class Recorded:
     figures are there. Units are SI and radians, as everywhere inside.
     """
 
-    like: Any = None
+    like: Annotated[Scenario, PartOf("scenarios")]
     """scenario (kind and keys) whose motion, sensor, steps, windows and prior are used"""
     measurements: DataFile
     """CSV with the columns run, step and the sensor's components"""
@@ -37,13 +37,9 @@ class Recorded:
     prior_sigma: tuple[NonNegative, ...] | None = None
     """standard deviations of the first state; with prior_mean only"""
 
-    parts: ClassVar[dict[str, str]] = {"like": "scenarios"}
-
     def __post_init__(self) -> None:
         if (self.prior_mean is None) != (self.prior_sigma is None):
             raise ValueError("prior_mean and prior_sigma go together")
-        if self.like is None:  # its keys are being checked on their own
-            return
         n = len(self.model.motion.components)
         for given in (self.prior_mean, self.prior_sigma):
             if given is not None and len(given) != n:
@@ -70,8 +66,7 @@ class Recorded:
     @property
     def model(self) -> Model:
         """Motion and sensor of `like`."""
-        model: Model = self.like.model
-        return model
+        return self.like.model
 
     @property
     def steps(self) -> Index:
@@ -123,13 +118,11 @@ class Recorded:
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Error vectors of `like`."""
-        errors: dict[str, Array] = self.like.errors(mean, truth)
-        return errors
+        return self.like.errors(mean, truth)
 
     def _prior(self, rng: Streams, runs: int) -> Distribution:
         if self.prior_mean is None or self.prior_sigma is None:
-            prior: Distribution = self.like.simulate(rng, runs).prior
-            return prior
+            return self.like.simulate(rng, runs).prior
         mean = np.repeat(np.array(self.prior_mean)[:, None], runs, axis=1)
         return Gaussian(mean, np.diag(np.square(self.prior_sigma)))
 

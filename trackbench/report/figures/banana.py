@@ -12,11 +12,13 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.experiment.definition import Point
 from trackbench.keys import Count, Positive
-from trackbench.models.linear import CWNA
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.given import keys_at
 from trackbench.report.results import Results
+from trackbench.scenarios.tracking import Tracking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,10 +113,11 @@ class Posterior:
         """It shows a measurement of a radar, so there must be one at that point and step."""
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
-        scenario: Any = points[self.point - 1].scenario
-        if not hasattr(scenario, "sigma_range") or not hasattr(scenario, "sigma_azimuth_mrad"):
-            return {"": f"scenario {scenario.kind} has no range and azimuth to show"}
-        if self.predicted is not None and not isinstance(scenario.model.motion, CWNA):
+        scenario = points[self.point - 1].scenario
+        if not isinstance(scenario, Tracking) or not isinstance(scenario.sensor, RangeAzimuth):
+            return {"": "there is no range and azimuth to show"}
+        driven_by = getattr(scenario.target, "motion", None)
+        if self.predicted is not None and not isinstance(driven_by, WhiteAcceleration):
             return {"predicted": "the motion is not white noise acceleration"}
         first, last = scenario.steps[1], scenario.steps[-1]
         if not first <= self.step <= last:
@@ -171,9 +174,11 @@ class Posterior:
             ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
 
     def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
-        azimuths = z[1] + 2e-3 * scenario["sigma_azimuth_mrad"] * np.linspace(-1.0, 1.0, 201)
+        azimuths = z[1] + 2e-3 * scenario["sensor"]["sigma_azimuth_mrad"] * np.linspace(
+            -1.0, 1.0, 201
+        )
         edges = [
-            frame @ (position(np.full(201, z[0] + side * scenario["sigma_range"]), azimuths)
+            frame @ (position(np.full(201, z[0] + side * scenario["sensor"]["sigma_range"]), azimuths)
                      - truth[:, None])
             for side in (-2.0, 2.0)
         ]  # fmt: skip
@@ -185,7 +190,7 @@ class Posterior:
 
 def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:
     """The position (2,) one scan after a state (4,), under the scenario's motion."""
-    motion = CWNA(scenario["T"], scenario["q"])
+    motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
     moved = motion.transition(before.mean, 0)
     cov = motion.F @ before.cov @ motion.F.T + moved.cov
     return Gaussian(moved.mean[0::2], cov[0::2, 0::2])

@@ -12,6 +12,7 @@ from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.results import Results
+from trackbench.scenarios.base import truth_components
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +37,7 @@ class Track:
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The state must have the two components."""
-        last = min(len(p.scenario.model.motion.components) for p in points) - 1
+        last = min(len(truth_components(p.scenario)) for p in points) - 1
         if all(0 <= c <= last for c in self.components):
             return {}
         return {"components": f"{list(self.components)}: the state has components 0 to {last}"}
@@ -119,7 +120,7 @@ class MeanAndStd:
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The scenario must have errors in x and y."""
         scenario: Any = points[0].scenario
-        nowhere = np.zeros((len(scenario.model.motion.components), 1))
+        nowhere = np.zeros((len(truth_components(scenario)), 1))
         if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
             return {}
         return {"": f"scenario {scenario.kind} has no errors in x and y"}

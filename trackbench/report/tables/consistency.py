@@ -10,6 +10,7 @@ from trackbench.evaluation.statistics import Estimate, anees_band
 from trackbench.registry import register
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.scenarios.base import truth_components
 
 
 @register("tables", "consistency")
@@ -34,8 +35,9 @@ class Consistency:
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         labels = results.chosen(self.filters)
-        model = results.scenario.model
-        sizes = {"anees": len(model.motion.components), "nis": len(model.sensor.components)}
+        scenario = results.scenario
+        n_z = len(scenario.model.sensor.components)
+        sizes = {"anees": len(truth_components(scenario)), "nis": n_z}
         heads = [
             "ANEES, median step",
             "steps in its band",

@@ -1,4 +1,4 @@
-"""Filters for linear motion and a linear position sensor: Kalman with any motion, alpha-beta."""
+"""The alpha-beta filter."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -10,84 +10,11 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.filters.base import PLANAR_POSITION
 from trackbench.keys import MistakenKeyError, OpenShare, Positive
 from trackbench.models.base import Model
-from trackbench.models.linear import PositionSensor
-from trackbench.models.motions import ConstantAcceleration, ConstantVelocity, MotionKey
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register
-
-LINEAR = ("motion.T", "motion.F", "sensor.H")
-"""What a filter of this kind needs of the model."""
-
-
-class Tracked(NamedTuple):
-    """N(mean, cov) of all components, the last NIS (M,), and how many components are reported."""
-
-    posterior: Gaussian
-    nis: Array
-    reported: int
-
-    @property
-    def estimate(self) -> Gaussian:
-        """The scenario's own components."""
-        n = self.reported
-        return Gaussian(self.posterior.mean[:n], self.posterior.cov[:n, :n])
-
-
-def extended(prior: Distribution, motion: Any) -> Gaussian:
-    """The prior (4,) of a motion that may have accelerations: zero, ``initial_std`` each."""
-    if not isinstance(motion, ConstantAcceleration):
-        return Gaussian(prior.mean, prior.cov)
-    n = len(prior.mean)
-    mean = np.concatenate([prior.mean, np.zeros((2, *prior.mean.shape[1:]))])
-    cov = np.zeros((n + 2, n + 2, *prior.cov.shape[2:]))
-    cov[:n, :n] = prior.cov
-    cov[n, n] = cov[n + 1, n + 1] = motion.initial_std * motion.initial_std
-    return Gaussian(mean, cov)
-
-
-def linear_step(
-    state: Gaussian, F: Array, Q: Array, z: Array, sensor: PositionSensor
-) -> tuple[Gaussian, Innovation]:
-    """Predict by F and Q, update with positions z (2, M) (adaptive-kf, eqs. 8-12)."""
-    predicted = kalman.predict(state, F, Q)
-    H = sensor.H(len(F))
-    return kalman.update(predicted, z - linalg.matvec(H, predicted.mean), H, sensor.R)
-
-
-@register("filters", "kf")
-@dataclass(frozen=True, kw_only=True)
-class KF:
-    """Kalman filter of a linear motion and a position sensor (adaptive-kf paper, eqs. 8-12).
-
-    The covariance does not depend on the data, so it and the gain are computed once for all runs.
-    """
-
-    motion: MotionKey | None = None
-    """motion assumed, such as {kind: cv, q: 0.01}; default: the scenario's"""
-    needs: ClassVar[tuple[str, ...]] = LINEAR
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """The prior's moments."""
-        runs = prior.mean.shape[1]
-        posterior = extended(prior, self.motion)
-        return Tracked(posterior, np.full(runs, np.nan), len(prior.mean))
-
-    def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
-        """Predict and update."""
-        own: Any = model.motion
-        motion = own if self.motion is None else self.motion.sampled(own.T)
-        sensor: Any = model.sensor
-        posterior, innovation = linear_step(state.posterior, motion.F, motion.Q, z, sensor)
-        return Tracked(posterior, innovation.nis, state.reported)
-
-    def estimate(self, state: Tracked) -> Gaussian:
-        """The posterior of position and velocity."""
-        return state.estimate
-
-    def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """``nis``: normalised innovation squared, expected n_z."""
-        return {"nis": state.nis}
 
 
 class Smoothed(NamedTuple):
@@ -116,7 +43,7 @@ class AlphaBeta:
     """gain of the velocity times T; default: from q"""
     growing: bool = True
     """whether the start uses least-squares gains"""
-    needs: ClassVar[tuple[str, ...]] = (*LINEAR, "sensor.sigma")
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
 
     def __post_init__(self) -> None:
         if (self.alpha is None) != (self.beta is None):

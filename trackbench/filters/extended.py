@@ -1,24 +1,45 @@
-"""Extended Kalman filters for a strongly curved measurement: iterated, and with inflated noise."""
+"""Extended Kalman filters: plain, iterated, and with inflated noise for a curved measurement."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
+from trackbench.core.conversions import Polar
+from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
+from trackbench.core.kalman import Innovation
 from trackbench.filters.converted import polar_moments
-from trackbench.filters.kalman import GaussianFilter, Tracked
+from trackbench.filters.gaussian import NonlinearFilter
 from trackbench.keys import Count, NonNegative, Positive
-from trackbench.models.gaussian import extended_prediction
+from trackbench.models.base import Model
+from trackbench.models.gaussian import extended_prediction, extended_step
 from trackbench.registry import register
+
+MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
+"""The noise that van der Merwe's public demo gives its Kalman filters."""
+
+
+@register("filters", "ekf")
+@dataclass(frozen=True, kw_only=True)
+class EKF(NonlinearFilter):
+    """Extended Kalman filter: first-order linearisation at the mean (Anderson & Moore 1979)."""
+
+    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
+    presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
+
+    def updated(
+        self, model: Model, state: Gaussian, z: Array, k: int
+    ) -> tuple[Gaussian, Innovation]:
+        """Predict and update by the Jacobians."""
+        return extended_step(model, state, z, k, self.assumed)
 
 
 @register("filters", "iekf")
 @dataclass(frozen=True, kw_only=True)
-class IEKF(GaussianFilter):
+class IEKF(NonlinearFilter):
     """Iterated extended Kalman filter: Gauss-Newton steps to the posterior's mode.
 
     Bell & Cathey 1993; Bar-Shalom, Li & Kirubarajan 2001, section 10.5.2.
@@ -28,24 +49,24 @@ class IEKF(GaussianFilter):
     """linearisations per update; 1 is the EKF"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
 
-    def step(self, model: Any, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
         """Predict; linearise the measurement again at each new estimate."""
-        predicted = extended_prediction(model, state.posterior, k, self._assumed)
+        predicted = extended_prediction(model, state, k, self.assumed)
         posterior, first = predicted, None
         for _ in range(self.iterations):
             H = model.sensor.jacobian(posterior.mean, k)
-            seen = self._assumed.measurement(model, posterior.mean, k)
+            seen = self.assumed.measurement(model, posterior.mean, k)
             nu = model.sensor.innovation(z, seen.mean)
             nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
             posterior, innovation = kalman.update(predicted, nu, H, seen.cov)
             first = first or innovation
         assert first is not None
-        return Tracked(posterior, first.nis)
+        return posterior, first
 
 
 @register("filters", "mcaekf")
 @dataclass(frozen=True, kw_only=True)
-class MCAEKF(GaussianFilter):
+class MCAEKF(NonlinearFilter):
     """Measurement covariance adaptive EKF for a range-azimuth sensor.
 
     The range's variance is raised by the square of the sagitta that the azimuth's uncertainty may
@@ -58,20 +79,19 @@ class MCAEKF(GaussianFilter):
     """the sagitta is this many standard deviations of the added range noise"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
-    def step(self, model: Any, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
+    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
         """Predict, inflate the range's variance, update."""
-        predicted = extended_prediction(model, state.posterior, k, self._assumed)
-        seen = self._assumed.measurement(model, predicted.mean, k)
+        predicted = extended_prediction(model, state, k, self.assumed)
+        seen = self.assumed.measurement(model, predicted.mean, k)
         nu = model.sensor.innovation(z, seen.mean)
-        expected = polar_moments(model.sensor, predicted)
+        expected = polar_moments(model.sensor, predicted, k)
         D = self._sagitta(expected, nu[1], seen.cov[1, 1])
         R = np.broadcast_to(seen.cov[..., None], (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
         H = model.sensor.jacobian(predicted.mean, k)
-        posterior, innovation = kalman.update(predicted, nu, H, R)
-        return Tracked(posterior, innovation.nis)
+        return kalman.update(predicted, nu, H, R)
 
-    def _sagitta(self, expected: Any, nu: Array, variance: float) -> Array:
+    def _sagitta(self, expected: Polar, nu: Array, variance: float) -> Array:
         """Eq. 11 at the largest likely turn between the prediction and the updated estimate."""
         gain = expected.azimuth_variance / (expected.azimuth_variance + variance)
         spread = np.sqrt(expected.azimuth_variance * (1.0 - gain))

@@ -1,0 +1,193 @@
+"""Linear motions along each axis by itself: the matrices F and Q from their few keys.
+
+A planar state is (px, vx, py, vy), m and m/s; one with accelerations appends (ax, ay), m/s^2, so that
+its first four components are those of every other. Matrices are kept and read-only.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, fixed
+from trackbench.keys import NonNegative, Positive
+from trackbench.models.base import AXES, moving
+from trackbench.models.linear import Linear
+from trackbench.registry import register
+
+NoiseGain = Literal["standard", "printed"]
+_KEPT = 64  # matrices: a filter asks for them at every step
+_TERMS = 10  # of exp(-h / tau), h at most a 32nd of tau
+
+
+class Axis(NamedTuple):
+    """One axis of a motion whose axes do not couple: F (n, n) and Q (n, n)."""
+
+    F: Array
+    Q: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerAxis:
+    """Base of the motions whose axes do not couple."""
+
+    def axis(self, T: float) -> Axis:
+        """F and Q of one axis over T seconds."""
+        raise NotImplementedError
+
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 2) -> Linear:
+        """The motion along so many axes over T seconds; accelerations come after all else."""
+        axis = self.axis(T)
+        n = len(axis.F)
+        order = [n * a + i for a in range(axes) for i in range(2)]
+        order += [n * a + i for a in range(axes) for i in range(2, n)]
+        both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
+        F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
+        extra = range(axes if n > 2 else 0)
+        components = (*moving(axes), *(f"a{AXES[a]}" for a in extra))
+        return Linear(T, F, Q, components, tuple(self.acceleration_std for _ in extra))
+
+    @property
+    def acceleration_std(self) -> float:
+        """Standard deviation of an acceleration of which nothing is known, m/s^2, if it has any."""
+        return 0.0
+
+
+@register("motions", "cv")
+@dataclass(frozen=True, kw_only=True)
+class ConstantVelocity(PerAxis):
+    """Constant velocity, disturbed by a white sequence of variance q on each axis.
+
+    ``G = [T^2/2, T]'`` (a random acceleration held for T) or, as the adaptive Kalman filter paper
+    prints it after Bar-Shalom & Birmiwal 1982, ``G = [T/2, 1]'`` (a random velocity increment).
+    """
+
+    q: NonNegative
+    """variance of the disturbance per axis: (m/s^2)^2, or (m/s)^2 with the printed gain"""
+    noise_gain: NoiseGain = "standard"
+    """how the disturbance enters: [T^2/2, T]' or the printed [T/2, 1]'"""
+    kind: Literal["cv"] = "cv"
+    """constant velocity"""
+
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    def axis(self, T: float) -> Axis:
+        """F and Q of one axis (position, velocity)."""
+        G = np.array([T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
+        return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
+
+
+@register("motions", "ca")
+@dataclass(frozen=True, kw_only=True)
+class ConstantAcceleration(PerAxis):
+    """Constant acceleration, disturbed by a white sequence of variance q on each axis.
+
+    ``G = [T^2/2, T, 1]'`` (a Wiener sequence of accelerations) or the printed ``[T^2/4, T/2, 1]'``.
+    """
+
+    q: NonNegative
+    """variance of the acceleration's increment per axis, (m/s^2)^2"""
+    noise_gain: NoiseGain = "standard"
+    """how the disturbance enters: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
+    initial_std: NonNegative = 0.1
+    """standard deviation of the acceleration before any measurement, m/s^2, where none is known"""
+    kind: Literal["ca"] = "ca"
+    """constant acceleration"""
+
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    def axis(self, T: float) -> Axis:
+        """F and Q of one axis (position, velocity, acceleration)."""
+        standard = self.noise_gain == "standard"
+        G = np.array([T * T / 2, T, 1.0] if standard else [T * T / 4, T / 2, 1.0])
+        F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+        return Axis(fixed(F), fixed(self.q * np.outer(G, G)))
+
+    @property
+    def acceleration_std(self) -> float:
+        """``initial_std``."""
+        return self.initial_std
+
+
+@register("motions", "cwna")
+@dataclass(frozen=True, kw_only=True)
+class WhiteAcceleration(PerAxis):
+    """Continuous white noise acceleration (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2)."""
+
+    q: NonNegative
+    """power spectral density of the acceleration per axis, m^2/s^3"""
+
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    def axis(self, T: float) -> Axis:
+        """F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
+        Q = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
+        return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(Q))
+
+
+@register("motions", "singer")
+@dataclass(frozen=True, kw_only=True)
+class Singer(PerAxis):
+    """Acceleration that fades: first-order Markov with a time constant (Singer 1970).
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 8.2.
+    """
+
+    sigma: Positive
+    """standard deviation of the acceleration per axis, m/s^2"""
+    tau: Positive
+    """time constant of the acceleration, s"""
+
+    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    def axis(self, T: float) -> Axis:
+        """F and Q of one axis (position, velocity, acceleration).
+
+        Over a short interval by their series, then doubled: the closed form loses its digits where T is
+        short beside tau.
+        """
+        halvings = 0
+        h = T
+        while h > self.tau / 32.0:
+            h, halvings = 0.5 * h, halvings + 1
+        F, Q = self._short(h)
+        for _ in range(halvings):
+            F, Q = linalg.matmul(F, F), linalg.sandwich(F, Q) + Q
+        return Axis(fixed(F), fixed(Q))
+
+    def _short(self, h: float) -> tuple[Array, Array]:
+        """F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) what an acceleration has done after s."""
+        fading = [1.0]
+        for n in range(1, _TERMS):
+            fading.append(fading[-1] * -1.0 / (n * self.tau))
+        speed = _integrated(fading)
+        g = _integrated(speed), speed, fading
+        values = [_at(p, h) for p in g]
+        F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
+        density = 2.0 * self.sigma * self.sigma / self.tau
+        Q = [[density * _at(_integrated(_product(a, b)), h) for b in g] for a in g]
+        return F, np.array(Q)
+
+    @property
+    def acceleration_std(self) -> float:
+        """Its own."""
+        return self.sigma
+
+
+def _integrated(p: list[float]) -> list[float]:
+    """Coefficients of a polynomial's integral from zero."""
+    return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
+
+
+def _product(a: list[float], b: list[float]) -> list[float]:
+    out = [0.0] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            out[i + j] += x * y
+    return out
+
+
+def _at(p: list[float], h: float) -> float:
+    value = 0.0
+    for c in reversed(p):
+        value = value * h + c
+    return value

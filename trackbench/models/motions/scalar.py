@@ -1,0 +1,97 @@
+"""Motions of a scalar state."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gamma, Shifted
+from trackbench.core.elementary import cos_sin
+from trackbench.core.grid import Interval
+from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.models.linear import Linear
+from trackbench.registry import register
+
+_TAIL = 1e-12  # probability of gamma noise beyond the support handed to the point-mass filter
+
+
+@register("motions", "sine-gamma")
+@dataclass(frozen=True, kw_only=True)
+class SineGamma:
+    """``x_k = 1 + sin(w pi s) + phi1 x_{k-1} + v``, v ~ Gamma(shape, rate): van der Merwe's motion.
+
+    Van der Merwe et al. 2000, section 6.1; hdepf paper, eq. 12.
+    """
+
+    w: Finite = 0.04
+    """frequency of the sine drive, in half turns per step"""
+    phi1: Finite = 0.5
+    """factor of x_{k-1}"""
+    gamma_shape: Positive = 3.0
+    """shape of the gamma noise"""
+    gamma_rate: Positive = 2.0
+    """rate of the gamma noise (mean shape/rate; as a scale it would triple every RMSE)"""
+    sine_index: Literal["new", "old"] = "new"
+    """step s in the sine: k of x_k (the public demo) or k - 1 (as printed)"""
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 1) -> "MerweMotion":
+        """The motion from one step to the next, whatever their distance in time."""
+        noise = Gamma(self.gamma_shape, self.gamma_rate)
+        return MerweMotion(self.w, self.phi1, noise, 0 if self.sine_index == "new" else 1)
+
+
+@register("motions", "ar1")
+@dataclass(frozen=True, kw_only=True)
+class Autoregressive:
+    """``x_k = phi x_{k-1} + N(0, q)``; phi = 1 is a random walk."""
+
+    phi: Finite = 1.0
+    """factor of x_{k-1}"""
+    q: NonNegative
+    """variance of the noise"""
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 1) -> Linear:
+        """The motion from one step to the next, whatever their distance in time."""
+        return Linear(T, fixed(np.array([[self.phi]])), fixed(np.array([[self.q]])), ("x",))
+
+
+@dataclass(frozen=True)
+class MerweMotion:
+    """Scalar motion with a sine drive and gamma noise; ``sine_lag`` = 1 uses k - 1 in the sine."""
+
+    w: float
+    phi1: float
+    noise: Gamma
+    sine_lag: int
+    components: ClassVar[tuple[str, ...]] = ("x",)
+    extra_std: ClassVar[tuple[float, ...]] = ()
+
+    def transition(self, x: Array, k: int) -> Shifted:
+        """Gamma noise around ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
+        drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
+        return Shifted(self.noise, self.phi1 * x + drive)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """phi1 (1, 1)."""
+        return np.array([[self.phi1]])
+
+    def support(self, low: Array, high: Array, k: int) -> Interval:
+        """Where x_k can be if x_{k-1} lies between low and high (M,): ends (M,)."""
+        from scipy.special import gammainccinv
+
+        # In whole parts of the scale: the library's last bit is not to show.
+        longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
+        ends = self.transition(low, k).loc, self.transition(high, k).loc
+        return np.minimum(*ends), np.maximum(*ends) + longest
+
+    def origins(self, x: Array, k: int) -> Interval:
+        """The interval of x_{k-1} from which x_k = x can be reached: the noise is positive."""
+        everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
+        if self.phi1 == 0.0 or not self.noise.smooth:
+            return everywhere
+        edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
+        return (everywhere[0], edge) if self.phi1 > 0.0 else (edge, everywhere[1])

@@ -1,0 +1,147 @@
+"""Coordinated turns of a planar target: at a known rate, and at one that is a component of the state."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import cos_sin
+from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.models.base import moving
+from trackbench.models.linear import Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.registry import register
+
+_STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn
+
+
+@register("motions", "ct")
+@dataclass(frozen=True, kw_only=True)
+class CoordinatedTurn:
+    """Turn at constant speed and a known rate (Bar-Shalom, Li & Kirubarajan 2001, eq. 11.7.1-4)."""
+
+    turn_rate_deg_s: Finite
+    """rate of the turn, degrees per second, positive from x to y"""
+    q: NonNegative
+    """variance of a random acceleration held for T, per axis, (m/s^2)^2"""
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 2) -> Linear:
+        """The motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line."""
+        _check_planar(axes)
+        straight = ConstantVelocity(q=self.q).sampled(T)
+        w = np.deg2rad(self.turn_rate_deg_s)
+        if abs(w * T) < _STRAIGHT:
+            return straight
+        c, s = cos_sin(w * T)
+        F = np.array(
+            [
+                [1.0, s / w, 0.0, (c - 1.0) / w],
+                [0.0, c, 0.0, -s],
+                [0.0, (1.0 - c) / w, 1.0, s / w],
+                [0.0, s, 0.0, c],
+            ]
+        )
+        return Linear(T, fixed(F), straight.Q, moving(2))
+
+
+@register("motions", "ct-unknown")
+@dataclass(frozen=True, kw_only=True)
+class UnknownTurn:
+    """Turn at constant speed whose rate is estimated with the state and walks at random.
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 11.7.2. The state is (px, vx, py, vy, turn_rate), the rate
+    in rad/s, positive from x to y.
+    """
+
+    q: NonNegative
+    """variance of a random acceleration held for T, per axis, (m/s^2)^2"""
+    turn_walk_deg_s: Positive
+    """standard deviation of the turn rate's change within one second, deg/s"""
+    initial_std_deg_s: Positive = 3.0
+    """standard deviation of the turn rate at the start, deg/s, where none is known"""
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 2) -> "Turning":
+        """The motion over T seconds."""
+        _check_planar(axes)
+        walk = np.deg2rad(self.turn_walk_deg_s)
+        Q = np.zeros((5, 5))
+        Q[:4, :4] = ConstantVelocity(q=self.q).sampled(T).Q
+        Q[4, 4] = walk * walk * T
+        return Turning(T, fixed(Q), (float(np.deg2rad(self.initial_std_deg_s)),))
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """One step of T seconds at the turn rate of its start, then noise N(0, Q)."""
+
+    T: float
+    Q: Array
+    extra_std: tuple[float, ...]
+    components: ClassVar[tuple[str, ...]] = (*moving(2), "turn_rate")
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """N(f(x), Q) for x (5, *batch)."""
+        px, vx, py, vy, w = x
+        along, across, c, s = arc(w, self.T)
+        moved = [
+            px + along * vx - across * vy,
+            c * vx - s * vy,
+            py + across * vx + along * vy,
+            s * vx + c * vy,
+            w,
+        ]
+        return Gaussian(np.stack(moved), self.Q)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """df/dx (5, 5, *batch)."""
+        _, vx, _, vy, w = x
+        T, (along, across, c, s) = self.T, arc(w, self.T)
+        F = np.zeros((5, *x.shape))
+        F[0, 0] = F[2, 2] = F[4, 4] = 1.0
+        F[0, 1] = F[2, 3] = along
+        F[2, 1], F[0, 3] = across, -across
+        F[1, 1] = F[3, 3] = c
+        F[3, 1], F[1, 3] = s, -s
+        # d/dw of T sin(u) / u and T (1 - cos u) / u, u = w T
+        u = w * T
+        d_along, d_across = (
+            T * T * _sinc_slope(u),
+            T * (along - 0.5 * T * np.square(_sinc(0.5 * u))),
+        )
+        F[0, 4] = d_along * vx - d_across * vy
+        F[1, 4] = -T * (s * vx + c * vy)
+        F[2, 4] = d_across * vx + d_along * vy
+        F[3, 4] = T * (c * vx - s * vy)
+        return F
+
+
+def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
+    """``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
+    u = w * T
+    c, s = cos_sin(u)
+    half = _sinc(0.5 * u)
+    return T * _sinc(u), 0.5 * T * u * half * half, c, s
+
+
+def _sinc(u: Array) -> Array:
+    """``sin(u) / u``."""
+    at_zero = np.abs(u) < 1e-8
+    return np.where(at_zero, 1.0, cos_sin(u)[1] / np.where(at_zero, 1.0, u))
+
+
+def _sinc_slope(u: Array) -> Array:
+    """Derivative of ``sin(u) / u``; by its series where the closed form loses its digits."""
+    near, square = np.abs(u) < 0.1, u * u
+    series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
+    apart = np.where(near, 1.0, u)
+    return np.where(near, series, (cos_sin(apart)[0] - _sinc(apart)) / apart)
+
+
+def _check_planar(axes: int) -> None:
+    if axes != 2:
+        raise ValueError("a coordinated turn is a motion in the plane")

@@ -1,0 +1,44 @@
+"""A sensor of direction alone: sonar, camera, radio bearing."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2
+from trackbench.keys import Positive
+from trackbench.models.looking import Looking
+from trackbench.registry import register
+
+
+@register("sensors", "bearing")
+@dataclass(frozen=True, kw_only=True)
+class Bearing(Looking):
+    """``a = atan2(py, px) + w_a``: the range shows only as target or sensor move."""
+
+    sigma_mrad: Positive
+    """standard deviation of the bearing, mrad"""
+
+    components: ClassVar[tuple[str, ...]] = ("azimuth",)
+    angles: ClassVar[tuple[int, ...]] = (0,)
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (1, 1), rad^2."""
+        return fixed(np.array([[1e-6 * self.sigma_mrad * self.sigma_mrad]]))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N(azimuth, R) for x (n, *batch)."""
+        px, py = self.seen_from_here(x, k)
+        return Gaussian(arctan2(py, px)[None], self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """d(azimuth)/dx (1, n, *batch)."""
+        px, py = self.seen_from_here(x, k)
+        square = px * px + py * py
+        H = np.zeros((1, *x.shape))
+        H[0, 0], H[0, 2] = -py / square, px / square
+        return H

@@ -1,0 +1,77 @@
+"""Radar in space: range, azimuth and elevation."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.keys import Positive
+from trackbench.models.looking import Looking, distance
+from trackbench.registry import register
+
+
+@register("sensors", "range-azimuth-elevation")
+@dataclass(frozen=True, kw_only=True)
+class RangeAzimuthElevation(Looking):
+    """Range, azimuth from x to y, and elevation above that plane, each with an independent error."""
+
+    sigma_range: Positive
+    """standard deviation of the range, m"""
+    sigma_azimuth_mrad: Positive
+    """standard deviation of the azimuth, mrad"""
+    sigma_elevation_mrad: Positive
+    """standard deviation of the elevation, mrad"""
+
+    components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "elevation")
+    angles: ClassVar[tuple[int, ...]] = (1, 2)
+    axes: ClassVar[int] = 3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.platform is not None:
+            raise ValueError("a radar in space stands still here")
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (3, 3)."""
+        angles = 1e-3 * self.sigma_azimuth_mrad, 1e-3 * self.sigma_elevation_mrad
+        return fixed(np.diag(np.square([self.sigma_range, *angles])))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N((range, azimuth, elevation), R) for x (n, *batch)."""
+        px, py, pz = self.seen_from_here(x, k)
+        ground = distance(px, py)
+        return Gaussian(
+            np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)]), self.R
+        )
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """d(range, azimuth, elevation)/dx (3, n, *batch)."""
+        px, py, pz = self.seen_from_here(x, k)
+        ground = distance(px, py)
+        r = distance(ground, pz)
+        H = np.zeros((3, *x.shape))
+        H[0, 0], H[0, 2], H[0, 4] = px / r, py / r, pz / r
+        H[1, 0], H[1, 2] = -py / (ground * ground), px / (ground * ground)
+        slope = pz / (r * r * ground)
+        H[2, 0], H[2, 2], H[2, 4] = -px * slope, -py * slope, ground / (r * r)
+        return H
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """The Cartesian position (3, M) of a measurement, its covariance (3, 3, M) to first order."""
+        r, a, e = z
+        (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
+        position = np.stack([r * ce * ca, r * ce * sa, r * se])
+        J = np.stack(
+            [
+                np.stack([ce * ca, -r * ce * sa, -r * se * ca]),
+                np.stack([ce * sa, r * ce * ca, -r * se * sa]),
+                np.stack([se, np.zeros_like(r), r * ce]),
+            ]
+        )
+        return Gaussian(self.from_here(position, k), linalg.sandwich(J, self.R))

@@ -1,0 +1,140 @@
+"""Sensors of position, and of position with velocity."""
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gaussian
+from trackbench.keys import Positive
+from trackbench.models.sensing import Measuring
+from trackbench.registry import register
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearSensor(Measuring):
+    """``z = H x + N(0, R)`` for some of the state's components."""
+
+    places: ClassVar[tuple[int, ...]]
+    """where the measured components stand in the state"""
+
+    @property
+    def R(self) -> Array:
+        """Noise covariance (n_z, n_z)."""
+        raise NotImplementedError
+
+    def H(self, n: int = 4) -> Array:
+        """Measurement matrix (n_z, n) for a state of n components."""
+        return _selection(self.places, n)
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N(H x, R) for x (n, *batch)."""
+        return Gaussian(x[list(self.places)], self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """H (n_z, n)."""
+        return self.H(len(x))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Positions(LinearSensor):
+    """Base of the sensors of all positions, each with an independent error of one size."""
+
+    sigma: Positive
+    """standard deviation along each axis, m"""
+
+    axes: ClassVar[int]
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (axes, axes), m^2."""
+        return fixed(self.sigma * self.sigma * np.eye(len(self.places)))
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """The position that a measurement gives: itself."""
+        return Gaussian(z, self.R)
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Signed errors (1, *batch) along each axis."""
+        return {
+            name: (mean - truth)[i : i + 1]
+            for name, i in zip(self.components, self.places, strict=True)
+        }
+
+
+@register("sensors", "position")
+@dataclass(frozen=True, kw_only=True)
+class PositionSensor(Positions):
+    """Both positions of a planar target, each with an independent error."""
+
+    components: ClassVar[tuple[str, ...]] = ("x", "y")
+    places: ClassVar[tuple[int, ...]] = (0, 2)
+    axes: ClassVar[int] = 2
+
+    @property
+    def per_axis(self) -> Array:
+        """Variance (1, 1) along each axis, for filters that treat the axes apart."""
+        return np.array([[self.sigma * self.sigma]])
+
+
+@register("sensors", "position-3d")
+@dataclass(frozen=True, kw_only=True)
+class PositionInSpace(Positions):
+    """The three positions of a target in space, each with an independent error."""
+
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    places: ClassVar[tuple[int, ...]] = (0, 2, 4)
+    axes: ClassVar[int] = 3
+
+
+@register("sensors", "position-velocity")
+@dataclass(frozen=True, kw_only=True)
+class PositionVelocity(LinearSensor):
+    """Positions and velocities of a planar target, as a satellite receiver or AIS reports them."""
+
+    sigma: Positive
+    """standard deviation of the position along each axis, m"""
+    sigma_velocity: Positive
+    """standard deviation of the velocity along each axis, m/s"""
+
+    components: ClassVar[tuple[str, ...]] = ("x", "vx", "y", "vy")
+    places: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
+    axes: ClassVar[int] = 2
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (4, 4)."""
+        both = np.square([self.sigma, self.sigma_velocity])
+        return fixed(np.diag(np.tile(both, 2)))
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """The measured position."""
+        return Gaussian(z[0::2], self.R[0::2, 0::2])
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Signed errors (1, *batch) of the positions."""
+        return {name: (mean - truth)[i : i + 1] for name, i in (("x", 0), ("y", 2))}
+
+
+@register("sensors", "scalar")
+@dataclass(frozen=True, kw_only=True)
+class ScalarSensor(LinearSensor):
+    """The first component of the state, with an error."""
+
+    sigma: Positive
+    """standard deviation"""
+
+    components: ClassVar[tuple[str, ...]] = ("z",)
+    places: ClassVar[tuple[int, ...]] = (0,)
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (1, 1)."""
+        return fixed(np.array([[self.sigma * self.sigma]]))
+
+
+@cache
+def _selection(places: tuple[int, ...], n: int) -> Array:
+    return fixed(np.eye(n)[list(places)])

@@ -1,0 +1,131 @@
+"""Radar in the plane: range and azimuth, and perhaps the range rate."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, fixed
+from trackbench.core.conversions import Conversion, Polar, convert
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.keys import Positive
+from trackbench.models.looking import Looking, distance, seen_along, wrapped
+from trackbench.registry import register
+
+
+@dataclass(frozen=True, kw_only=True)
+class Radar(Looking):
+    """Base of the radars in the plane."""
+
+    sigma_range: Positive
+    """standard deviation of the range, m"""
+    sigma_azimuth_mrad: Positive
+    """standard deviation of the azimuth, mrad"""
+
+    angles: ClassVar[tuple[int, ...]] = (1,)
+
+    @property
+    def sigma_azimuth(self) -> float:
+        """Standard deviation of the azimuth, rad."""
+        return 1e-3 * self.sigma_azimuth_mrad
+
+    def polar(self, x: Array, k: int = 0) -> Array:
+        """Range and azimuth (2, *batch) of states x (n, *batch)."""
+        px, py = self.seen_from_here(x, k)
+        return np.stack([distance(px, py), arctan2(py, px)])
+
+    def range(self, x: Array, k: int = 0) -> Array:
+        """Range (*batch) of states x (n, *batch)."""
+        return distance(*self.seen_from_here(x, k))
+
+    def polar_jacobian(self, x: Array, k: int = 0) -> Array:
+        """d(range, azimuth)/dx (2, n, *batch)."""
+        px, py = self.seen_from_here(x, k)
+        square = px * px + py * py
+        r = np.sqrt(square)
+        H = np.zeros((2, *x.shape))
+        H[0, 0], H[0, 2] = px / r, py / r
+        H[1, 0], H[1, 2] = -py / square, px / square
+        return H
+
+    def _reading(self, z: Array) -> Polar:
+        """Range and azimuth of a measurement with their variances."""
+        return Polar(z[0], z[1], *np.square([self.sigma_range, self.sigma_azimuth]).tolist())
+
+    def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
+        """The Cartesian position (2, M) that a measurement gives, and its covariance (2, 2, M)."""
+        seen = convert(conversion, self._reading(z))
+        return Gaussian(self.from_here(seen.mean, k), seen.cov)
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Signed errors (1, *batch) in polar coordinates, and along and across the line of sight.
+
+        None of a sensor that moves.
+        """
+        if self.platform is not None:
+            return {}
+        e = mean - truth
+        (r, a), (r_true, a_true) = self.polar(mean), self.polar(truth)
+        c, s = cos_sin(a_true)
+        return {
+            "range": (r - r_true)[None],
+            "azimuth_deg": np.rad2deg(wrapped(a - a_true))[None],
+            "radial": (c * e[0] + s * e[2])[None],
+            "cross": (c * e[2] - s * e[0])[None],
+        }
+
+    def squares(self, P: Array, x: Array) -> dict[str, Array]:
+        """Mean squared errors (K,) of the same quantities, and of the mean range."""
+        if self.platform is not None:
+            return {}
+        polar = linalg.sandwich(self.polar_jacobian(x), P)
+        c, s = cos_sin(self.polar(x)[1])
+        frame = np.stack([np.stack([c, s]), np.stack([-s, c])])
+        seen = linalg.sandwich(frame, P[0:4:2, 0:4:2])
+        return {
+            "range": polar[0, 0],
+            "mean_range": polar[0, 0],
+            "azimuth_deg": np.rad2deg(np.rad2deg(polar[1, 1])),
+            "radial": seen[0, 0],
+            "cross": seen[1, 1],
+        }
+
+    def observables(self, x: Array) -> dict[str, Array]:
+        """The range, which is not that of the mean."""
+        return {} if self.platform is not None else {"mean_range": self.range(x)}
+
+
+@register("sensors", "range-azimuth")
+@dataclass(frozen=True, kw_only=True)
+class RangeAzimuth(Radar):
+    """``r = sqrt(px^2 + py^2) + w_r``, ``a = atan2(py, px) + w_a`` (banana paper, eqs. 7-8)."""
+
+    components: ClassVar[tuple[str, ...]] = ("range", "azimuth")
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (2, 2)."""
+        return fixed(np.diag(np.square([self.sigma_range, self.sigma_azimuth])))
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N((range, azimuth), R) for x (n, *batch)."""
+        return Gaussian(self.polar(x, k), self.R)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """d(range, azimuth)/dx (2, n, *batch)."""
+        return self.polar_jacobian(x, k)
+
+    def residual(self, z: Array, x: Array, k: int) -> Gaussian:
+        """``innovation(z, polar(x))`` of each particle of a cloud, and R."""
+        nu = np.empty((2, *x.shape[1:]))
+        r, across, along = seen_along(z[1], *self.seen_from_here(x, k))
+        np.subtract(z[0][:, None], r, out=nu[0])
+        np.negative(arctan2(across, along), out=nu[1])
+        return Gaussian(nu, self.R)
+
+    def reading(self, z: Array) -> Polar:
+        """The measurement with its variances."""
+        return self._reading(z)

@@ -1,0 +1,61 @@
+"""A scalar sensor that is quadratic and then linear."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.core.grid import Interval
+from trackbench.keys import Natural, Positive
+from trackbench.models.sensing import Measuring
+from trackbench.registry import register
+
+
+@register("sensors", "square-then-line")
+@dataclass(frozen=True, kw_only=True)
+class SquareThenLine(Measuring):
+    """``z_k = phi2 x_k^2 + n`` up to the switch, ``phi3 x_k - 2 + n`` after, n ~ N(0, R).
+
+    Van der Merwe et al. 2000, section 6.1; hdepf paper, eq. 13.
+    """
+
+    phi2: Positive = 0.2
+    """factor of x^2 up to the switch"""
+    phi3: Positive = 0.5
+    """factor of x after the switch"""
+    R: Positive = 1e-5
+    """variance of the noise"""
+    switch: Natural = 30
+    """last step with the square"""
+
+    components: ClassVar[tuple[str, ...]] = ("z",)
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """N(h(x), R) for x (1, *batch)."""
+        h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
+        return Gaussian(h, np.array([[self.R]]))
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """dh/dx (1, 1, *batch)."""
+        slope = 2.0 * self.phi2 * x if k <= self.switch else np.full_like(x, self.phi3)
+        return slope[None]
+
+    def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
+        """The intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
+        reach = deviations * np.sqrt(self.R)
+        low, high = z[0] - reach, z[0] + reach
+        if k > self.switch:
+            ends = (low + 2.0) / self.phi3, (high + 2.0) / self.phi3
+            return [(np.minimum(*ends), np.maximum(*ends))]
+        ratios = low / self.phi2, high / self.phi2
+        inner = np.sqrt(np.maximum(np.minimum(*ratios), 0.0))
+        outer = np.sqrt(np.maximum(np.maximum(*ratios), 0.0))
+        return [(inner, outer), (-outer, -inner)]
+
+    def inverse(self, z: Array, k: int) -> Array:
+        """The non-negative x with h(x) = z (1, M); zero where a quadratic z is negative."""
+        if k > self.switch:
+            return (z + 2.0) / self.phi3
+        return np.sqrt(np.maximum(z / self.phi2, 0.0))

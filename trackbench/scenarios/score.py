@@ -1,0 +1,98 @@
+"""What is measured of a track: which errors, over which steps, and when it is lost."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import StringConstraints
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.keys import ONE_LINE, MistakenKeyError, Natural, Positive
+from trackbench.models.base import moving
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Some of the steps that are scored, under a name."""
+
+    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
+    """what metrics carry in brackets: rmse_position[early]"""
+    first: Natural | None = None
+    """first step; default: from the start"""
+    last: Natural | None = None
+    """last step; default: to the end"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Errors of position and velocity (of a scalar: of itself), and in a sensor's own coordinates."""
+
+    since: Natural | None = None
+    """first step that is scored; default: the first state's"""
+    until: Natural | None = None
+    """last step that is scored; default: the last"""
+    windows: tuple[Window, ...] = ()
+    """parts of those steps with metrics of their own"""
+    marginals: tuple[Literal["position", "velocity"], ...] = ()
+    """parts of the state with a consistency measure of their own: anees_position"""
+    lost_beyond: Positive | None = None
+    """error beyond which a run counts as lost, in the unit of the first quantity; default: never"""
+    lost_sigmas: Positive | None = None
+    """the same in standard deviations of a position that one scan tells at the first state"""
+
+    def __post_init__(self) -> None:
+        if self.lost_beyond is not None and self.lost_sigmas is not None:
+            raise ValueError("give one of lost_beyond and lost_sigmas")
+
+    def check(self, components: tuple[str, ...], steps: Index) -> None:
+        """Raise MistakenKeyError if no step is scored, or there is nothing to measure."""
+        if not self.scored(steps).any():
+            what = f"no step of {steps[0]} to {steps[-1]} is scored"
+            raise MistakenKeyError(what, "score", "since" if self.until is None else "until")
+        if self.marginals and not _is_moving(components):
+            raise MistakenKeyError("a scalar has no such parts", "score", "marginals")
+
+    def scored(self, steps: Index) -> Mask:
+        """The steps (K,) that are scored."""
+        return _between(steps, self.since, self.until)
+
+    def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
+        """The windows (K,) by name."""
+        return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
+
+    def errors(
+        self, sensor: Measuring | Several, components: tuple[str, ...], mean: Array, truth: Array
+    ) -> dict[str, Array]:
+        """Error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
+        e = mean - truth
+        if not _is_moving(components):
+            return {"": e}
+        own = sensor.errors(mean, truth) if isinstance(sensor, Measuring) else {}
+        return {"position": e[0::2], "velocity": e[1::2]} | own
+
+    def squares(
+        self, sensor: Measuring | Several, components: tuple[str, ...], P: Array, x: Array
+    ) -> dict[str, Array]:
+        """Mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
+        if not _is_moving(components):
+            return {"": P[0, 0]}
+        own = sensor.squares(P, x) if isinstance(sensor, Measuring) else {}
+        axes = range(len(x) // 2)
+        position = np.add.reduce([P[2 * i, 2 * i] for i in axes])
+        velocity = np.add.reduce([P[2 * i + 1, 2 * i + 1] for i in axes])
+        return {"position": position, "velocity": velocity} | own
+
+
+def _between(steps: Index, first: int | None, last: int | None) -> Mask:
+    there = np.ones(len(steps), dtype=np.bool_)
+    if first is not None:
+        there &= steps >= first
+    if last is not None:
+        there &= steps <= last
+    return there
+
+
+def _is_moving(components: tuple[str, ...]) -> bool:
+    return components in (moving(1), moving(2), moving(3))

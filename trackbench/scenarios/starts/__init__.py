@@ -1,0 +1,1 @@
+"""Starts: what every filter is given as the distribution of the first state."""

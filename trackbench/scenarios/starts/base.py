@@ -1,0 +1,75 @@
+"""What a start is: from the first scans, or from what is known, the distribution of the first state."""
+
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.streams import Streams
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+
+
+@runtime_checkable
+class LocatingSensor(Protocol):
+    """A sensor of which one measurement tells the position."""
+
+    axes: ClassVar[int]
+    """along so many axes"""
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """The position (axes, M) that a measurement gives, and its covariance."""
+
+
+class Opening(NamedTuple):
+    """What a start may look at: truth (n_x, M) at the first scan, the first scans (n_z, scans, M)."""
+
+    truth: Array
+    scans: Array
+    first_step: int
+    T: float
+    diffusion: float
+
+
+class Start:
+    """Base of the starts: frozen dataclasses of the group ``starts``."""
+
+    scans: ClassVar[int] = 0
+    """how many scans it uses up; the first state is that of the last of them"""
+
+    def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
+        """The class of `prior`, which filters may ask for more than moments."""
+        return Gaussian
+
+    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+        """Raise MistakenKeyError if it cannot start such a target seen so."""
+
+    def truth(self, nominal: Array, rng: Streams) -> Array:
+        """The true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
+        return nominal
+
+    def prior(
+        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """The first state's distribution; ``nominal`` is the mean it was drawn about, if it was."""
+        raise NotImplementedError
+
+    def bound(
+        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
+    ) -> Array:
+        """Covariance (n, n) of the first state at the truth, ``path`` (n, K) from step k on."""
+        raise NotImplementedError
+
+
+def locating(sensor: Measuring | Several) -> tuple[LocatingSensor, slice] | None:
+    """The first sensor that tells a position, and where its components stand."""
+    every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
+    rows = sensor.rows if isinstance(sensor, Several) else [slice(None)]
+    found = [pair for pair in zip(every, rows, strict=True) if isinstance(pair[0], LocatingSensor)]
+    return found[0] if found else None
+
+
+def repeated(state: Array, runs: int) -> Array:
+    """A state (n,) in every run (n, M)."""
+    return np.tile(state[:, None], runs)

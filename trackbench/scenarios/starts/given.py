@@ -1,0 +1,75 @@
+"""Starts that need no scan: the first state is known, or known to within an error."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian, Point
+from trackbench.core.streams import Streams
+from trackbench.keys import MistakenKeyError, NonNegative
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.registry import register
+from trackbench.scenarios.starts.base import Opening, Start
+
+
+@register("starts", "known")
+@dataclass(frozen=True, kw_only=True)
+class Known(Start):
+    """Every filter starts at the true first state."""
+
+    def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
+        """A point."""
+        return Point
+
+    def prior(
+        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """All of it at the truth."""
+        return Point(opening.truth)
+
+
+@register("starts", "gaussian")
+@dataclass(frozen=True, kw_only=True)
+class GaussianStart(Start):
+    """Truth and prior mean differ by a normal error, of which every filter knows the covariance.
+
+    The truth of a driven target is drawn about its configured state; about a path that is flown in every
+    run the prior's mean is.
+    """
+
+    sigma: tuple[NonNegative, ...]
+    """standard deviation of each component: of (px, vx, py, vy) of a planar target, m and m/s"""
+
+    scans: ClassVar[int] = 0
+
+    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+        """A standard deviation for each component."""
+        if len(self.sigma) != len(components):
+            what = f"{len(self.sigma)} numbers for {', '.join(components)}"
+            raise MistakenKeyError(what, "start", "sigma")
+
+    @property
+    def cov(self) -> Array:
+        """Covariance (n, n)."""
+        return np.diag(np.square(self.sigma))
+
+    def truth(self, nominal: Array, rng: Streams) -> Array:
+        """Drawn about the configured state."""
+        return Gaussian(nominal, self.cov).sample(rng)
+
+    def prior(
+        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """About what the truth was drawn about, or about a draw about the truth."""
+        if nominal is not None:
+            return Gaussian(nominal, self.cov)
+        return Gaussian(Gaussian(opening.truth, self.cov).sample(rng), self.cov)
+
+    def bound(
+        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
+    ) -> Array:
+        """The covariance."""
+        return self.cov

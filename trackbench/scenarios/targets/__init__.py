@@ -1,0 +1,1 @@
+"""Targets: where the truth comes from."""

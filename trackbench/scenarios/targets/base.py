@@ -1,0 +1,136 @@
+"""What a target is: it flies, and is measured while it does."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.streams import Streams
+from trackbench.keys import Finite
+from trackbench.models.base import Motion, moving
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+
+STRAY = 10.0
+"""Error beyond which a track has strayed, in standard deviations of a measured position."""
+
+
+class Timeline(NamedTuple):
+    """Numbers k (K,) of the scans from the first on, their times (K,), s, and the time between, s."""
+
+    steps: Index
+    times: Array
+    T: float
+
+
+class Flight(NamedTuple):
+    """Truth (n_x, K, M) at every step, and measurements (n_z, K or K - 1, M)."""
+
+    truth: Array
+    seen: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """Position and velocity at the first scan: of a planar target, unless z is given."""
+
+    x: Finite = 0.0
+    """m; of a scalar target its state"""
+    y: Finite = 0.0
+    """m"""
+    z: Finite | None = None
+    """height, m; default: the target moves in the plane"""
+    vx: Finite = 0.0
+    """m/s"""
+    vy: Finite = 0.0
+    """m/s"""
+    vz: Finite = 0.0
+    """m/s"""
+
+    @property
+    def axes(self) -> int:
+        """Axes of the space the target moves in."""
+        return 2 if self.z is None else 3
+
+    @property
+    def state(self) -> Array:
+        """(px, vx, py, vy[, pz, vz])."""
+        z = () if self.z is None else (self.z, self.vz)
+        return np.array([self.x, self.vx, self.y, self.vy, *z])
+
+
+class Target:
+    """Base of the targets: frozen dataclasses of the group ``targets``."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the truth's components, in order."""
+        return moving(self.axes)
+
+    @property
+    def axes(self) -> int:
+        """Axes of the space it moves in."""
+        raise NotImplementedError
+
+    @property
+    def own_motion(self) -> Motion | None:
+        """The motion that drives it, which filters assume if they are not told otherwise."""
+        return None
+
+    @property
+    def diffusion(self) -> float:
+        """Spectral density of the white acceleration that drives it, m^2/s^3, as far as it is one."""
+        return 0.0
+
+    def start(self, timeline: Timeline) -> Array:
+        """The state (n_x,) at the first scan, as far as it is not drawn."""
+        raise NotImplementedError
+
+    def path(self, timeline: Timeline) -> Array:
+        """States (n_x, K) without process noise, along which a bound is reckoned."""
+        raise NotImplementedError
+
+    def fly(
+        self,
+        start: Array,
+        timeline: Timeline,
+        sensor: Measuring | Several,
+        rng: Streams,
+        scans: int,
+    ) -> Flight:
+        """Truth from ``start`` (n_x, M) on, and its measurements from the second step on.
+
+        With ``scans``, of which a start is made, from the first on, and so many without a miss.
+        """
+        raise NotImplementedError
+
+    def check(self, timeline: Timeline) -> None:
+        """Raise MistakenKeyError if it does not fit the time there is."""
+
+    def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
+        """Stretches (K,) of the target's own by name, of the times (K,) that are scored."""
+        return {}
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end times of stretches that a figure over time shades, s."""
+        return []
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Sizes of the accelerations of its turns, m/s^2."""
+        return ()
+
+    def run_metrics(self, values: Mapping[str, Array], scored: "Scored") -> dict[str, Array]:
+        """Further numbers per run (M,) by name, from the series (K, M)."""
+        return {}
+
+
+class Scored(NamedTuple):
+    """Times (K,), s, windows (K,) by name, and what one measurement leaves of the position, m."""
+
+    times: Array
+    windows: Mapping[str, Mask]
+    sigma: float

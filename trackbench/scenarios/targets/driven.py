@@ -1,0 +1,125 @@
+"""A target that is driven by a motion: another truth in every run."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.conversions import position
+from trackbench.core.streams import Streams
+from trackbench.keys import Finite, PartOf, Positive
+from trackbench.models.base import Motion
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.registry import register
+from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarLaunch:
+    """The first state of a planar target as seen from the origin."""
+
+    range_km: Positive
+    """range"""
+    azimuth_deg: Finite
+    """azimuth"""
+    velocity_radial: Finite = 0.0
+    """speed along the line of sight, m/s"""
+    velocity_cross: Finite = 0.0
+    """speed across the line of sight, anticlockwise, m/s"""
+
+    axes = 2
+
+    @property
+    def state(self) -> Array:
+        """(px, vx, py, vy)."""
+        a = np.array(np.deg2rad(self.azimuth_deg))
+        u, w = position(np.array(1.0), a), position(np.array(1.0), a + 0.5 * np.pi)
+        out = np.empty(4)
+        out[0::2] = 1e3 * self.range_km * u
+        out[1::2] = self.velocity_radial * u + self.velocity_cross * w
+        return out
+
+
+@register("targets", "driven")
+@dataclass(frozen=True, kw_only=True)
+class Driven(Target):
+    """A target whose path is drawn from a motion, which filters assume unless told otherwise."""
+
+    motion: Annotated[Motion, PartOf("motions")]
+    """motion that drives it: {kind: cwna, q: 0.1}"""
+    launch: Launch | None = None
+    """first state; default: at rest at the origin"""
+    polar: PolarLaunch | None = None
+    """first state in polar coordinates, instead"""
+
+    def __post_init__(self) -> None:
+        if self.launch is not None and self.polar is not None:
+            raise ValueError("give one of launch and polar")
+
+    @property
+    def _first(self) -> Launch | PolarLaunch:
+        return self.polar or self.launch or Launch()
+
+    @property
+    def axes(self) -> int:
+        """Axes of the space it moves in."""
+        return self._first.axes
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Position and velocity, or the scalar that the motion has."""
+        every = self.motion.sampled(1.0, self.axes)
+        return every.components[: len(every.components) - len(every.extra_std)]
+
+    @property
+    def own_motion(self) -> Motion | None:
+        """The motion that drives it."""
+        return self.motion
+
+    @property
+    def diffusion(self) -> float:
+        """Spectral density of its white acceleration, m^2/s^3."""
+        return self.motion.q if isinstance(self.motion, WhiteAcceleration) else 0.0
+
+    def start(self, timeline: Timeline) -> Array:
+        """The first state (n_x,)."""
+        return self._first.state[: len(self.components)]
+
+    def path(self, timeline: Timeline) -> Array:
+        """States (n_x, K) without process noise."""
+        motion = self.motion.sampled(timeline.T, self.axes)
+        path = [self.start(timeline)]
+        for k in timeline.steps[1:].tolist():
+            path.append(motion.transition(path[-1], k).loc)
+        return np.stack(path, axis=-1)
+
+    def fly(
+        self,
+        start: Array,
+        timeline: Timeline,
+        sensor: Measuring | Several,
+        rng: Streams,
+        scans: int,
+    ) -> Flight:
+        """Transition and measurement drawn step by step; what a target has beside ``start`` is drawn."""
+        motion = self.motion.sampled(timeline.T, self.axes)
+        n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
+        truth = [_with_rest(start, motion.extra_std, rng)]
+        seen = []
+        for i, k in enumerate(timeline.steps.tolist()):
+            if i > 0:
+                truth.append(motion.transition(truth[-1], k).sample(rng))
+            if i > 0 or scans:
+                noise = rng.standard_normal(noise_of_one)
+                seen.append(sensor.observed(truth[-1], k, noise, rng, certain=i < scans))
+        return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(seen, axis=1))
+
+
+def _with_rest(start: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    if not std:
+        return start
+    noise = rng.standard_normal((len(std), *start.shape[1:]))
+    return np.concatenate([start, with_trailing(np.array(std), 1) * noise])

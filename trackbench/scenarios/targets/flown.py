@@ -1,0 +1,60 @@
+"""A target that flies the same path in every run: only its measurements differ."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.streams import Streams
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flown(Target):
+    """Base of the targets with a path of their own."""
+
+    def states(self, times: Array) -> Array:
+        """Exact states (n_x, K) at these times, s."""
+        raise NotImplementedError
+
+    def start(self, timeline: Timeline) -> Array:
+        """The state (n_x,) at the first scan."""
+        return self.states(timeline.times[:1])[:, 0]
+
+    def path(self, timeline: Timeline) -> Array:
+        """States (n_x, K)."""
+        return self.states(timeline.times)
+
+    def fly(
+        self,
+        start: Array,
+        timeline: Timeline,
+        sensor: Measuring | Several,
+        rng: Streams,
+        scans: int,
+    ) -> Flight:
+        """The path, and measurements whose noise is drawn in one go."""
+        path, runs = self.path(timeline), start.shape[1]
+        first = 0 if scans else 1
+        steps = timeline.steps.tolist()[first:]
+        noise = rng.standard_normal((len(sensor.components), len(steps), runs))
+        seen = [
+            sensor.observed(path[:, i : i + 1], k, noise[:, i - first], rng, certain=i < scans)
+            for i, k in enumerate(steps, first)
+        ]
+        truth = np.broadcast_to(path[..., None], (*path.shape, runs))
+        return Flight(truth, np.stack(seen, axis=1))
+
+    def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
+        """``peak_position`` largest error in a window, m, and ``strayed``: 1 where it strayed.
+
+        Beyond ten standard deviations of a measurement none would be taken for the track's any more.
+        """
+        squared, windows = values["squared_position"], scored.windows
+        peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in windows.items()}
+        out = {f"peak_position[{n}]" if n else "peak_position": p for n, p in peaks.items()}
+        strayed = (peaks[""] > STRAY * scored.sigma).astype(float)
+        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}

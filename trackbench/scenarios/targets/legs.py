@@ -1,0 +1,204 @@
+"""A target that flies straight but for turns: of constant acceleration, or of a constant turn rate."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import mean
+from trackbench.keys import Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.models.motions.turn import arc
+from trackbench.registry import register
+from trackbench.scenarios.targets.base import Launch, Scored, Timeline
+from trackbench.scenarios.targets.flown import Flown
+from trackbench.scenarios.targets.onsets import Onsets
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A stretch of constant acceleration, or of a constant turn rate."""
+
+    start: NonNegative
+    """s"""
+    end: Positive
+    """s"""
+    ax: Finite = 0.0
+    """m/s^2"""
+    ay: Finite = 0.0
+    """m/s^2"""
+    az: Finite = 0.0
+    """m/s^2"""
+    turn_rate_deg_s: Finite = 0.0
+    """turn at constant speed in the plane, deg/s, positive from x to y"""
+
+    def __post_init__(self) -> None:
+        if self.turn_rate_deg_s and any(self.acceleration):
+            raise ValueError("a leg has an acceleration or a turn rate, not both")
+
+    @property
+    def acceleration(self) -> tuple[float, float, float]:
+        """(ax, ay, az), m/s^2."""
+        return self.ax, self.ay, self.az
+
+    @property
+    def size(self) -> float:
+        """Size of the acceleration, m/s^2; zero of a turn at a constant rate."""
+        ax, ay, az = self.acceleration
+        return float(np.sqrt(ax * ax + ay * ay + az * az))
+
+
+@register("targets", "legs")
+@dataclass(frozen=True, kw_only=True)
+class Legs(Flown):
+    """A target that flies straight but for legs of constant acceleration or turn rate.
+
+    The truth is the same in every run, only the measurements differ (adaptive Kalman filter paper,
+    section 4).
+    """
+
+    launch: Launch
+    """position and velocity at time zero"""
+    legs: tuple[Leg, ...] = ()
+    """turns, in order, no two at once; [] is straight flight"""
+    settle: NonNegative = 100.0
+    """time after a turn that is neither turn nor quiet, s"""
+    edge: Positive = 50.0
+    """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
+
+    @property
+    def axes(self) -> int:
+        """Axes of the space it moves in."""
+        return self.launch.axes
+
+    def check(self, timeline: Timeline) -> None:
+        """The legs are in order, no two at once, and within the run."""
+        end = float(timeline.times[-1])
+        for n, leg in enumerate(self.legs):
+            if leg.end <= leg.start:
+                raise MistakenKeyError(f"leg {n + 1} ends before it starts", *_KEY, n, "end")
+            if leg.end > end:
+                what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {end:g} s"
+                raise MistakenKeyError(what, *_KEY, n, "end")
+            if n and leg.start < self.legs[n - 1].end:
+                what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
+                raise MistakenKeyError(what, *_KEY, n, "start")
+
+    def states(self, times: Array) -> Array:
+        """Exact states (n, K): each leg adds its acceleration's two integrals.
+
+        A turn at a constant rate starts anew from the state at its beginning, and at its end.
+        """
+        out, since, state = np.empty((2 * self.axes, len(times))), 0.0, self.launch.state
+        accelerated: list[Leg] = []
+        for leg in self.legs:
+            if not leg.turn_rate_deg_s:
+                accelerated.append(leg)
+                continue
+            start, end = np.array([leg.start]), np.array([leg.end])
+            _fill(out, times, since, _accelerated(state, accelerated, times, since))
+            at_start = _accelerated(state, accelerated, start, since)[:, 0]
+            _fill(out, times, leg.start, _turned(at_start, leg, times))
+            state, since, accelerated = _turned(at_start, leg, end)[:, 0], leg.end, []
+        _fill(out, times, since, _accelerated(state, accelerated, times, since))
+        return out
+
+    def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
+        """``quiet``: settled straight flight; of the turns, if there are any:
+
+        ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
+        """
+        inside, out = self._inside(times), {}
+        late = [times > leg.start + self.edge for leg in self.legs]
+        starts = inside & ~np.array(late, dtype=np.bool_).reshape(inside.shape)
+        if self.legs:
+            out["before"] = scored & (times <= self.legs[0].start)
+            out["turns"] = scored & inside.any(axis=0)
+            out["starts"] = scored & starts.any(axis=0)
+        out |= {f"leg {n}": scored & during for n, during in enumerate(inside, 1)}
+        out |= {f"start {n}": scored & during for n, during in enumerate(starts, 1)}
+        out["quiet"] = scored & self._quiet(times)
+        return out
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end of each turn, s: what a figure shades."""
+        return [(leg.start, leg.end) for leg in self.legs]
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Sizes of the legs' accelerations, m/s^2."""
+        return tuple(leg.size for leg in self.legs if leg.size)
+
+    def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
+        """The same, overshoots, and how a filter that switches meets the onsets of the turns.
+
+        ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end.
+        """
+        out, times, window = super().run_metrics(values, scored), scored.times, scored.windows[""]
+        if "error_x" in values:
+            out |= self._overshoots(values["error_x"], values["error_y"], times, window)
+        if "mode" in values:
+            starts = tuple(leg.start for leg in self.legs)
+            onsets = Onsets(times, starts, self._inside(times), window & self._quiet(times))
+            out |= onsets.metrics(values["mode"], values.get("alarm"), values.get("alarm_age_s"))
+        return out
+
+    def _inside(self, t: Array) -> Mask:
+        during = [(t > leg.start) & (t <= leg.end) for leg in self.legs]
+        return np.array(during, dtype=np.bool_).reshape(len(during), len(t))
+
+    def _quiet(self, t: Array) -> Mask:
+        quiet = np.ones(len(t), dtype=np.bool_)
+        for leg in self.legs:
+            quiet &= (t <= leg.start) | (t > leg.end + self.settle)
+        return quiet
+
+    def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
+        """From signed errors (K, M): a filter that still turns is ahead, on the side it turned to."""
+        out = {}
+        straight = scored & ~self._inside(t).any(axis=0)
+        for n, leg in enumerate(self.legs):
+            after = (t > leg.end) & (t <= leg.end + self.edge) & straight
+            size = np.sqrt(leg.ax * leg.ax + leg.ay * leg.ay)
+            if after.any() and size > 0.0:
+                ahead = (leg.ax * x[after] + leg.ay * y[after]) / size
+                out[f"overshoot_m[leg {n + 1}]"] = mean(ahead, axis=0)
+        return out
+
+
+_KEY = ("target", "legs")
+
+
+def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
+    """States (n, K) from ``start`` (n,) at time ``begun`` on: position and velocity along each axis."""
+    t, out = times - begun, []
+    for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
+        position, velocity = p + v * t, np.full_like(t, v)
+        for leg in legs:
+            since, after = np.maximum(times - leg.start, 0.0), np.maximum(times - leg.end, 0.0)
+            speed, distance = since - after, (since * since - after * after) / 2
+            position = position + leg.acceleration[axis] * distance
+            velocity = velocity + leg.acceleration[axis] * speed
+        out += [position, velocity]
+    return np.stack(out)
+
+
+def _turned(start: Array, leg: Leg, times: Array) -> Array:
+    """States (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
+    t, w = times - leg.start, np.deg2rad(leg.turn_rate_deg_s)
+    along, across, c, s = arc(np.full_like(t, w), t)
+    px, vx, py, vy = start[:4]
+    planar = [
+        px + along * vx - across * vy,
+        c * vx - s * vy,
+        py + across * vx + along * vy,
+        s * vx + c * vy,
+    ]
+    rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
+    return np.stack(planar + rest)
+
+
+def _fill(out: Array, times: Array, since: float, states: Array) -> None:
+    """The states of all times from ``since`` on; later stretches write over them."""
+    out[:, times >= since] = states[:, times >= since]

@@ -1,0 +1,240 @@
+"""Scenario `tracking`: any target, seen by any sensors, from any start."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.bounds import posterior_cramer_rao
+from trackbench.core.distributions import Distribution, Point
+from trackbench.core.streams import Streams
+from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, Natural, PartOf, Positive
+from trackbench.models.assumed import Assume
+from trackbench.models.base import Model, SampledMotion
+from trackbench.models.linear import Linear
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several, together
+from trackbench.registry import register
+from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.score import Score
+from trackbench.scenarios.starts.base import Opening, Start, repeated
+from trackbench.scenarios.targets.base import Scored, Target, Timeline
+
+_NOTHING = Assume()
+_EVERYTHING = Score()
+
+
+@register("scenarios", "tracking")
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """A target that is seen by sensors: each a part of its own, in any combination.
+
+    What filters believe of it is ``assume``, of the scenario and of each filter.
+    """
+
+    target: Annotated[Target, PartOf("targets")]
+    """where the truth comes from: {kind: legs, ...}"""
+    sensor: Annotated[Measuring | tuple[Measuring, ...], PartOf("sensors")]
+    """what sees it: {kind: range-azimuth, ...}, or a list of sensors"""
+    start: Annotated[Start, PartOf("starts")]
+    """what filters start from: {kind: two-scan}"""
+    T: Positive = 1.0
+    """time between steps, s"""
+    first: Natural = 0
+    """number of the first step"""
+    last: Natural
+    """number of the last step"""
+    begin: Finite | None = None
+    """time of the first step, s; default: 0"""
+    assume: Assume = _NOTHING
+    """motion and sensor that filters believe in; default: the ones that make the data"""
+    score: Score = _EVERYTHING
+    """what errors are measured, and over which steps"""
+
+    def __post_init__(self) -> None:
+        if self.last - self.first > MOST_STEPS:
+            raise MistakenKeyError(f"more than {MOST_STEPS} steps", "last")
+        if self.last - self.first < max(1, self.start.scans):
+            what = f"leaves no step to measure after the {max(1, self.start.scans)} of the start"
+            raise MistakenKeyError(what, "last")
+        self.target.check(self._timeline)
+        self.start.check(self.components, self._sensor)
+        self.score.check(self.components, self.steps)
+        if self.score.lost_sigmas is not None and self.position_sigma is None:
+            raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
+
+    @cached_property
+    def _sensor(self) -> Measuring | Several:
+        return together(self.sensor)
+
+    @cached_property
+    def _timeline(self) -> Timeline:
+        """Every step, those that a start uses up included."""
+        steps = np.arange(self.first, self.last + 1)
+        begin = 0.0 if self.begin is None else self.begin
+        return Timeline(steps, np.asarray((steps - self.first) * self.T + begin), self.T)
+
+    @property
+    def _skipped(self) -> int:
+        """Steps before that of the first state."""
+        return max(0, self.start.scans - 1)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Components of the truth, which every filter estimates."""
+        return self.target.components
+
+    @cached_property
+    def model(self) -> Model:
+        """Motion and sensor that filters assume. Raises MistakenKeyError if no motion is known."""
+        motion = self.assume.motion or self.target.own_motion
+        if motion is None:
+            what = "name the motion that filters assume: the target has none of its own"
+            raise MistakenKeyError(what, "assume")
+        sampled = motion.sampled(self.T, self.target.axes)
+        if sampled.components[: len(self.components)] != self.components:
+            what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
+            raise MistakenKeyError(what, "assume")
+        sensor = self._sensor if self.assume.sensor is None else together(self.assume.sensor)
+        if sensor.components != self._sensor.components:
+            raise MistakenKeyError("the assumed sensor measures something else", "assume", "sensor")
+        return Model(sampled, sensor)
+
+    def believing(self, assume: Assume) -> "Tracking":
+        """The same scenario as a filter that assumes this sees it."""
+        return replace(self, assume=assume.over(self.assume))
+
+    @property
+    def prior_kind(self) -> type[Distribution]:
+        """The class of the prior."""
+        return self.start.prior_kind(self._sensor)
+
+    @property
+    def steps(self) -> Index:
+        """From the first state's to the last."""
+        return self._timeline.steps[self._skipped :]
+
+    @property
+    def times(self) -> Array:
+        """Times of the steps, s."""
+        return self._timeline.times[self._skipped :]
+
+    @property
+    def windows(self) -> dict[str, Mask]:
+        """All that is scored, the target's own stretches, and those that the score names."""
+        scored = self.score.scored(self.steps)
+        out = {"": scored} | self.target.windows(self.times, scored)
+        out |= self.score.named(self.steps, scored)
+        return {name: mask for name, mask in out.items() if mask.any()}
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end times of the target's turns, s."""
+        return self.target.spans
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Sizes of the accelerations of the target's turns, m/s^2."""
+        return self.target.turns
+
+    @cached_property
+    def position_sigma(self) -> float | None:
+        """Largest standard deviation of a position that one scan at the first state tells, m.
+
+        In space an upper bound of it. None if a scan does not tell the position.
+        """
+        state = self.target.start(self._timeline)
+        information = self._sensor.information(state, self.first, certain=True)
+        position = information[0::2, 0::2]
+        if len(information) < 2 or linalg.is_singular(position):
+            return None
+        cov = linalg.inverse(position)
+        half = 0.5 * (cov[0, 0] - cov[1, 1])
+        if len(cov) == 2:
+            largest = 0.5 * (cov[0, 0] + cov[1, 1]) + np.sqrt(half * half + cov[0, 1] * cov[0, 1])
+        else:
+            largest = np.diagonal(cov).sum()
+        return float(np.sqrt(largest))
+
+    @property
+    def lost_beyond(self) -> float | None:
+        """Error beyond which a run counts as lost, in the unit of the first quantity."""
+        if self.score.lost_sigmas is None or self.position_sigma is None:
+            return self.score.lost_beyond
+        return self.score.lost_sigmas * self.position_sigma
+
+    @property
+    def marginals(self) -> dict[str, tuple[int, ...]]:
+        """Parts of the state with a consistency measure of their own."""
+        n = len(self.components)
+        parts = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
+        return {name: parts[name] for name in self.score.marginals}
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Truth, the measurements that filters are given, and their prior."""
+        nominal = start = repeated(self.target.start(self._timeline), runs)
+        driven = self.target.own_motion is not None
+        if driven:
+            start = self.start.truth(nominal, rng)
+        flight = self.target.fly(start, self._timeline, self._sensor, rng, self.start.scans)
+        scans, seen = np.split(flight.seen, [self.start.scans], axis=1)
+        opening = Opening(flight.truth[:, 0], scans, self.first, self.T, self.target.diffusion)
+        prior = self.start.prior(opening, self._sensor, nominal if driven else None, rng)
+        return Simulation(flight.truth[:, self._skipped :], seen, prior)
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Error vectors by quantity: of the state, and as each sensor would see them."""
+        return self.score.errors(self._sensor, self.components, mean, truth)
+
+    def observables(self, x: Array) -> dict[str, Array]:
+        """Functions of the state whose posterior means are scored beside the mean state's own."""
+        return self._sensor.observables(x)
+
+    @property
+    def no_bound(self) -> str | None:
+        """Why there is no lower bound, if there is none."""
+        if not isinstance(self._motion, Linear):
+            return "the target is not driven by a linear motion"
+        if any(s.outliers is not None or s.bias for s in _each(self._sensor)):
+            return "the bound is of normal errors without a bias"
+        if self.prior_kind is Point:
+            return "the first state is known"
+        return None
+
+    def bounds(self) -> dict[str, Array]:
+        """Posterior Cramer-Rao bound on every RMSE (K,), along the path without process noise.
+
+        It starts from the start's covariance at the truth. A measurement that may be missing counts by
+        its probability, which leaves a lower bound.
+        """
+        motion, path = self._motion, self.target.path(self._timeline)
+        assert isinstance(motion, Linear)
+        steps = self._timeline.steps.tolist()
+        n = path.shape[0]
+        initial = self.start.bound(path, self.first, self._sensor, self.T, self.target.diffusion)
+        gained = (
+            self._sensor.information(x, k)
+            for k, x in list(zip(steps, path.T, strict=True))[self._skipped + 1 :]
+        )
+        P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained)
+        x = path[:, self._skipped :]
+        squares = self.score.squares(self._sensor, self.components, P, x)
+        return {name: np.sqrt(square) for name, square in squares.items()}
+
+    @cached_property
+    def _motion(self) -> SampledMotion | None:
+        own = self.target.own_motion
+        return None if own is None else own.sampled(self.T, self.target.axes)
+
+    def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Further numbers per run, of the target's own."""
+        sigma = np.nan if self.position_sigma is None else self.position_sigma
+        return self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
+
+
+def _each(sensor: Measuring | Several) -> tuple[Measuring, ...]:
+    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
