@@ -90,8 +90,10 @@ class Measuring:
 
         By the probability that there is one, unless it is ``certain``.
         """
-        H = self.jacobian(x, k)
-        gained = linalg.sandwich(linalg.transpose(H), linalg.inverse(self.measurement(x, k).cov))
+        of_one = x[:, None]
+        H, R = self.jacobian(of_one, k), self.measurement(of_one, k).cov
+        H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
+        gained = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         due = not (k - self.offset) % self.period
         return gained if certain else gained * (float(self.detection) if due else 0.0)
 
