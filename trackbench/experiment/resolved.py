@@ -94,7 +94,7 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
     out = {"kind": part.kind} if hasattr(part, "kind") else {}
-    for key in fields(part):
+    for key in (field for field in fields(part) if field.init):
         value = getattr(part, key.name)
         if key.name in files and value is not None:
             value = shown(value)

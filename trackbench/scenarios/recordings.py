@@ -46,6 +46,48 @@ def read_recording(path: str, components: Sequence[str], steps: Sequence[int]) -
     return Recording(values, runs)
 
 
+def read_columns(
+    path: str, wanted: Sequence[str], optional: Sequence[str]
+) -> dict[str, Array]:
+    """Columns of finite numbers by name, in this order: those that are wanted, and others if there.
+
+    Raises DataError with the line of every mistake.
+    """
+    lines = _lines(path)
+    line, header = next(lines, (1, []))
+    names = [name.strip() for name in header]
+    known = [name for name in (*wanted, *optional) if name in names]
+    for name in wanted:
+        if names.count(name) != 1:
+            what = f"no column {name}" if name not in names else f"two columns {name}"
+            raise DataError(Place(path, line, 1, what))
+    rows, mistakes = [], []
+    for line, cells in lines:
+        try:
+            if len(cells) != len(names):
+                raise ValueError(f"{len(cells)} cells under {len(names)} columns")
+            rows.append([_finite(name, cells[names.index(name)].strip()) for name in known])
+        except ValueError as error:
+            mistakes.append(Place(path, line, 1, str(error)))
+        if len(mistakes) >= _MOST_MISTAKES:
+            break
+    if not rows and not mistakes:
+        mistakes.append(Place(path, 1, 1, "has no rows"))
+    if mistakes:
+        raise DataError(*mistakes)
+    return dict(zip(known, np.array(rows).T, strict=True))
+
+
+def _finite(name: str, cell: str) -> float:
+    try:
+        value = _number(cell)
+    except ValueError as error:
+        raise ValueError(f"{name}: {cell[:40]!r} is not {error}") from None
+    if math.isnan(value):
+        raise ValueError(f"{name}: is missing")
+    return value
+
+
 def _checked(path: str, components: Sequence[str], steps: Sequence[int]) -> Iterator[_Row]:
     mistakes: list[Place] = []
     last: dict[int, int] = {}

@@ -16,6 +16,7 @@ from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, Natural, PartO
 from trackbench.models.assumed import Assume
 from trackbench.models.base import Model, SampledMotion
 from trackbench.models.linear import Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several, together
 from trackbench.registry import register
@@ -198,7 +199,7 @@ class Tracking:
     def no_bound(self) -> str | None:
         """Why there is no lower bound, if there is none."""
         if not isinstance(self._motion, Linear):
-            return "the target is not driven by a linear motion"
+            return "the target is driven by a motion that is not linear"
         if any(s.outliers is not None or s.bias for s in _each(self._sensor)):
             return "the bound is of normal errors without a bias"
         if self.prior_kind is Point:
@@ -209,7 +210,8 @@ class Tracking:
         """Posterior Cramer-Rao bound on every RMSE (K,), along the path without process noise.
 
         It starts from the start's covariance at the truth. A measurement that may be missing counts by
-        its probability, which leaves a lower bound.
+        its probability, which leaves a lower bound. Of a path that is flown in every run it bounds a
+        filter that knows all accelerations, and lies far below one that has to find them.
         """
         motion, path = self._motion, self.target.path(self._timeline)
         assert isinstance(motion, Linear)
@@ -226,9 +228,10 @@ class Tracking:
         return {name: np.sqrt(square) for name, square in squares.items()}
 
     @cached_property
-    def _motion(self) -> SampledMotion | None:
-        own = self.target.own_motion
-        return None if own is None else own.sampled(self.T, self.target.axes)
+    def _motion(self) -> SampledMotion:
+        """What moves the target; one on a path of its own moves by accelerations that may be known."""
+        own = self.target.own_motion or ConstantVelocity(q=0.0)
+        return own.sampled(self.T, self.target.axes)
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Further numbers per run, of the target's own."""

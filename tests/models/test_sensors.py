@@ -1,0 +1,162 @@
+"""Every registered sensor: its Jacobian, its errors, and what is true of it that no filter is told."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackbench.core.arrays import Array
+from trackbench.core.streams import RunStreams
+from trackbench.models.base import log_likelihood
+from trackbench.models.looking import Platform
+from trackbench.models.sensing import Measuring, Outliers
+from trackbench.models.sensors.bearing import Bearing
+from trackbench.models.sensors.doppler import RangeAzimuthDoppler
+from trackbench.models.sensors.elevation import RangeAzimuthElevation
+from trackbench.models.sensors.position import PositionInSpace, PositionSensor, PositionVelocity
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.several import Several
+from trackbench.registry import kinds
+
+PATH = Platform(steps=(0, 10, 20), x=(0.0, 500.0, 0.0), y=(-200.0, 100.0, 300.0))
+SENSORS: list[Any] = [
+    PositionSensor(sigma=3.0),
+    PositionInSpace(sigma=3.0),
+    PositionVelocity(sigma=3.0, sigma_velocity=0.4),
+    RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, at=(100.0, -300.0)),
+    RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, platform=PATH),
+    RangeAzimuthDoppler(sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_range_rate=0.3),
+    Bearing(sigma_mrad=10.0, platform=PATH),
+    RangeAzimuthElevation(
+        sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_elevation_mrad=6.0, at=(10.0, 20.0, -30.0)
+    ),
+    Several((Bearing(sigma_mrad=10.0), RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0))),
+]
+
+
+def states(runs: int = 5) -> Array:
+    rng = np.random.default_rng(3)
+    x = rng.normal(0.0, 1500.0, (6, runs))
+    x[1::2] *= 0.02
+    return x
+
+
+def named(sensor: Any) -> str:
+    return type(sensor).__name__
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=named)
+def test_jacobian_against_differences(sensor: Any) -> None:
+    x = states()
+    H = np.broadcast_to(np.atleast_3d(sensor.jacobian(x, 7)), (len(sensor.components), *x.shape))
+    numeric = Measuring.jacobian(sensor, x, 7)
+    scale = np.abs(numeric).max()
+    np.testing.assert_allclose(H, numeric, rtol=1e-6, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=named)
+def test_observed_has_the_moments_of_the_measurement(sensor: Any) -> None:
+    runs = 4000
+    x = np.repeat(states(1), runs, axis=1)
+    rng = RunStreams(1, range(runs))
+    n_z = len(sensor.components)
+    z = sensor.observed(x, 3, rng.standard_normal((n_z, runs)), rng)
+    seen = sensor.measurement(x, 3)
+    nu = sensor.innovation(z, seen.mean)
+    R = seen.cov if seen.cov.ndim == 2 else seen.cov[..., 0]
+    sigma = np.sqrt(np.diagonal(R))
+    assert np.abs(nu.mean(axis=1) / sigma).max() < 4.5 / np.sqrt(runs)
+    # the standard error of a sample correlation is 1 / sqrt(runs), of a variance sqrt(2 / runs)
+    assert np.abs(np.cov(nu) / np.outer(sigma, sigma) - np.eye(n_z)).max() < 4.5 * np.sqrt(2 / runs)
+
+
+def observed(sensor: Measuring, runs: int = 20_000, k: int = 0, certain: bool = False) -> Array:
+    rng = RunStreams(2, range(runs))
+    noise = rng.standard_normal((len(sensor.components), runs))
+    return sensor.observed(np.zeros((4, runs)), k, noise, rng, certain=certain)
+
+
+def test_bias_and_outliers_are_of_the_measurements_alone() -> None:
+    plain = PositionSensor(sigma=2.0)
+    biased = PositionSensor(sigma=2.0, bias=(3.0, -1.0))
+    np.testing.assert_allclose(
+        observed(biased), observed(plain) + np.array([[3.0], [-1.0]]), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_array_equal(biased.R, plain.R)
+    spoilt = PositionSensor(sigma=2.0, outliers=Outliers(share=0.1, times=20.0))
+    far = np.abs(observed(spoilt)).max(axis=0) > 12.0  # six deviations
+    # a tenth has forty metres; both axes are hit together
+    expected = 0.1 * (1.0 - 0.2358**2)  # P(|N(0, 1)| < 0.3) = 0.2358 on both axes
+    assert abs(far.mean() - expected) < 4.5 * np.sqrt(expected / 20_000)
+
+
+def test_students_t_has_its_tail() -> None:
+    from scipy.stats import t
+
+    tailed = PositionSensor(sigma=2.0, outliers=Outliers(degrees=3))
+    z = observed(tailed)[0] / 2.0
+    for edge in (1.0, 3.0, 6.0):
+        expected = 2.0 * t.sf(edge, 3)
+        assert abs((np.abs(z) > edge).mean() - expected) < 4.5 * np.sqrt(expected / 20_000)
+
+
+def test_detection_period_and_offset() -> None:
+    sensor = PositionSensor(sigma=2.0, detection=0.8, period=3, offset=1)
+    seen = ~np.isnan(observed(sensor, k=4)).any(axis=0)
+    assert abs(seen.mean() - 0.8) < 4.5 * np.sqrt(0.16 / 20_000)
+    assert np.isnan(observed(sensor, runs=10, k=3)).all()
+    assert not np.isnan(observed(sensor, runs=10, k=3, certain=True)).any()
+
+
+def test_a_platform_moves_between_its_waypoints() -> None:
+    assert PATH.place(-1) == (0.0, -200.0)
+    assert PATH.place(5) == (250.0, -50.0)
+    assert PATH.place(10) == (500.0, 100.0)
+    assert PATH.place(99) == (0.0, 300.0)
+
+
+def test_information_is_that_of_the_sensors_together() -> None:
+    x = states(1)[:4, 0]
+    one = RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, detection=0.5)
+    two = PositionSensor(sigma=30.0, period=2)
+    both = Several((one, two))
+    H, R = one.jacobian(x[:, None], 0)[..., 0], one.R
+    np.testing.assert_allclose(
+        one.information(x, 0, certain=True), H.T @ np.linalg.inv(R) @ H, rtol=1e-10
+    )
+    expected = 0.5 * H.T @ np.linalg.inv(R) @ H
+    np.testing.assert_allclose(both.information(x, 1), expected, rtol=1e-10)
+    expected[[0, 2], [0, 2]] += 1 / 900
+    np.testing.assert_allclose(both.information(x, 2), expected, rtol=1e-10)
+
+
+def test_a_missing_component_counts_for_nothing() -> None:
+    both = Several((PositionSensor(sigma=3.0), Bearing(sigma_mrad=10.0)))
+    x, z = states()[:4], np.array([[10.0], [20.0], [0.4]]) * np.ones((3, 5))
+    z[2, 1], z[:2, 2], z[:, 3] = np.nan, np.nan, np.nan
+    found = log_likelihood(both, z, x, 0)
+    position, bearing = (
+        log_likelihood(sensor, z[rows], x, 0)
+        for sensor, rows in zip(both.sensors, both.rows, strict=True)
+    )
+    expected = [position[0] + bearing[0], position[1], bearing[2], 0.0, position[4] + bearing[4]]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_every_kind_is_tried_here() -> None:
+    tried = {type(s) for s in SENSORS}
+    scalar = {"scalar", "square-then-line"}
+    assert {cls for kind, cls in kinds("sensors").items() if kind not in scalar} <= tried
+
+
+@pytest.mark.parametrize(
+    ("keys", "what"),
+    [
+        ({"bias": (1.0,)}, "bias has 1 numbers for range, azimuth"),
+        ({"at": (1.0, 2.0, 3.0)}, "at has 3 numbers for 2 axes"),
+        ({"at": (1.0, 2.0), "platform": PATH}, "stands at a place or moves"),
+    ],
+)
+def test_mistakes(keys: dict[str, Any], what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        RangeAzimuth(sigma_range=1.0, sigma_azimuth_mrad=1.0, **keys)
