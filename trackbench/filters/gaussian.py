@@ -1,32 +1,39 @@
 """What all filters share that carry one Gaussian: one step is all that tells them apart."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.filters.base import prior_kind
-from trackbench.keys import NonNegative, Positive
+from trackbench.keys import NonNegative, OpenShare, Positive
 from trackbench.models.base import Model
 from trackbench.models.gaussian import Assumed
 from trackbench.models.twopoint import Convertible
 
 
 class Tracked(NamedTuple):
-    """The posterior N(mean, cov) and the last normalised innovation squared (M,)."""
+    """The posterior N(mean, cov), the last normalised innovation squared (M,), what was refused (M,)."""
 
     posterior: Gaussian
     nis: Array
+    gated: Mask | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaussianFilter:
     """Base of the filters with one Gaussian: they differ by `updated`, which an IMM takes, too."""
+
+    gate: OpenShare | None = None
+    """refuse a measurement whose NIS is beyond this part of its chi-square law, such as 0.999"""
+
+    counts: ClassVar[frozenset[str]] = frozenset({"gated"})
 
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """The first state: the prior's moments."""
@@ -45,15 +52,32 @@ class GaussianFilter:
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
         """Predict and update."""
         posterior, innovation = self.updated(model, state.posterior, z, k)
-        return Tracked(posterior, innovation.nis)
+        nis = innovation.nis
+        if self.gate is None:
+            return Tracked(posterior, nis)
+        refused = nis > _limits(self.gate, len(z))[(~np.isnan(innovation.nu)).sum(axis=0)]
+        if refused.any():
+            posterior, _ = self.updated(model, state.posterior, np.where(refused, np.nan, z), k)
+        return Tracked(posterior, nis, refused)
 
     def estimate(self, state: Tracked) -> Gaussian:
         """The posterior."""
         return state.posterior
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """``nis``: normalised innovation squared, expected n_z."""
-        return {"nis": state.nis}
+        """``nis``: normalised innovation squared, expected n_z; ``gated``: refused measurements."""
+        if self.gate is None:
+            return {"nis": state.nis}
+        refused = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
+        return {"nis": state.nis, "gated": refused}
+
+
+@cache
+def _limits(gate: float, n_z: int) -> Array:
+    """The chi-square value (n_z + 1,) that so many measured components exceed with 1 - gate."""
+    from scipy.special import chdtri
+
+    return fixed(np.array([np.inf, *(chdtri(n, 1.0 - gate) for n in range(1, n_z + 1))]))
 
 
 @dataclass(frozen=True, kw_only=True)

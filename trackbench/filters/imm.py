@@ -55,6 +55,8 @@ class IMM:
         r = len(self.motions)
         if not isinstance(self.filter, GaussianFilter):
             raise MistakenKeyError("is no filter of one Gaussian", "filter")
+        if self.filter.gate is not None:
+            raise MistakenKeyError("the models of an IMM refuse no measurement", "filter", "gate")
         if r < 2:
             raise MistakenKeyError("an IMM has at least two motions", "motions")
         if len(self.transition) != r:
