@@ -1,0 +1,136 @@
+"""Every filter on every sensor: it runs for ten steps, or is refused with a reason."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench.evaluation.block import BlockTask, run_block
+from trackbench.experiment.config import load
+from trackbench.experiment.problems import UserError
+from trackbench.registry import kinds
+
+CV, CA = {"kind": "cv", "q": 0.1}, {"kind": "ca", "q": 1e-3}
+NEEDED: dict[str, dict[str, Any]] = {
+    "adaptive-kf": {"nmf": {"q": 0.1}, "mf": {"q": 1e-3}, "detector": {"eta": 20, "window_s": 5}},
+    "vdf": {"nmf": {"q": 0.1}, "mf": {"q": 1e-3}, "eta": 20},
+    "input-estimation": {"motion": {"q": 0.1}, "window_s": 5, "min_window_s": 1},
+    "alpha-beta": {"q": 0.1},
+    "imm": {"motions": [CV, CA], "transition": [[0.95, 0.05], [0.05, 0.95]]},
+    "gaussian-sum": {"split": 9, "span": 2.0},
+    **{kind: {"N": 60} for kind in ("pf", "rpf", "apf", "epf", "upf", "mpf", "los-rbpf")},
+    **{kind: {"N": 20, "G": 3} for kind in ("pfde", "hdepf")},
+}
+TARGET = {
+    "kind": "driven",
+    "motion": {"kind": "cwna", "q": 0.1},
+    "launch": {"x": 3000, "y": 2000, "vx": -20, "vy": 15},
+}
+SPACE = {**TARGET, "launch": {**TARGET["launch"], "z": 900, "vz": -3}}
+RADAR = {"kind": "range-azimuth", "sigma_range": 20, "sigma_azimuth_mrad": 5}
+KNOWN_ROUGHLY = {"kind": "gaussian", "sigma": [60, 5, 60, 5]}
+LINEAR = "a linear sensor"
+PER_AXIS = "a sensor of planar positions"
+SCANS = "a start from two scans of a radar at the origin"
+READING = "a sensor of range and azimuth"
+SCALAR = ("grid", "inversion")
+OF_POSITIONS = ("adaptive-kf", "alpha-beta", "input-estimation", "vdf")
+OF_SCANS = ("conversion", "gaussian-sum", "los-rbpf", "mpf")
+OF_READINGS = ("cmkf", "mcaekf")
+PROBLEMS: dict[str, tuple[dict[str, Any], dict[tuple[str, ...], str]]] = {
+    "position": (
+        {"target": TARGET, "sensor": {"kind": "position", "sigma": 30}, "start": "two-scan"},
+        {OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
+    "position-velocity": (
+        {
+            "target": TARGET,
+            "sensor": {"kind": "position-velocity", "sigma": 30, "sigma_velocity": 2},
+            "start": "two-scan",
+        },
+        {OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
+    "range-azimuth": (
+        {"target": TARGET, "sensor": RADAR, "start": "two-scan"},
+        {("kf",): LINEAR, OF_POSITIONS: PER_AXIS},
+    ),
+    "range-azimuth-doppler": (
+        {
+            "target": TARGET,
+            "sensor": {**RADAR, "kind": "range-azimuth-doppler", "sigma_range_rate": 1},
+            "start": "two-scan",
+        },
+        {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
+    "bearing": (
+        {
+            "target": TARGET,
+            "sensor": {"kind": "bearing", "sigma_mrad": 5},
+            "start": KNOWN_ROUGHLY,
+        },
+        {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
+    "two sensors": (
+        {
+            "target": TARGET,
+            "sensor": [
+                {**RADAR, "at": [500, -500], "detection": 0.7},
+                {"kind": "bearing", "sigma_mrad": 2, "period": 3},
+            ],
+            "start": "two-scan",
+        },
+        {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
+    ),
+    "range-azimuth-elevation": (
+        {
+            "target": SPACE,
+            "sensor": {
+                **RADAR,
+                "kind": "range-azimuth-elevation",
+                "sigma_elevation_mrad": 5,
+            },
+            "start": "two-scan",
+        },
+        {
+            ("kf",): LINEAR,
+            OF_POSITIONS: "a target in the plane",
+            OF_SCANS: "a target in the plane",
+            OF_READINGS: READING,
+        },
+    ),
+}
+CASES = [(name, kind) for name in PROBLEMS for kind in kinds("filters") if kind not in SCALAR]
+
+
+def config(folder: Path, problem: str, kind: str) -> Path:
+    scenario = {"kind": "tracking", "last": 12, **PROBLEMS[problem][0]}
+    tracker = {"kind": kind, **NEEDED.get(kind, {})}
+    path = folder / "c.yaml"
+    data = {"name": "c", "scenario": scenario, "filters": {"F": tracker}, "runs": 4}
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.mark.parametrize(("problem", "kind"), CASES)
+def test_it_runs_or_is_refused(problem: str, kind: str, tmp_path: Path) -> None:
+    path = config(tmp_path, problem, kind)
+    refused = PROBLEMS[problem][1]
+    reason = next((why for group, why in refused.items() if kind in group), None)
+    if reason is not None:
+        with pytest.raises(UserError) as error:
+            load(path)
+        assert f"{kind} needs {reason}, which there is not here" in str(error.value)
+        return
+    (point,) = load(path).points
+    task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4)
+    found = run_block(task).per_run
+    assert np.isfinite(found["rmse_position"]).all()
+    assert (found["lost"] == 0.0).all()
+
+
+@pytest.mark.parametrize("problem", [p for p in PROBLEMS if p != "range-azimuth-elevation"])
+def test_most_filters_run_on_a_planar_sensor(problem: str) -> None:
+    refused = {kind for group in PROBLEMS[problem][1] for kind in group}
+    assert len(set(kinds("filters")) - refused - set(SCALAR)) >= 12
