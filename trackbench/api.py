@@ -51,7 +51,7 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
     The results go to ``results/<name>-sweep/``, so that the experiment's own stay as they are.
     """
-    from trackbench.report.sweep import render_sweep
+    from trackbench.report.sweep_figures import render_sweep
 
     options = replace(options or Options(), **changes)
     if options.out is None:

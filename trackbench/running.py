@@ -208,9 +208,9 @@ def _reported(job: _Job, outcome: Outcome, options: Options, also: Also | None) 
 
 
 def _check_out(folder: Path) -> None:
-    """Raise UserError if a file stands where the folder is to be."""
+    """Raise UserError if something else stands where the folder is to be."""
     for path in (folder, *folder.parents):
-        if os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
+        if os.path.lexists(path) and not os.path.isdir(path):
             raise UserError(Problem(Mark(f"--out {folder}"), "", f"{path} is a file, not a folder"))
 
 

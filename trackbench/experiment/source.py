@@ -4,19 +4,23 @@ Numbers follow YAML 1.2 (``1e-5`` is a number, ``no`` is a word). Duplicate keys
 sizes are mistakes; nothing is ever constructed but the plain types.
 """
 
+import errno
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import yaml
+from yaml.reader import Reader
 
-from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.keys import regular
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Where a value stands: the keys and list indices that lead to it."""
 
 _LARGEST_FILE = 1_000_000  # bytes
+_UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
 _MOST_NODES = 20_000  # after aliases are expanded
 _DEEPEST = 50
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
@@ -68,15 +72,28 @@ def read(path: Path, shown: str | None = None) -> Source:
     """Parse a YAML file; ``shown`` is how messages name it."""
     name = shown or str(path)
     try:
-        size = path.stat().st_size
-        text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else ""
-    except UnicodeDecodeError:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is not a text file in UTF-8")) from None
+        return parse(text_of(path), name)
     except OSError as error:
-        raise UserError(Problem(Mark(name), "", (error.strerror or str(error)).lower())) from None
+        raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
+
+
+def text_of(path: Path) -> str:
+    """Content of a text file of at most 1 MB; raises OSError, in words, if it is anything else."""
+    size = regular(path).stat().st_size
     if size > _LARGEST_FILE:
-        raise UserError(Problem(Mark(name, 1, 1), "", f"has {size} bytes; a config has under 1 MB"))
-    return parse(text, name)
+        raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
+
+
+def unseen(text: str) -> str | None:
+    """What to say of a text that cannot be written into a file or onto a page as it is."""
+    found = _UNSEEN.search(text)
+    if found is None:
+        return None
+    return f"{text!r} holds the character U+{ord(found.group()):04X}, which is none of text"
 
 
 def parse(text: str, name: str) -> Source:
@@ -143,6 +160,7 @@ class _Builder:
                 continue
             key = str(key_node.value)
             at = (*keys, key)
+            self._check_text(key, mark, keys)
             if key in out:
                 first = self.key_marks[at].line
                 what = f"duplicate key, first given on line {first}"
@@ -158,7 +176,12 @@ class _Builder:
             what = f"the tag {node.tag} is not allowed"
             self.problems.append(Problem(self._mark(node), dotted(keys), what))
             return None
+        self._check_text(node.value, self._mark(node), keys)
         return scalar(node.value) if plain else node.value
+
+    def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
+        if unseen(text):
+            self.problems.append(Problem(mark, dotted(keys), str(unseen(text))))
 
     def _mark(self, node: yaml.Node) -> Mark:
         return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)

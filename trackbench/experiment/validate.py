@@ -1,7 +1,7 @@
 """A mapping into a frozen dataclass, with every mistake said in words and with its position."""
 
 import json
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from math import isinf, isnan
@@ -116,7 +116,7 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any]) -> Problem:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
     where = _existing(source, keys, item["loc"] + getattr(ctx.get("error"), "path", ()))
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        known = list(cls.__dataclass_fields__) if len(where) == len(keys) + 1 else []
+        known = [f.name for f in fields(cls)] if len(where) == len(keys) + 1 else []
         what = f"unknown key; {unknown(str(where[-1]), known)}" if known else "unknown key"
         return Problem(source.key_mark(where), dotted(where), what)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):

@@ -60,10 +60,11 @@ def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str
     """A figure as the content of a file, for each format; none of tracks if every filter failed."""
     if getattr(spec, "shown_runs", 0) and not results.shown:
         return []
-    figure = spec.draw(results)
-    # Each drawing moves the layout by a rounding: the SVG comes first, to be the same with any others.
-    first = sorted(formats, key=lambda form: form != "svg")
-    contents = [(form, style.content(figure, form)) for form in first]
+    with style.quiet():
+        figure = spec.draw(results)
+        # Each drawing moves the layout by a rounding: the SVG comes first, always the same.
+        first = sorted(formats, key=lambda form: form != "svg")
+        contents = [(form, style.content(figure, form)) for form in first]
     style.close(figure)
     return contents
 
