@@ -35,7 +35,8 @@ def in_line(text: str) -> str:
 
 def reason(error: OSError) -> str:
     """Why a file cannot be read or written."""
-    return (error.strerror or str(error)).lower()
+    words = error.strerror or str(error)
+    return words[:1].lower() + words[1:]
 
 
 class UserError(Exception):

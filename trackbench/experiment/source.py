@@ -22,7 +22,9 @@ Keys: TypeAlias = tuple[str | int, ...]
 _LARGEST_FILE = 1_000_000  # bytes
 _UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
 _MOST_NODES = 20_000  # after aliases are expanded
+_TOO_MANY = f"more than {_MOST_NODES} values"
 _DEEPEST = 50
+_LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INT = re.compile(r"[-+]?[0-9]+")
@@ -90,6 +92,8 @@ def text_of(path: Path) -> str:
 
 def unseen(text: str) -> str | None:
     """What to say of a text that cannot be written into a file or onto a page as it is."""
+    if len(text) > _LONGEST_TEXT:
+        return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
     found = _UNSEEN.search(text)
     if found is None:
         return None
@@ -99,7 +103,7 @@ def unseen(text: str) -> str | None:
 def parse(text: str, name: str) -> Source:
     """Parse YAML text."""
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = _Loader(text, name).get_single_node()
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
@@ -129,6 +133,22 @@ def scalar(text: str) -> Any:
     return _SPECIAL.get(text.lower(), text)
 
 
+class _Loader(yaml.SafeLoader):
+    """Stops early in a file of far too many values, which take some 20 us each."""
+
+    def __init__(self, text: str, name: str) -> None:
+        super().__init__(text)
+        self.file, self.nodes = name, 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """The next node, unless it is one too many."""
+        self.nodes += 1
+        if self.nodes > _MOST_NODES:
+            at = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise UserError(Problem(Mark(self.file, at.line + 1, at.column + 1), "", _TOO_MANY))
+        return super().compose_node(parent, index)
+
+
 class _Builder:
     def __init__(self, name: str) -> None:
         self.name = name
@@ -142,7 +162,7 @@ class _Builder:
         self.marks[keys] = mark
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            raise UserError(Problem(mark, "", f"more than {_MOST_NODES} values after aliases"))
+            raise UserError(Problem(mark, "", f"{_TOO_MANY} after aliases"))
         if len(keys) > _DEEPEST:
             raise UserError(Problem(mark, "", f"nested more than {_DEEPEST} levels deep"))
         if isinstance(node, yaml.MappingNode):
