@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.files import write_bytes
+from trackbench.experiment.files import made, write_bytes
 from trackbench.report import style
 from trackbench.report.results import Results
 from trackbench.report.sweep import Sweep, best_points, write_sweep
@@ -21,9 +21,8 @@ _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
 
 def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
     """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
-    sweep, figures = Sweep(results), results.folder / "figures"
+    sweep, figures = Sweep(results), made(results.folder / "figures")
     write_sweep(sweep)
-    figures.mkdir(exist_ok=True)
     for metric in sweep.metrics:
         with style.quiet():
             figure = _drawn(sweep, metric)
