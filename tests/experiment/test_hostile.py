@@ -3,6 +3,8 @@
 import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -285,3 +287,19 @@ def test_a_results_folder_with_other_things_in_it(odd: Path, tmp_path: Path) -> 
         api.plot(folder)
     remove_outputs(folder, keep=())  # does not wait for somebody to write into the pipe
     assert not (folder / "summary.csv").exists()
+
+
+def test_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    (folder / "c.yaml").write_text(GOOD)
+    words = [sys.executable, "-m", "trackbench", "check", str(folder / "c.yaml")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith(r"caf\udce9/c.yaml: good, 1 filters" + "\n")
+    (folder / "c.yaml").write_text(GOOD.replace("{kind: merwe, T: 3}", RECORDED % "z.csv"))
+    with pytest.raises(UserError, match=r"3:11: scenario: the name of a folder it lies in"):
+        load(folder / "c.yaml")
