@@ -5,6 +5,7 @@ import inspect
 import re
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,33 @@ def test_imports_go_down_only(path: Path) -> None:
     for other in _imports(path):
         assert FLOORS[other] <= FLOORS[room], f"{path} on floor {room} imports {other} above it"
         assert {room, other} != {"scenarios", "filters"}, f"{path}: filters and scenarios are apart"
+
+
+def _name(path: Path) -> str:
+    """The module's full name."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _imported(path: Path, names: set[str]) -> set[str]:
+    """The modules among these that a file imports, at its top or within a function."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{a.name}" for a in node.names} | {str(node.module)}
+        if isinstance(node, ast.Import):
+            found |= {a.name for a in node.names}
+    return found & names
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    """Nor by an import within a function; the package itself, which any import begins with, apart."""
+    names = {_name(path) for path in _modules()}
+    graph = {_name(path): _imported(path, names) for path in _modules()}
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
 
 
 def test_the_design_names_every_module_of_the_house() -> None:

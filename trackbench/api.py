@@ -4,6 +4,7 @@
 results of an earlier run.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,7 +52,7 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
     The results go to ``results/<name>-sweep/``, so that the experiment's own stay as they are.
     """
-    from trackbench.report.sweep import render_sweep
+    from trackbench.report.sweep_figures import render_sweep
 
     options = replace(options or Options(), **changes)
     if options.out is None:
@@ -90,7 +91,7 @@ def plot(
 def report(folder: Path | str) -> list[Path]:
     """Write report.html of a results folder, or index.html and the ledger over a folder of them."""
     folder = Path(folder)
-    if not (folder / "config.yaml").is_file():
+    if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name
         return write_overview(folder)
     with _written_again(folder) as (results, _):
         return [write_report(results)]

@@ -1,6 +1,10 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
+import errno
+import os
+import stat
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Gt, Interval
@@ -19,12 +23,25 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
 
-ONE_LINE = r"^[^\x00-\x1f\x7f]+$"
+ONE_LINE = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]+$"
 """Pattern of a label: one line of visible characters."""
 
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]
 """A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
+
+
+def regular(path: str | Path) -> Path:
+    """The path of a file that can be read to its end.
+
+    Raises OSError for what is not there, a folder, and a device or a pipe, which may have no end.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise OSError(errno.EISDIR, "is a folder")
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "is a device or a pipe, not a file")
+    return Path(path)
 
 
 class Place(NamedTuple):

@@ -1,6 +1,6 @@
 """From configs to results folders: what is run, on which workers, and what is said of it."""
 
-import os
+import stat
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -16,7 +16,7 @@ from trackbench.experiment.files import touched
 from trackbench.experiment.lock import locked
 from trackbench.experiment.outputs import seal
 from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
-from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
 from trackbench.experiment.runner import Outcome, execute
 from trackbench.experiment.store import Losses, write_results
 from trackbench.report.comparison import summary_lines
@@ -208,10 +208,16 @@ def _reported(job: _Job, outcome: Outcome, options: Options, also: Also | None) 
 
 
 def _check_out(folder: Path) -> None:
-    """Raise UserError if a file stands where the folder is to be."""
+    """Raise UserError if something else stands where the folder is to be."""
     for path in (folder, *folder.parents):
-        if os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
-            raise UserError(Problem(Mark(f"--out {folder}"), "", f"{path} is a file, not a folder"))
+        try:
+            bad = "" if stat.S_ISDIR(path.stat().st_mode) else f"{path} is a file, not a folder"
+        except (FileNotFoundError, NotADirectoryError):
+            bad = f"{path} is a link to nothing" if path.is_symlink() else ""
+        except OSError as error:
+            bad = f"{path}: {reason(error)}"
+        if bad:
+            raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
 
 
 def _say(text: str, options: Options) -> None:

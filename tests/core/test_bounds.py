@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
 
 from tests.conftest import random_covariance
 from trackbench.core import kalman
 from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
 from trackbench.models.linear import CWNA
-from trackbench.scenarios.banana import Banana
 
 
 def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Generator) -> None:

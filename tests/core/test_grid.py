@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run, track
 from trackbench.core.grid import weights_up_to
 from trackbench.evaluation.block import simulate
 from trackbench.models.base import log_likelihood
-from trackbench.scenarios.merwe import Merwe
 
 
 @pytest.mark.parametrize(("R", "tolerance"), [(1e-5, 1e-9), (0.1, 1e-6), (1.0, 1e-6)])

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from trackbench.filters.linear import KF
+from trackbench.scenarios.maneuver import Maneuver
 
 from trackbench.core import kalman
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.once import forget, once
 from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.filters.linear import KF
 from trackbench.models.motions import WhiteAcceleration
-from trackbench.scenarios.maneuver import Maneuver
 
 
 def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:

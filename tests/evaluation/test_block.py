@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from trackbench.scenarios.maneuver import Maneuver
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import BlockTask, run_block
 from trackbench.evaluation.metrics import FOUND
 from trackbench.evaluation.statistics import median
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 
 @pytest.mark.parametrize(

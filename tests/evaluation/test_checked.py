@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
+from trackbench.scenarios.maneuver import Maneuver
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, track
 from trackbench.core.arrays import frozen
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, run_block, simulate
 from trackbench.filters.kalman import UKF
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 SCENARIO = Merwe(T=5, R=0.1)
 MANEUVER = Maneuver(duration=60.0, legs=())

@@ -4,11 +4,11 @@ import pickle
 from dataclasses import dataclass
 
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment import arithmetic, digest, worker
 from trackbench.filters.bootstrap import PF
-from trackbench.scenarios.merwe import Merwe
 
 
 @dataclass(frozen=True, kw_only=True)

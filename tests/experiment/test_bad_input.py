@@ -102,7 +102,7 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         ("runs: 10", "runs: 0", "2:7: runs: 0 is less than 1"),
         ("runs: 10", "rnus: 10", "2:1: rnus: unknown key; did you mean runs?"),
         ("name: x\n", "", "1:1: name: this key is required"),
-        ("scenario: {kind: merwe}", "scenario: nowhere.yaml", "3:11: scenario: there is no file"),
+        ("scenario: {kind: merwe}", "scenario: nowhere.yaml", "3:11: scenario: cannot read"),
         ("scenario: {kind: merwe}", "scenario: {T: 3}", "3:11: scenario: needs a kind"),
         (
             "scenario: {kind: merwe}",
@@ -266,5 +266,5 @@ def test_files_that_are_no_config(tmp_path: Path, content: bytes, expected: str)
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"none\.yaml: no such file"):
+    with pytest.raises(UserError, match=r"none\.yaml:1:1: no such file"):
         load(tmp_path / "none.yaml")

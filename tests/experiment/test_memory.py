@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from trackbench.scenarios.banana import Banana
+from trackbench.scenarios.merwe import Merwe
 
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
 from trackbench.experiment.plan import _block_bytes, block_width
 from trackbench.registry import kinds
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.merwe import Merwe
 
 SCENARIOS = {"merwe": Merwe(T=4, R=1.0), "banana": Banana(scans=5)}
 

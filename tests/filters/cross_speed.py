@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from trackbench.scenarios.banana import Banana
+
 from trackbench.scenarios.base import Simulation
 
 Array = NDArray[np.float64]

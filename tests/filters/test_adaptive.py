@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from trackbench.filters.linear import KF
+from trackbench.scenarios.legs import Leg
+from trackbench.scenarios.maneuver import Maneuver
 
 from tests.conftest import make_filter, per_run, track
 from trackbench.core.fading import tail
@@ -12,11 +15,8 @@ from trackbench.evaluation.block import BlockTask, run_block
 from trackbench.filters.adaptive import BOTH, AdaptiveKF
 from trackbench.filters.axes import axis_step
 from trackbench.filters.input_estimation import VDF, InputEstimation
-from trackbench.filters.linear import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
 from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
-from trackbench.scenarios.legs import Leg
-from trackbench.scenarios.maneuver import Maneuver
 
 QUIET_CV, STILL_CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=0.0)
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)

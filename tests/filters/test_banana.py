@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run, track
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.scenarios.banana import Banana
 
 FAR = Banana(velocity_cross=1000.0)
 GAUSSIAN: list[tuple[str, dict[str, Any]]] = [

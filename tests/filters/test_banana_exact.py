@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, track
 from tests.filters.cross_speed import Posterior, exact_posterior
 from trackbench.core import linalg
 from trackbench.evaluation.block import Estimates, simulate
-from trackbench.scenarios.banana import Banana
 from trackbench.scenarios.base import Simulation
 
 RUNS = 60

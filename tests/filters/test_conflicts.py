@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from tests.conftest import make_filter
-from trackbench.models.motions import ConstantVelocity
 from trackbench.scenarios.banana import Banana
 from trackbench.scenarios.maneuver import Maneuver
 from trackbench.scenarios.merwe import Merwe
+
+from tests.conftest import make_filter
+from trackbench.models.motions import ConstantVelocity
 from trackbench.scenarios.recorded import Recorded
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [

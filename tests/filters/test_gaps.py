@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
 from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
 from trackbench.experiment.checks import has
 from trackbench.registry import kinds
-from trackbench.scenarios.merwe import Merwe
 
 SCENARIO = Merwe(T=6, R=0.1)
 RUNS = 400

@@ -5,19 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.filters.linear import KF, AlphaBeta
+from trackbench.scenarios.legs import Leg
+from trackbench.scenarios.maneuver import Maneuver
 
 from tests.conftest import track
 from trackbench.core.streams import RunStreams
 from trackbench.filters.imm import IMM
-from trackbench.filters.linear import KF, AlphaBeta
 from trackbench.models.motions import (
     ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
     WhiteAcceleration,
 )
-from trackbench.scenarios.legs import Leg
-from trackbench.scenarios.maneuver import Maneuver
 
 SCENARIO = Maneuver(duration=120.0, legs=(Leg(start=40, end=80, ax=0.3, ay=-0.2),), score_from=0.0)
 RUNS = 2

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run
 from trackbench.evaluation.statistics import mean, variance
-from trackbench.scenarios.merwe import Merwe
 
 PUBLISHED = {  # RMSE mean and variance over 100 runs
     "EKF": (0.374, 0.015),

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, track
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.filters import bootstrap, proposal
-from trackbench.scenarios.merwe import Merwe
 
 R, Q, P0 = 0.1, 0.75, 0.5
 

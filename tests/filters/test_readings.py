@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run, track
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.scenarios.merwe import Merwe
 
 
 def test_literal_hdepf_is_lost_and_says_why() -> None:

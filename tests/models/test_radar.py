@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from trackbench.models.radar import RangeAzimuth, wrapped
 
 from trackbench.core.conversions import position
-from trackbench.models.radar import RangeAzimuth, wrapped
 from trackbench.models.twopoint import TwoPoint
 
 SENSOR = RangeAzimuth(0.2, 2e-3)

@@ -7,6 +7,9 @@ collapse. The tolerances are rounding, as the matrices' condition and the evolut
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
+from trackbench.scenarios.maneuver import Leg, Maneuver
+from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
 from tests.reference import Draws
@@ -16,9 +19,6 @@ from tests.reference.radar import cmkf, mcaekf, mpf
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.filters.switching import Detector, Exit, SecondDecision
 from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.maneuver import Leg, Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 RUNS, SEED = 3, 20261122
 LONG, MERWE = Maneuver(), Merwe()

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trackbench.filters.linear import KF
 
 from tests.conftest import track
 from trackbench import api
 from trackbench.evaluation.block import simulate
-from trackbench.filters.linear import KF
 from trackbench.models.motions import ConstantVelocity
 from trackbench.report import style
 from trackbench.report.results import Results

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import TOO_FAR
-from trackbench.scenarios.banana import Banana
 
 GOOD = """name: x
 runs: 10

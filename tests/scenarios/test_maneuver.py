@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-
-from trackbench.core.streams import RunStreams
-from trackbench.keys import MistakenKeyError
 from trackbench.scenarios.legs import Launch, Leg
 from trackbench.scenarios.maneuver import Maneuver
 from trackbench.scenarios.onsets import Onsets
+
+from trackbench.core.streams import RunStreams
+from trackbench.keys import MistakenKeyError
 
 
 def test_corrected_track_turns_by_ninety_degrees_each_time() -> None:

@@ -204,7 +204,7 @@ def test_every_mistake_in_a_file_is_said(tmp_path: Path) -> None:
         ),
         ("truth: data/t.csv", "thruth: data/t.csv", "unknown key; did you mean truth?"),
         ("measurements: data/m.csv", "measurements: 3", "3 is not a word"),
-        (f"like: {LIKE}", "like: nowhere.yaml", "8:9: scenario.like: there is no file"),
+        (f"like: {LIKE}", "like: nowhere.yaml", "8:9: scenario.like: cannot read"),
     ],
 )
 def test_configs_with_mistakes(

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from io import TextIOWrapper
 
 import typer
 
@@ -29,6 +30,8 @@ def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
     from trackbench.experiment.problems import RunError, UserError
 
+    if isinstance(sys.stdout, TextIOWrapper):  # a folder's name need not be UTF-8, as stderr knows
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app()
     except UserError as error:

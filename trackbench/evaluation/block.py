@@ -116,8 +116,8 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     The second costs next to nothing, and is what a later batch of more runs needs.
     """
     _keep_freed_memory()
-    data = simulate(task.scenario, task.seed, task.first_run, task.width)
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
+        data = simulate(task.scenario, task.seed, task.first_run, task.width)
         covariances = task.shown_of(task.width) if task.keep_covariance else 0
         result = estimate(task, data, covariances)
         exact = _reference_mean(task) if task.reference is not None else None

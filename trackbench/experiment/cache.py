@@ -98,4 +98,4 @@ def clear_cache(root: Path, old_only: bool = False) -> None:
 
 def _versions(root: Path) -> list[Path]:
     blocks = root / "blocks"
-    return sorted(f for f in blocks.iterdir() if f.is_dir()) if blocks.is_dir() else []
+    return sorted(f for f in blocks.iterdir() if f.is_dir()) if os.path.isdir(blocks) else []

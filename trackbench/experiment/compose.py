@@ -1,14 +1,14 @@
 """Putting a config together: parts from other files, and overrides by path."""
 
-import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.source import Keys, Source, dotted, read, scalar
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.experiment.source import Keys, Source, dotted, parse, read, scalar, unseen
 from trackbench.experiment.validate import at
+from trackbench.keys import regular
 
 _PARTS = ("filters", "tables", "figures")
 
@@ -49,7 +49,7 @@ def _inline_nested(source: Source, keys: Keys) -> None:
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
-    """Set the value at ``keys``, making mappings on the way; positions become ``mark``."""
+    """Set the value at ``keys``, making mappings on the way; all positions in it become ``mark``."""
     data = source.data
     for depth, key in enumerate(keys[:-1]):
         if isinstance(data, dict) and not isinstance(data.get(key), dict | list):
@@ -57,21 +57,42 @@ def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
             source.marks[keys[: depth + 1]] = mark
         data = data[key]
     data[keys[-1]] = value
+    for marks in (source.marks, source.key_marks):  # of what it takes the place of
+        for old in [k for k in marks if k[: len(keys)] == keys]:
+            del marks[old]
+    _mark_all(source, keys, value, mark)
+
+
+def _mark_all(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
     source.marks[keys] = source.key_marks[keys] = mark
+    inner = (
+        value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    )
+    for key in inner:
+        _mark_all(source, (*keys, key), value[key], mark)
 
 
 def assignment(source: Source, text: str, option: str = "--set") -> tuple[Keys, Any, Mark]:
-    """``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself."""
+    """``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
+
+    The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
+    """
     keys, value, mark = split_assignment(source, text, option)
-    return keys, scalar(value), mark
+    if not value.lstrip().startswith(("[", "{", '"', "'")):
+        return keys, scalar(value.strip()), mark
+    try:
+        return keys, parse(value, mark.file).data, mark
+    except UserError as error:
+        whats = [p.what for p in error.problems if isinstance(p, Problem)]
+        raise UserError(*(Problem(mark, dotted(keys), what) for what in whats)) from None
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
     """Like `assignment`, the value as it was typed."""
     mark = Mark(f"{option} {text}")
     places = [i for i, c in enumerate(text) if c == "=" and i > 0]
-    if not places:
-        raise UserError(Problem(mark, "", "write PATH=VALUE"))
+    if not places or unseen(text):
+        raise UserError(Problem(mark, "", unseen(text) or "write PATH=VALUE"))
     best: tuple[int, Keys, str] | None = None
     for i in places:
         keys = split_path(source, text[:i])
@@ -100,7 +121,7 @@ def split_path(source: Source, path: str) -> Keys:
         key: str = max(known, key=len) if known else path.partition(".")[0]
         path = path[len(key) + 1 :]
         if isinstance(data, list):
-            index = int(key) if key.isdigit() and int(key) < len(data) else None
+            index = next((i for i in range(len(data)) if key == str(i)), None)
             if index is None:
                 raise UserError(f"{dotted((*keys, key))}: no such item")
             keys, data = (*keys, index), data[index]
@@ -127,8 +148,11 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     if depth > 10:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     path = folder / name
-    if not os.path.isfile(path):  # unlike Path.is_file, quiet about a name that is too long
-        raise UserError(Problem(mark, dotted(keys), f"there is no file {path}"))
+    try:
+        regular(path)
+    except OSError as error:
+        what = f"cannot read {path}: {reason(error)}"
+        raise UserError(Problem(mark, dotted(keys), what)) from None
     part = read(path)
     if not isinstance(part.data, dict):
         raise UserError(Problem(part.mark(()), dotted(keys), "is not a mapping with a kind"))

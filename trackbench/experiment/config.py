@@ -29,7 +29,7 @@ from trackbench.experiment.plugins import Plugin, load_plugins
 from trackbench.experiment.points import grid_points, take
 from trackbench.experiment.problems import Mark, Problem, RunError, UserError
 from trackbench.experiment.published import Published, read_published
-from trackbench.experiment.source import Source, read
+from trackbench.experiment.source import Source, read, unseen
 from trackbench.experiment.validate import build
 from trackbench.registry import Group
 
@@ -84,6 +84,9 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
 
 
 def _set_only(source: Source, labels: list[str]) -> None:
+    for label in labels:
+        if unseen(label):
+            raise UserError(Problem(Mark(f"--only {label}"), "", str(unseen(label))))
     if labels:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
     for i, label in enumerate(labels):
@@ -158,11 +161,10 @@ def _parts(group: Group, source: Source, problems: list[Problem]) -> dict[str, A
 def _published(
     source: Source, settings: Settings, folder: Path, problems: list[Problem]
 ) -> Published:
-    mark = source.mark(("published",))
+    mark, labels = source.mark(("published",)), [*settings.filters]
+    labels += [settings.bound] if settings.bound else []
     try:
-        return read_published(
-            folder, settings.published, settings.name, list(settings.filters), mark
-        )
+        return read_published(folder, settings.published, settings.name, labels, mark)
     except UserError as error:
         problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()

@@ -60,6 +60,15 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
             partial.unlink(missing_ok=True)
 
 
+def made(folder: Path) -> Path:
+    """The folder, made if it is not there; raises WriteError if it cannot be."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise WriteError(folder, error) from error
+    return folder
+
+
 def remove(path: Path) -> None:
     """Remove a file if it is there; raises WriteError if it may not be."""
     try:

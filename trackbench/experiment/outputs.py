@@ -13,6 +13,7 @@ from trackbench.experiment.manifest import FORMAT
 from trackbench.experiment.packing import PACKED, left_out, opened, packed, there
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.source import read
+from trackbench.keys import regular
 
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
@@ -75,8 +76,8 @@ def _digest(path: Path) -> str:
 
 def _recorded(folder: Path) -> Iterator[str]:
     """What the manifest names, as far as a run can have written it: manifests may be edited."""
-    with suppress(OSError, ValueError, LookupError, TypeError):
-        for name in json.loads((folder / "manifest.json").read_bytes())["files"]:
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+        for name in json.loads(regular(folder / "manifest.json").read_bytes())["files"]:
             path = PurePosixPath(name)
             if path.parts[:-1] in ((), *((inner,) for inner in _FOLDERS)):
                 yield name

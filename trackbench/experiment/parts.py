@@ -118,6 +118,8 @@ def _with_preset(
     data = {k: v for k, v in at(source, keys).items() if k != "kind"}
     name = data.get("preset")
     presets = getattr(cls, "presets", {})
+    if presets and name is None:
+        data.pop("preset", None)
     if name is None or not presets:
         return data
     del data["preset"]

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import Problem, UserError, reason
 from trackbench.experiment.source import Source, dotted
+from trackbench.keys import regular
 from trackbench.registry import kinds
 
 
@@ -37,7 +38,7 @@ class Plugin:
 
 def read_plugin(path: Path) -> Plugin:
     """The file as it is now; raises OSError."""
-    return Plugin(str(path.absolute()), path.read_bytes())
+    return Plugin(str(path.absolute()), regular(path).read_bytes())
 
 
 def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, ...]:
@@ -75,7 +76,7 @@ def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
         plugin = read_plugin(folder / name)
         load_plugin(plugin)
     except OSError as error:
-        raise _RefusedError(f"{folder / name}: {(error.strerror or str(error)).lower()}") from None
+        raise _RefusedError(f"{folder / name}: {reason(error)}") from None
     except (Exception, SystemExit) as error:
         raise _RefusedError(f"{_last_place(error, name)}{type(error).__name__}: {error}") from None
     return plugin

@@ -25,9 +25,18 @@ class Problem:
     what: str
 
     def __str__(self) -> str:
-        return (
-            f"{self.mark}: {self.path}: {self.what}" if self.path else f"{self.mark}: {self.what}"
-        )
+        return in_line(": ".join(filter(None, [str(self.mark), self.path, self.what])))
+
+
+def in_line(text: str) -> str:
+    """The text in one line, whatever a label or a foreign message has in it."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def reason(error: OSError) -> str:
+    """Why a file cannot be read or written."""
+    words = error.strerror or str(error)
+    return words[:1].lower() + words[1:]
 
 
 class UserError(Exception):
@@ -46,5 +55,4 @@ class WriteError(RunError):
     """A file could not be written."""
 
     def __init__(self, path: Path, error: OSError) -> None:
-        reason = (error.strerror or str(error)).lower()
-        super().__init__(f"cannot write {path}: {reason}")
+        super().__init__(f"cannot write {path}: {reason(error)}")

@@ -11,14 +11,14 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.source import Source, scalar
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.experiment.source import Source, scalar, text_of, unseen
 from trackbench.experiment.validate import build, unknown
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
 
 _NAME = r"[A-Za-z_][\w.-]*(?:\[[^\]]*\])?"
 _PLAIN = rf"(?:{_NAME}\({_NAME}\)|{_NAME}@(?:\d+|last)|{_NAME})"
-_COMPOSED = rf"(?:gain|ratio|minus)\({_PLAIN}, .+\)"
+_COMPOSED = rf"(?:gain|ratio|minus)\({_PLAIN}, (?P<other>.+)\)"
 EXPRESSION = re.compile(rf"{_PLAIN}|{_COMPOSED}")
 
 
@@ -104,11 +104,6 @@ class Claim:
     """what else is to be known"""
 
     @property
-    def labels(self) -> list[str]:
-        """Every label of the test."""
-        return split(self.left) + self.rights
-
-    @property
     def rights(self) -> list[str]:
         """Labels of the right side."""
         return split(self.right)
@@ -143,10 +138,11 @@ def read_published(
     found, problems = Published(), []
     for path in paths:
         try:
-            text = (folder / path).read_text(encoding="utf-8-sig")
-        except (OSError, ValueError):  # not there, not UTF-8, or a path with a null in it
+            text = text_of(folder / path)
+        except OSError as error:
             where = mark or Mark(str(folder / "config.yaml"))
-            problems.append(Problem(where, "published", f"cannot read {folder / path}"))
+            what = f"cannot read {folder / path}: {reason(error)}"
+            problems.append(Problem(where, "published", what))
             continue
         name = Path(path).name
         if name in found.files:
@@ -177,7 +173,9 @@ def _read(
     except csv.Error as error:
         problems.append(Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}"))
         return
-    header = rows[0][1] if rows else []
+    line, header = rows[0] if rows else (1, [])
+    for key in dict.fromkeys(key for key in header if header.count(key) > 1):
+        problems.append(Problem(Mark(name, line, 1), key, "there are two columns of this name"))
     cls: type[Any] = Claim if "claim" in header else PublishedNumber
     for line, cells in rows[1:]:
         if not cells:
@@ -214,6 +212,8 @@ def _source(
         if cell != "" or (key in words and _required(cls, key)):
             data[key] = cell if key in words else _number(cell)
             source.marks[0, key] = source.key_marks[0, key] = Mark(name, line, column)
+            if unseen(cell):
+                problems.append(Problem(Mark(name, line, column), key, str(unseen(cell))))
         column += len(_as_written(cell)) + 1
     return source
 
@@ -240,18 +240,24 @@ def _check(
     problems: list[Problem],
 ) -> None:
     """The row's labels exist in the experiment, its point and its expressions can be read."""
-    if not all("=" in part for part in split(row.point)):
-        what = f"{row.point!r} is not path=value; path=value"
-        problems.append(Problem(source.mark((0, "point")), "point", what))
-    for label in row.labels:
+
+    def wrong(key: str, what: str) -> None:
+        problems.append(Problem(source.mark((0, key)), key, what))
+
+    def known(key: str, label: str) -> None:
         if labels is not None and label not in labels:
-            key = "left" if label == getattr(row, "left", None) else "right"
-            key = key if isinstance(row, Claim) else "label"
-            what = f"{label!r} is not a filter here; {unknown(label, labels)}"
-            problems.append(Problem(source.mark((0, key)), key, what))
-    for expression in row.expressions:
-        if not EXPRESSION.fullmatch(expression):
-            what = (
-                f"{expression!r} is no expression such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
-            )
-            problems.append(Problem(source.mark((0, "expression")), "expression", what))
+            wrong(key, f"{label!r} is not a filter here; {unknown(label, labels)}")
+
+    if not all("=" in part for part in split(row.point)):
+        wrong("point", f"{row.point!r} is not path=value; path=value")
+    for key in ("label", "left", "right"):
+        for label in split(getattr(row, key, "")):
+            known(key, label)
+    for key in ("expression", "right_expression"):
+        expression = getattr(row, key, "")
+        match = EXPRESSION.fullmatch(expression)
+        if expression and not match:
+            such = "such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
+            wrong(key, f"{expression!r} is no expression {such}")
+        if match and match["other"]:
+            known(key, match["other"])

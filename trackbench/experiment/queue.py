@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.experiment.engines import OpenEngine
 from trackbench.experiment.plugins import Plugin
-from trackbench.experiment.problems import RunError
+from trackbench.experiment.problems import RunError, in_line
 from trackbench.experiment.worker import compute, ground
 
 _MOST_DEATHS = 4
@@ -58,7 +58,8 @@ class Queue:
         """Remember why the task's filter fails; returns it and its other blocks, now left out."""
         lost = algorithm(task)
         runs = f"runs {task.first_run} to {task.first_run + task.used - 1}"
-        self.failed.setdefault(lost, f"{type(error).__name__}: {error} ({runs})")
+        why = f"{type(error).__name__}: {' '.join(str(error).split())} ({runs})"
+        self.failed.setdefault(lost, in_line(why))
         left_out = [t for t in self._waiting if algorithm(t) == lost]
         self._waiting = deque(t for t in self._waiting if algorithm(t) != lost)
         return [task, *left_out]

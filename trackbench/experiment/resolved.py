@@ -84,6 +84,8 @@ class _Dumper(yaml.SafeDumper):
     def represent_word(self, word: str) -> yaml.ScalarNode:
         """Quoted also where only YAML 1.2 takes a plain word for a number, such as 1e5."""
         quoted = "'" if scalar(word) != word else None
+        if "\x85" in word:  # a line break to YAML, which only double quotes can say
+            quoted = '"'
         return self.represent_scalar("tag:yaml.org,2002:str", word, style=quoted)
 
 

@@ -4,21 +4,27 @@ Numbers follow YAML 1.2 (``1e-5`` is a number, ``no`` is a word). Duplicate keys
 sizes are mistakes; nothing is ever constructed but the plain types.
 """
 
+import errno
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import yaml
+from yaml.reader import Reader
 
-from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.keys import regular
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Where a value stands: the keys and list indices that lead to it."""
 
 _LARGEST_FILE = 1_000_000  # bytes
+_UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
 _MOST_NODES = 20_000  # after aliases are expanded
+_TOO_MANY = f"more than {_MOST_NODES} values"
 _DEEPEST = 50
+_LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INT = re.compile(r"[-+]?[0-9]+")
@@ -68,21 +74,36 @@ def read(path: Path, shown: str | None = None) -> Source:
     """Parse a YAML file; ``shown`` is how messages name it."""
     name = shown or str(path)
     try:
-        size = path.stat().st_size
-        text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else ""
-    except UnicodeDecodeError:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is not a text file in UTF-8")) from None
+        return parse(text_of(path), name)
     except OSError as error:
-        raise UserError(Problem(Mark(name), "", (error.strerror or str(error)).lower())) from None
+        raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
+
+
+def text_of(path: Path) -> str:
+    """Content of a text file of at most 1 MB; raises OSError, in words, if it is anything else."""
+    size = regular(path).stat().st_size
     if size > _LARGEST_FILE:
-        raise UserError(Problem(Mark(name, 1, 1), "", f"has {size} bytes; a config has under 1 MB"))
-    return parse(text, name)
+        raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
+
+
+def unseen(text: str) -> str | None:
+    """What to say of a text that cannot be written into a file or onto a page as it is."""
+    if len(text) > _LONGEST_TEXT:
+        return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
+    found = _UNSEEN.search(text)
+    if found is None:
+        return None
+    return f"{text!r} holds the character U+{ord(found.group()):04X}, which is none of text"
 
 
 def parse(text: str, name: str) -> Source:
     """Parse YAML text."""
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = _Loader(text, name).get_single_node()
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
@@ -112,6 +133,22 @@ def scalar(text: str) -> Any:
     return _SPECIAL.get(text.lower(), text)
 
 
+class _Loader(yaml.SafeLoader):
+    """Stops early in a file of far too many values, which take some 20 us each."""
+
+    def __init__(self, text: str, name: str) -> None:
+        super().__init__(text)
+        self.file, self.nodes = name, 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """The next node, unless it is one too many."""
+        self.nodes += 1
+        if self.nodes > _MOST_NODES:
+            at = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise UserError(Problem(Mark(self.file, at.line + 1, at.column + 1), "", _TOO_MANY))
+        return super().compose_node(parent, index)
+
+
 class _Builder:
     def __init__(self, name: str) -> None:
         self.name = name
@@ -125,7 +162,7 @@ class _Builder:
         self.marks[keys] = mark
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            raise UserError(Problem(mark, "", f"more than {_MOST_NODES} values after aliases"))
+            raise UserError(Problem(mark, "", f"{_TOO_MANY} after aliases"))
         if len(keys) > _DEEPEST:
             raise UserError(Problem(mark, "", f"nested more than {_DEEPEST} levels deep"))
         if isinstance(node, yaml.MappingNode):
@@ -143,6 +180,7 @@ class _Builder:
                 continue
             key = str(key_node.value)
             at = (*keys, key)
+            self._check_text(key, mark, keys)
             if key in out:
                 first = self.key_marks[at].line
                 what = f"duplicate key, first given on line {first}"
@@ -158,7 +196,12 @@ class _Builder:
             what = f"the tag {node.tag} is not allowed"
             self.problems.append(Problem(self._mark(node), dotted(keys), what))
             return None
+        self._check_text(node.value, self._mark(node), keys)
         return scalar(node.value) if plain else node.value
+
+    def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
+        if unseen(text):
+            self.problems.append(Problem(mark, dotted(keys), str(unseen(text))))
 
     def _mark(self, node: yaml.Node) -> Mark:
         return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)

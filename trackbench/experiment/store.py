@@ -20,7 +20,7 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.experiment.definition import Experiment
-from trackbench.experiment.files import csv_writer, replacing, write_text
+from trackbench.experiment.files import csv_writer, made, replacing, write_text
 from trackbench.experiment.manifest import manifest_of
 from trackbench.experiment.metric_names import base_name, kept_metrics, shared
 from trackbench.experiment.outputs import remove_outputs
@@ -149,7 +149,7 @@ def _prefixed(
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
     if files:
-        folder.mkdir(exist_ok=True)
+        made(folder)
     for name, text in files.items():
         write_text(folder / name, text)
 

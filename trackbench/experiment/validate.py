@@ -150,6 +150,8 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
     shown = _show(value)
     if kind == "value_error":
         return str(ctx["error"])
+    if kind == "json_invalid":
+        return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
     if kind in ("less_than", "greater_than") and isinstance(value, float) and isinf(value):

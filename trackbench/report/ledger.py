@@ -1,5 +1,6 @@
 """Several results folders together: results/index.html, and results/README.md as the ledger."""
 
+import os
 from pathlib import Path
 
 from trackbench.experiment.files import write_text
@@ -27,7 +28,7 @@ def write_overview(folder: Path) -> list[Path]:
 
 
 def _opened(folder: Path) -> list[Results]:
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
     if not candidates:

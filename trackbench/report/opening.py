@@ -1,5 +1,6 @@
 """Whether a folder holds whole results that this version can read."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def open_results(folder: Path) -> Results:
     Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
     config of something else.
     """
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # unlike Path.is_dir, quiet about a name that is too long
         raise UserError(f"{folder}: there is no such folder")
     if not (folder / "config.yaml").is_file():
         raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
@@ -77,7 +78,7 @@ def _check_manifest(results: Results) -> None:
         version, recorded = int(manifest["format"]), dict(manifest["files"])
         whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
         whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
-    except (ValueError, KeyError, TypeError, AssertionError):
+    except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
         whole = False
     if not whole:
         raise NotWholeError(f"{folder}: manifest.json cannot be read: {_AGAIN}")

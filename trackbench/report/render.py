@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.files import write_bytes, write_csv, write_text
+from trackbench.experiment.files import made, write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.validate import unknown
 from trackbench.report import style
@@ -27,7 +27,7 @@ def render(results: Results, formats: Collection[str]) -> tuple[dict[str, Table]
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
     tables = results.tables
-    folder = _made(results.target / "tables") if tables else results.target
+    folder = made(results.target / "tables") if tables else results.target
     for name, table in tables.items():
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
@@ -50,7 +50,7 @@ def write_figures(
     for name, spec in figures.items():
         if forms and (not only or name in only or spec.kind in only):
             for form, content in drawn(spec, results, forms):
-                path = _made(results.folder / "figures") / f"{name}.{form}"
+                path = made(results.folder / "figures") / f"{name}.{form}"
                 write_bytes(path, content)
                 written.append(path)
     return written
@@ -60,14 +60,10 @@ def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str
     """A figure as the content of a file, for each format; none of tracks if every filter failed."""
     if getattr(spec, "shown_runs", 0) and not results.shown:
         return []
-    figure = spec.draw(results)
-    # Each drawing moves the layout by a rounding: the SVG comes first, to be the same with any others.
-    first = sorted(formats, key=lambda form: form != "svg")
-    contents = [(form, style.content(figure, form)) for form in first]
+    with style.quiet():
+        figure = spec.draw(results)
+        # Each drawing moves the layout by a rounding: the SVG comes first, always the same.
+        first = sorted(formats, key=lambda form: form != "svg")
+        contents = [(form, style.content(figure, form)) for form in first]
     style.close(figure)
     return contents
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder

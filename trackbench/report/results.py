@@ -224,7 +224,8 @@ class Results:
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=NAN)
+        missing = dict.fromkeys(_NUMBERS, NAN)  # no others: a filter may be called nan
+        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=missing)
 
     def _path(self, name: str) -> Path:
         """The file, or what it was packed into to keep large results in git."""
@@ -240,9 +241,10 @@ def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 
 
+_NUMBERS = ("time", "value", "stderr", "cpu_s", "cpu_s_per_run")
 _TYPES: Any = {
     "filter": str,
     **dict.fromkeys(["run", "step", "runs", "lost"], int),
-    **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
+    **dict.fromkeys(_NUMBERS, float),
 }
 """Of columns, so that they are the same in a file without rows, where every filter failed."""

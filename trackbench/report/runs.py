@@ -30,7 +30,7 @@ def read_runs(
         dtype=types,
         chunksize=_ROWS,
         keep_default_na=False,
-        na_values=NAN,
+        na_values={"value": NAN},
     ) as pieces:
         for piece in pieces:
             groups = piece.groupby(keys, sort=False, observed=True)["value"]

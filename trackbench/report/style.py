@@ -2,7 +2,9 @@
 
 import io
 import textwrap
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment.points import single_paths
@@ -109,13 +111,35 @@ def words(label: str, width: int = 24) -> str:
     return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Draw without warnings: of a glyph that the font has not, of axes that end near 1e308."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def content(figure: "Figure", form: str) -> bytes:
     """The figure as a file's content in one of the `FORMATS`."""
     out = io.BytesIO()
+    _spell_out(figure)
     # An SVG holds rasterised parts inside it; a screen needs no more than this of them.
     dpi = 150 if form == "svg" else None
     figure.savefig(out, format=form, metadata=FORMATS[form], dpi=dpi)
     return compact(out.getvalue()) if form == "svg" else out.getvalue()
+
+
+def _spell_out(figure: "Figure") -> None:
+    """Let a text with dollars that is no formula stand as it is written."""
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and "$" in text.get_text():
+            try:
+                MathTextParser("path").parse(text.get_text())
+            except ValueError:
+                text.set_parse_math(False)
 
 
 def close(figure: "Figure") -> None:

@@ -1,6 +1,6 @@
-"""The files of a sweep: one tidy table, a figure per metric, and the best point in words."""
+"""What a sweep found: its metrics over the swept paths, one tidy table, the best point in words."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import relative_gain
-from trackbench.experiment.files import write_bytes, write_csv
+from trackbench.experiment.files import write_csv
 from trackbench.experiment.points import single_paths
 from trackbench.report import style
 from trackbench.report.results import Results
@@ -84,25 +84,6 @@ class Sweep:
         return self.results.runs(dict(zip(self.paths, point, strict=True)))[label, metric]
 
 
-def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
-    """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
-    from trackbench.report.sweep_figures import draw
-
-    sweep, figures = Sweep(results), results.folder / "figures"
-    write_sweep(sweep)
-    figures.mkdir(exist_ok=True)
-    for metric in sweep.metrics:
-        figure = draw(sweep, metric)
-        if figure is None:
-            continue
-        for form in formats:
-            if form != "tex":
-                path = figures / f"sweep-{_file_name(metric)}.{form}"
-                write_bytes(path, style.content(figure, form))
-        style.close(figure)
-    return list(best_points(sweep))
-
-
 def write_sweep(sweep: Sweep) -> None:
     """Write ``sweep.csv``."""
     rows = sweep.rows
@@ -151,9 +132,3 @@ def _is_headline(metric: str) -> bool:
     if name.startswith(("rmse", "distance")):
         return statistic == "rms"
     return statistic == "mean" and not name.startswith("nees")
-
-
-def _file_name(metric: str) -> str:
-    """``rms(rmse[k<=30])`` as ``rms-rmse-k-to-30``: a name that every system takes."""
-    words = metric.replace("<=", " to ").replace("<", " below ").replace(">", " above ")
-    return "-".join("".join(c if c.isalnum() or c == "_" else " " for c in words).split())

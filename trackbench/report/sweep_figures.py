@@ -1,13 +1,16 @@
-"""Figures of a sweep: lines over one swept path, heat maps over two."""
+"""The files of a sweep: sweep.csv, and a figure per metric: lines over one path, heat maps over two."""
 
+from collections.abc import Iterable
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.files import made, write_bytes
 from trackbench.report import style
-from trackbench.report.sweep import Sweep
+from trackbench.report.results import Results
+from trackbench.report.sweep import Sweep, best_points, write_sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +19,24 @@ if TYPE_CHECKING:
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
 
 
-def draw(sweep: Sweep, metric: str) -> "Figure | None":
+def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
+    """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
+    sweep, figures = Sweep(results), made(results.folder / "figures")
+    write_sweep(sweep)
+    for metric in sweep.metrics:
+        with style.quiet():
+            figure = _drawn(sweep, metric)
+            if figure is None:
+                continue
+            for form in formats:
+                if form != "tex":
+                    path = figures / f"sweep-{_file_name(metric)}.{form}"
+                    write_bytes(path, style.content(figure, form))
+        style.close(figure)
+    return list(best_points(sweep))
+
+
+def _drawn(sweep: Sweep, metric: str) -> "Figure | None":
     """The metric over one or two swept paths; None for more, or if no filter has a number."""
     if len(sweep.paths) == 1:
         return _lines(sweep, metric)
@@ -114,3 +134,9 @@ def _frame_smallest(ax: "Axes", field: Array) -> None:
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)
+
+
+def _file_name(metric: str) -> str:
+    """``rms(rmse[k<=30])`` as ``rms-rmse-k-to-30``: a name that every system takes."""
+    words = metric.replace("<=", " to ").replace("<", " below ").replace(">", " above ")
+    return "-".join("".join(c if c.isalnum() or c == "_" else " " for c in words).split())

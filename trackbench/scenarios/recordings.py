@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.keys import DataError, Place
+from trackbench.keys import DataError, Place, regular
 
 _MOST_CELLS = 200_000_000
 _MOST_MISTAKES = 20
+_LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 
 
 class Recording(NamedTuple):
@@ -46,9 +47,7 @@ def read_recording(path: str, components: Sequence[str], steps: Sequence[int]) -
     return Recording(values, runs)
 
 
-def read_columns(
-    path: str, wanted: Sequence[str], optional: Sequence[str]
-) -> dict[str, Array]:
+def read_columns(path: str, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, Array]:
     """Columns of finite numbers by name, in this order: those that are wanted, and others if there.
 
     Raises DataError with the line of every mistake.
@@ -157,7 +156,8 @@ def _number(cell: str) -> float:
     if cell.lower() in ("", "nan"):
         return math.nan
     try:
-        value = float(cell)
+        # float takes an underscore, and the digits of every script.
+        value = float(cell if cell.isascii() and "_" not in cell else "")
     except ValueError:
         raise ValueError("a number") from None
     if not math.isfinite(value):
@@ -169,8 +169,8 @@ def _lines(path: str) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells of every line that is not blank."""
     reader = None
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
+        with regular(path).open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
             for cells in reader:
                 if cells:
                     yield reader.line_num, cells
