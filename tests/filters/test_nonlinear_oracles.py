@@ -1,4 +1,4 @@
-"""Gaussian steps on a radar against filterpy and Stone Soup on the same measurements, and against each other."""
+"""Gaussian steps on a radar against filterpy and Stone Soup on the same measurements."""
 
 import datetime
 from typing import Any

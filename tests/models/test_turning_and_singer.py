@@ -1,4 +1,4 @@
-"""Motions with more than position and velocity, against closed forms, differences and matrix exponentials."""
+"""Motions with more than position and velocity, against closed forms and matrix exponentials."""
 
 import numpy as np
 import pytest
