@@ -14,7 +14,7 @@ from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.conversions import position, rotated
 from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
-from trackbench.keys import MOST_STEPS, Finite, NonNegative, Positive
+from trackbench.keys import MOST_STEPS, Finite, Natural, NonNegative, Positive
 from trackbench.models.base import Model
 from trackbench.models.linear import CWNA
 from trackbench.models.radar import RangeAzimuth, wrapped
@@ -53,6 +53,8 @@ class Banana:
     """standard deviation of the azimuth, mrad"""
     rmse_window: tuple[int, int] | None = None
     """first and last scan over which errors are averaged (not printed); default: from the second on"""
+    until: tuple[Natural, ...] = ()
+    """earlier last scans of further averages, each with its name: `rmse_position[k<=50]`"""
     lost_sigmas: Positive | None = 10.0
     """a run is lost once its position is off by more than so many times what one azimuth leaves, r
     sigma_azimuth at the first scan; null: never"""
@@ -61,6 +63,8 @@ class Banana:
         first, last = self._window
         if not 2 <= first <= last <= self.scans:
             raise ValueError(f"rmse_window [{first}, {last}] is not within scans 2 to {self.scans}")
+        if not all(first <= end <= last for end in self.until):
+            raise ValueError(f"until {list(self.until)} is not within scans {first} to {last}")
 
     @property
     def _window(self) -> tuple[int, int]:
@@ -91,9 +95,10 @@ class Banana:
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """The scans of ``rmse_window``."""
+        """The scans of ``rmse_window``, and those up to each scan of ``until``."""
         first, last = self._window
-        return {"": (self.steps >= first) & (self.steps <= last)}
+        ends = {"": last} | {f"k<={end}": end for end in self.until}
+        return {name: (self.steps >= first) & (self.steps <= end) for name, end in ends.items()}
 
     @property
     def lost_beyond(self) -> float | None:
