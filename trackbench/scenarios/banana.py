@@ -22,6 +22,8 @@ from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.base import Simulation, simulate_markov
 
+_IN_A_ROW = 10  # scans at the end of a run
+
 
 @register("scenarios", "banana")
 @dataclass(frozen=True, kw_only=True)
@@ -141,6 +143,16 @@ class Banana:
     def observables(self, x: Array) -> dict[str, Array]:
         """Functions of the state whose posterior means are scored beside the mean state's own."""
         return {"mean_range": self._sensor.range(x)}
+
+    def run_metrics(self, values: dict[str, Array]) -> dict[str, Array]:
+        """``diverged`` (M,): whether each of the last ten estimates is outside its own 1e-6 region.
+
+        Such a track need not be far from the target to mislead: it will not come back by what it
+        believes. It is no lost run, whose error would leave the averages: an overconfident filter is
+        not to be better for it.
+        """
+        last = values.get("outside", np.full((1, 1), np.nan))[-_IN_A_ROW:]
+        return {"diverged": last.min(axis=0)}  # NaN if one is
 
     def bounds(self) -> dict[str, Array]:
         """Posterior Cramer-Rao bound on every RMSE (T + 1,), along the path without process noise.
