@@ -177,7 +177,7 @@ def test_bad_first_azimuths_do_not_lose_the_target(
 def test_los_rbpf_keeps_enough_particles_in_the_sense_that_the_first_azimuths_deny() -> None:
     """Where a thousandth of the weight has the true sense, as many particles have few places left.
 
-    Resampled by their weights, a tenth of such runs ends kilometres off and 1000 deviations outside.
+    Resampled by their weights, a seventh of such runs ends outside, to where it does not come back from.
     """
     tracker = make_filter("los-rbpf", N=2000, boost=4, boost_scans=3)
     _, truth, found = _after_bad_azimuths(tracker, (1.7, -1.0, -3.2), runs=100)
