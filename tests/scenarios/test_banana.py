@@ -129,7 +129,7 @@ def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
 
 
 def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None:
-    """Plain resampling leaves the target within some ten scans and says that it has not."""
+    """Plain resampling leaves the target within some twenty scans and says that it has not."""
     scenario = Banana(velocity_cross=1000.0, scans=40)
     share = per_run(scenario, make_filter("pf", N=1000), 40, "diverged")
     assert np.nanmean(share) > 0.8  # of those that are not lost
