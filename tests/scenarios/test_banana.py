@@ -126,3 +126,24 @@ def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
     far = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
     assert not never.any()
     assert 0 < far.sum() <= (lost == TOO_FAR).sum() < 100
+
+
+def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None:
+    """Plain resampling leaves the target within some twenty scans and says that it has not."""
+    scenario = Banana(velocity_cross=1000.0, scans=40)
+    share = per_run(scenario, make_filter("pf", N=1000), 40, "diverged")
+    assert np.nanmean(share) > 0.8  # of those that are not lost
+    assert not per_run(scenario, make_filter("gaussian-sum"), 40, "diverged").any()
+    outside = np.ones((39, 2))
+    outside[-10, 1] = 0.0
+    assert scenario.run_metrics({"outside": outside})["diverged"].tolist() == [1.0, 0.0]
+
+
+def test_a_window_of_earlier_scans_is_what_fewer_scans_give() -> None:
+    fewer = per_run(Banana(scans=30), make_filter("mcaekf"), 8, "rmse_position")
+    more = Banana(scans=50, until=(30,))
+    np.testing.assert_array_equal(
+        per_run(more, make_filter("mcaekf"), 8, "rmse_position[k<=30]"), fewer
+    )
+    with pytest.raises(ValueError, match="until"):
+        Banana(scans=50, until=(60,))

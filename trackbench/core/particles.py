@@ -106,6 +106,11 @@ def effective_sample_size(w: Array) -> Array:
     return np.asarray(1.0 / dot(w, w))
 
 
+def effective_share(w: Array) -> Array:
+    """Effective sample size (M,) as a share of the N particles."""
+    return effective_sample_size(w) / w.shape[-1]
+
+
 def distinct(x: Array) -> Array:
     """Share (M,) of N values x (M, N) that are no copy of their neighbour.
 

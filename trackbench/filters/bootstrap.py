@@ -77,11 +77,17 @@ class ParticleFilter:
         """
         noted = {"dead_steps": state.dead.astype(float)}
         if state.w is not None:
-            noted["ess"] = particles.effective_sample_size(state.w) / state.w.shape[-1]
+            noted["ess"] = particles.effective_share(state.w)
         return noted
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
+
+    def _log_weights(self, model: Model, state: Cloud, z: Array, x: Array, k: int) -> Array:
+        """Log-weights (M, N) of moved particles x, from those that the state carries."""
+        log_w = self._log_likelihood(model, z, x, k)
+        equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
+        return log_w if equal else log_w + state.log_w
 
     def _size(self, age: int) -> int:
         """Number of particles after so many steps."""
@@ -111,9 +117,9 @@ class PF(ParticleFilter):
         """Predict, weight (eq. 7 with q the prior), resample, move."""
         origin = state.particles.x
         x = model.motion.transition(origin, k).sample(rng)
-        carried = elementary.log(state.particles.w) if self.ess_threshold < 1.0 else state.log_w
-        log_w = self._log_likelihood(model, z, x, k) + carried
-        w, dead = particles.normalise(log_w)
+        if self.ess_threshold < 1.0:
+            state = state._replace(log_w=elementary.log(state.particles.w))
+        w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
         weighted, size = Particles(x, w), self._size(state.age + 1)
         if self.moves:
             # Parents are resampled with their children, as components of one state.
@@ -165,7 +171,7 @@ class RPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead = particles.normalise(self._log_likelihood(model, z, x, k) + state.log_w)
+        w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
         weighted = Particles(x, w)
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(state.age + 1))

@@ -9,19 +9,17 @@ from numpy.random import Generator
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.elementary import arctan2, cos_sin
-from trackbench.core.mixing import combined
+from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, Mode, jitter_each
-from trackbench.core.streams import SomeRuns
+from trackbench.core.streams import SomeRuns, Streams
 from trackbench.core.sums import total
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.senses import Senses, senses_of
 from trackbench.keys import NonNegative, OpenShare
 from trackbench.models.looking import seen_along
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
-
-_APART = 3.0  # modes of the cross speed: distance of their means in sums of their deviations
 
 
 @register("filters", "los-rbpf")
@@ -33,8 +31,9 @@ class LineOfSight(ParticleFilter):
     the sharp range is linear, and all particles share one 2 x 2 covariance. So the particles need not
     hit the thin banana, as they must where the velocity is marginalised instead (`mpf`). A particle is
     kept as its Cartesian mean, and regularised in (theta, v_c, r, r') so that it stays on its arc, each
-    sense of the cross speed by itself. Few of the first draws survive the third range of a fast target:
-    at 5 km/s it takes some 8000 in the first three scans (`boost`).
+    sense of the cross speed by itself; while both are possible neither has less than a quarter of them.
+    Few of the first draws survive the third range of a fast target: at 5 km/s it takes some 8000 in the
+    first three scans (`boost`).
     """
 
     ess_threshold: OpenShare = 0.5
@@ -100,42 +99,30 @@ class LineOfSight(ParticleFilter):
         middle = arctan2(old[2, :, 0], old[0, :, 0])
         frame = Particles(_to_frame(middle, old), w[poor])
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
-        resampled = self._resampled(frame, noise, size)
-        modes = _modes(frame, resampled.x)
+        senses = senses_of(frame)
+        resampled, log_w = self._shared_out(frame, senses, noise, size)
+        modes = [Mode(None, np.ones(len(frame.w)), frame.moments().cov)]
+        if senses is not None:
+            modes = senses.modes(resampled.x)
         new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(middle, new)
         if poor.all():
-            return cloud._replace(particles=Particles(new, resampled.w), log_w=0.0)
-        out = Particles(x.copy(), w.copy())
-        out.x[:, poor], out.w[poor] = new, resampled.w
-        return cloud._replace(particles=out, log_w=np.where(poor[:, None], 0.0, cloud.log_w))
+            return cloud._replace(particles=Particles(new, resampled.w), log_w=log_w)
+        out, every_log_w = Particles(x.copy(), w.copy()), np.zeros_like(w)
+        every_log_w += cloud.log_w
+        out.x[:, poor], out.w[poor], every_log_w[poor] = new, resampled.w, log_w
+        return cloud._replace(particles=out, log_w=every_log_w)
 
-
-def _modes(frame: Particles, x: Array) -> list[Mode]:
-    """Particles x by their sense across the line of sight, as the weighted cloud has them.
-
-    A range tells the square of the cross speed: until the azimuths tell its sign the cloud has two
-    modes, and a kernel as wide as both would undo what the ranges have told. A cloud that is not
-    clearly two is one, half of which stands on either side.
-    """
-    one_way = frame.x[1] > 0.0
-    if (one_way == one_way[:, :1]).all():
-        return [Mode(None, np.ones(len(one_way)), frame.moments().cov)]
-    weights = [np.where(side, frame.w, 0.0) for side in (one_way, ~one_way)]
-    shares = [total(w) for w in weights]
-    parts = [
-        Particles(frame.x, w / np.maximum(share, 1e-300)[:, None]).moments()
-        for w, share in zip(weights, shares, strict=True)
-    ]
-    up, down = parts
-    apart = up.mean[1] - down.mean[1]
-    two = apart > _APART * (np.sqrt(up.cov[1, 1]) + np.sqrt(down.cov[1, 1]))
-    two &= (shares[0] > 0.0) & (shares[1] > 0.0)
-    whole = combined(parts, np.stack(shares)).cov
-    return [
-        Mode(there, np.where(two, share, 1.0), np.where(two, part.cov, whole))
-        for there, share, part in zip((x[1] > 0.0, x[1] <= 0.0), shares, parts, strict=True)
-    ]
+    def _shared_out(
+        self, frame: Particles, senses: Senses | None, rng: Streams, size: int
+    ) -> tuple[Particles, Array | float]:
+        """The cloud resampled, a sense that may yet be the true one with more than its share."""
+        if senses is None or (senses.gain == 1.0).all():
+            return self._resampled(frame, rng, size), 0.0
+        tilted = Particles(frame.x, frame.w * senses.of(frame.x, senses.gain))
+        x = self._resampled(tilted, rng, size).x
+        log_w = -log(senses.of(x, senses.gain))
+        return Particles(x, particles.normalise(log_w).w), log_w
 
 
 def _moved(motion: Any, state: Cloud, rng: Generator) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ class MPF(ParticleFilter):
     def step(self, model: Any, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move positions, learn the velocities from the moves, weight, resample, regularise."""
         x, C = _moved(model.motion, state, rng)
-        w, dead = particles.normalise(self._log_likelihood(model, z, x, k) + state.log_w)
+        w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(age))

@@ -49,8 +49,10 @@ class ProposedCloud(NamedTuple):
 
     def noted(self) -> dict[str, Array]:
         """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""
-        ess = particles.effective_sample_size(self.w) / self.w.shape[-1]
-        return {"dead_steps": self.dead.astype(float), "ess": ess}
+        return {
+            "dead_steps": self.dead.astype(float),
+            "ess": particles.effective_share(self.w),
+        }
 
 
 class Proposed(NamedTuple):

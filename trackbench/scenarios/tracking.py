@@ -26,6 +26,7 @@ from trackbench.scenarios.starts.base import Opening, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
 
 _NOTHING = Assume()
+_IN_A_ROW = 10  # steps at the end of a run
 _EVERYTHING = Score()
 
 
@@ -234,9 +235,16 @@ class Tracking:
         return own.sampled(self.T, self.target.axes)
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Further numbers per run, of the target's own."""
+        """``diverged`` (M,): whether each of the last ten estimates is outside its own 1e-6 region.
+
+        Such a track need not be far from the target to mislead: it will not come back by what it
+        believes. It is no lost run, whose error would leave the averages: an overconfident filter is
+        not to be better for it. Then the target's own numbers per run.
+        """
+        last = values.get("outside", np.full((1, 1), np.nan))[-_IN_A_ROW:]
         sigma = np.nan if self.position_sigma is None else self.position_sigma
-        return self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
+        own = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
+        return {"diverged": last.min(axis=0)} | own  # NaN if one is
 
 
 def _each(sensor: Measuring | Several) -> tuple[Measuring, ...]:
