@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from trackbench import api
+from trackbench.experiment.published import PublishedNumber
 from trackbench.report.expressions import Term
 from trackbench.report.results import Results
-from trackbench.report.tables.readings import Number, distance
+from trackbench.report.tables.readings import Number, distance, ways_to_measure
 
 CONFIG = """
 name: search
 seed: 3
 runs: 40
 scenario: {kind: merwe, T: 12, switch: 6}
-published: [numbers.csv]
+published: [numbers.csv, claims.csv]
 filters:
   PF: {kind: pf, N: 10}
   APF: {kind: apf, N: 10}
@@ -28,6 +29,9 @@ tables:
   joint: {kind: readings, of: original, rows: 3}
   PF: {kind: readings, of: original, filters: [PF]}
   nothing: {kind: readings, of: nowhere}
+  ways: {kind: readings, of: two ways, statistics: [mean, median], rows: 8}
+  claims: {kind: claim-readings, of: original, rows: 3}
+  none-claimed: {kind: claim-readings, of: nowhere}
   gains:
     kind: metrics
     filters: [PF]
@@ -44,6 +48,17 @@ p,1,PF,Gain,7,1,100,original,PF,"gain(mean(rmse), APF)",,
 p,1,PF,Bias,unbiased,0,100,original,PF,mean(bias),,
 p,1,EKF,Mean,0.4,4,100,original,EKF,mean(rmse),,
 p,1,PF,Mean,99,4,100,another,PF,mean(rmse),,
+p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse),,
+p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse[k<=6]),,
+"""
+
+CLAIMS = """\
+paper,claim,experiment,left,expression,relation,factor,right,right_expression,tolerance,point,source,note
+p,PF is not lost,original,PF,mean(rmse),<,1000,,,,,,
+p,PF is lost,original,PF,mean(rmse),>,1000,,,,,,
+p,An EKF is better,original,EKF,mean(rmse),<,1,PF,,,,,
+p,PF is fast,original,PF,cpu_s_per_run,<,1000,,,,,,
+p,PF estimates a delay,original,PF,mean(delay_s),<,1,,,,,,
 """
 
 
@@ -52,6 +67,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     home = tmp_path_factory.mktemp("search")
     (home / "search.yaml").write_text(CONFIG)
     (home / "numbers.csv").write_text(NUMBERS)
+    (home / "claims.csv").write_text(CLAIMS)
     options = api.Options(engine="serial", quiet=True, out=home / "out", formats=())
     return Results(api.run(home / "search.yaml", options).folder)
 
@@ -98,6 +114,66 @@ def test_nothing_published_is_said(results: Results) -> None:
     assert results.tables["nothing"].notes == [
         "Nothing is published about nowhere that these filters measure."
     ]
+
+
+def test_statistics_and_ways_to_measure_are_readings(results: Results) -> None:
+    table = results.tables["ways"]
+    assert table.key_headers == ["Rank", "weights", "statistic", "Error"]
+    assert table.notes[0].startswith("8 readings, 0 of which")
+    assert "; 1 printed numbers." in table.notes[0]
+    points = {
+        point["filters.PF.weights & filters.APF.weights"]: point for point in results.points()
+    }
+    statistics = {"mean": np.mean, "median": np.median}
+    for (_, weights, statistic, metric), cells in zip(table.keys, table.cells, strict=True):
+        values = results.runs(points[weights])["PF", metric]
+        expected = abs(log(statistics[statistic](values) / 0.5))
+        assert cells[0].estimate.value == pytest.approx(expected)
+    found = [cells[0].estimate.value for cells in table.cells]
+    assert found == sorted(found)
+    assert len({tuple(keys[1:]) for keys in table.keys}) == 8
+
+
+def test_a_number_is_measured_one_way_at_a_time_and_a_variance_stays_one() -> None:
+    def row(metric: str, expression: str, table: str = "1") -> PublishedNumber:
+        where = {"paper": "p", "table": table, "filter": "A", "metric": metric}
+        return PublishedNumber(**where, value=1.0, label="A", expression=expression)
+
+    numbers = [
+        row("Range", "mean(rmse_range)"),
+        row("Range", "mean(rmse_mean_range)"),
+        row("Range", "mean(rmse_range)", table="2"),
+        row("Range", "mean(rmse_mean_range)", table="2"),
+        row("Spread", "variance(rmse)"),
+        row("Last", "rmse@20"),
+    ]
+    heads, ways = ways_to_measure(numbers, ("rms",))
+    assert heads == ["statistic", "Range"]
+    assert [words for words, _ in ways] == [["rms", "rmse_range"], ["rms", "rmse_mean_range"]]
+    for (_, metric), kept in ways:
+        expected = [f"rms({metric})", f"rms({metric})", "variance(rmse)", "rmse@20"]
+        assert [n.expression for n in kept] == expected
+    assert ways_to_measure(numbers[4:]) == ([], [([], numbers[4:])])
+
+
+def test_claims_are_counted_at_every_reading(results: Results) -> None:
+    """Of five claims two can be judged: one holds everywhere, one fails everywhere."""
+    table = results.tables["claims"]
+    assert table.key_headers == ["Rank", "weights", "first_stage", "kappa"]
+    assert table.value_headers == ["Holds", "Fails", "Not decided"]
+    assert [[cell.estimate.value for cell in cells] for cells in table.cells] == [[1, 1, 0]] * 3
+    assert table.notes[0].startswith("8 readings, 2 claims. Most hold at weights log")
+    assert table.notes[0].endswith(": 1; as many at 8 of the readings.")
+    assert table.notes[1:] == [
+        "PF is not lost: holds at 8, fails at 0 of the readings.",
+        "PF is lost: holds at 0, fails at 8 of the readings.",
+    ]
+
+
+def test_nothing_claimed_is_said(results: Results) -> None:
+    nothing = results.tables["none-claimed"]
+    assert nothing.keys == []
+    assert nothing.notes == ["Nothing is claimed in nowhere that these filters measure."]
 
 
 def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) -> None:

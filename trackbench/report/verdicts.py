@@ -95,9 +95,9 @@ def compare(results: Results) -> Comparison:
     return Comparison(rows, claims, list(rank_agreement(rows)))
 
 
-def judge(results: Results, claim: Claim) -> Judged:
-    """The verdict on a claim: it holds if it does against every filter it names."""
-    point = point_of(results, claim.point)
+def judge(results: Results, claim: Claim, point: dict[str, Any] | None = None) -> Judged:
+    """The verdict on a claim, at its own point unless told: it holds if it does against every filter."""
+    point = point_of(results, claim.point) if point is None else point
     if point is None or not claim.left or not claim.expression:
         verdict = Verdict(NOT_MEASURED, nan)
         return Judged(claim, verdict, False, False, _unmeasured(claim, point))

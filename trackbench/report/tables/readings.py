@@ -1,8 +1,10 @@
 """Table kind `readings`: which of many readings of a paper comes nearest to all it prints."""
 
-from dataclasses import dataclass
+import itertools
+import re
+from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 
 _NEAR = 0.1
+_OVER_RUNS = re.compile(r"(?:mean|rms|median|time-mean)\((.+)\)")
 
 
 class Number(NamedTuple):
@@ -61,9 +64,10 @@ class Readings:
     log(measured / printed): 0.1 is about 10 %. Of a variance the root is taken, which has the unit of
     the other numbers. Numbers that are made of others (ratios, gains) are left out, and so are words; a
     reading that loses most runs of a filter is infinitely far. Points that differ only in keys of
-    filters that do not count are one reading. The nearest of many readings is nearer than one chosen
-    beforehand: the notes say how many were tried, and how many of them are not farther than the nearest
-    by two paired standard errors.
+    filters that do not count are one reading. Where the published files measure a number in several ways
+    (the range of the mean, the mean range), each way is a reading of its own, one for all filters. The
+    nearest of many readings is nearer than one chosen beforehand: the notes say how many were tried, and
+    how many of them are not farther than the nearest by two paired standard errors.
     """
 
     title: str = ""
@@ -72,6 +76,9 @@ class Readings:
     """experiment whose rows in the published files are held against every point"""
     filters: tuple[str, ...] | None = None
     """labels of the filters whose numbers count; default: all"""
+    statistics: tuple[Literal["time-mean", "mean", "rms", "median"], ...] = ()
+    """what a printed error may be, each a reading: the mean over steps of the RMSE over runs, or a
+    statistic of the runs' RMSE; default: what the published rows say"""
     rows: Count = 10
     """how many readings are shown"""
     digits: int = 3
@@ -81,12 +88,17 @@ class Readings:
         """The table from a results folder."""
         numbers = self._numbers(results)
         labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
-        heads, points = _readings(results, labels)
+        heads, points = readings(results, labels)
+        more, ways = ways_to_measure(numbers, self.statistics)
+        heads += more
+        printed = len(ways[0][1]) if numbers else 0
         found = []
         for shown, point in points:
-            there = _measured(Expressions(results, point), numbers)
-            parts = [distance([n for n in there if n.label == label]) for label in labels]
-            found.append((shown, distance(there), parts))
+            expressions = Expressions(results, point)
+            for way, chosen in ways:
+                there = _measured(expressions, chosen)
+                parts = [distance([n for n in there if n.label == label]) for label in labels]
+                found.append(([*shown, *way], distance(there), parts))
         found.sort(key=lambda reading: reading[1].value)
         columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
@@ -94,9 +106,7 @@ class Readings:
             cells = [whole, *parts] if len(labels) > 1 else [whole]
             table.add([str(rank), *shown], [d.cell for d in cells])
         if numbers:
-            table.notes += _notes(
-                heads, [(shown, whole) for shown, whole, _ in found], len(numbers)
-            )
+            table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in found], printed)
         else:
             table.notes.append(f"Nothing is published about {self.of} that these filters measure.")
         return table
@@ -135,6 +145,36 @@ def distance(numbers: list[Number]) -> Distance:
     return Distance(value, influences / (len(numbers) * value) if value else influences, near, lost)
 
 
+def ways_to_measure(
+    numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
+) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
+    """Heads, and each way to measure the printed numbers: words under the heads, one row per number.
+
+    A printed number with rows of several expressions is measured by one of them at a time, the same for
+    all numbers of its printed metric.
+    """
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for n in numbers:
+        rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
+    several = {at[-1]: dict.fromkeys(found) for at, found in rows.items() if len(set(found)) > 1}
+    ways = []
+    for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
+        chosen = dict(zip(several, taken, strict=True))
+        kept = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
+        words = [statistic] if statistic else []
+        words += [_OVER_RUNS.sub(r"\1", expression) for expression in taken]
+        ways.append((words, [_by(statistic, n) for n in kept]))
+    return [*(["statistic"] if statistics else []), *several], ways
+
+
+def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
+    """The number as another statistic of the same errors; a variance stays one."""
+    errors = _OVER_RUNS.fullmatch(number.expression)
+    if not statistic or errors is None:
+        return number
+    return replace(number, expression=f"{statistic}({errors.group(1)})")
+
+
 def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[Number]:
     return [
         Number(
@@ -148,7 +188,7 @@ def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[
     ]
 
 
-def _readings(
+def readings(
     results: Results, labels: list[str]
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
     """Paths that concern these filters, and one point for each combination of their values."""
@@ -156,8 +196,10 @@ def _readings(
     points: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
         points.setdefault(tuple(style.number(point[path]) for path in paths), point)
-    heads = [split_path(results.source, single_paths(path)[0])[-1] for path in paths]
-    return [str(head) for head in heads], [(list(shown), p) for shown, p in points.items()]
+    keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    last = [where[-1] for where in keys]
+    heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
+    return heads, [(list(shown), p) for shown, p in points.items()]
 
 
 def _concerns(results: Results, path: str, labels: list[str]) -> bool:
