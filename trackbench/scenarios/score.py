@@ -29,10 +29,8 @@ class Window:
 class Score:
     """Errors of position and velocity (of a scalar: of itself), and in a sensor's own coordinates."""
 
-    since: Natural | None = None
-    """first step that is scored; default: the first state's"""
-    until: Natural | None = None
-    """last step that is scored; default: the last"""
+    steps: tuple[Natural | None, Natural | None] = (None, None)
+    """first and last step that are scored, [20, null]; null: from the first state's on, to the last"""
     windows: tuple[Window, ...] = ()
     """parts of those steps with metrics of their own"""
     marginals: tuple[Literal["position", "velocity"], ...] = ()
@@ -50,13 +48,13 @@ class Score:
         """Raise MistakenKeyError if no step is scored, or there is nothing to measure."""
         if not self.scored(steps).any():
             what = f"no step of {steps[0]} to {steps[-1]} is scored"
-            raise MistakenKeyError(what, "score", "since" if self.until is None else "until")
+            raise MistakenKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
             raise MistakenKeyError("a scalar has no such parts", "score", "marginals")
 
     def scored(self, steps: Index) -> Mask:
         """The steps (K,) that are scored."""
-        return _between(steps, self.since, self.until)
+        return _between(steps, *self.steps)
 
     def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
         """The windows (K,) by name."""
