@@ -88,6 +88,15 @@ def test_shares_and_consistency_have_influences(folder):
     assert all(e.term("A", name).splits for name in ("rmse@2", "time-mean(rmse)", "anees_position"))
 
 
+def test_an_infinite_consistency_has_no_error(folder):
+    folder.values["A", "nees_position"][3] = np.inf
+    folder.summary["value"], folder.summary["stderr"] = np.inf, np.nan
+    anees = Expressions(folder, {}).term("A", "anees_position")
+    assert (anees.value, anees.runs, anees.lost, anees.splits) == (np.inf, RUNS - 2, 2, False)
+    assert np.isnan(anees.stderr)
+    assert np.isnan(anees.z(1.0))
+
+
 @pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "anees_position"])
 def test_batches_are_parts_of_the_whole(folder, expression):
     whole = Expressions(folder, {})

@@ -157,7 +157,7 @@ class Expressions:
         nees = expression.removeprefix("a")
         if expression.startswith("anees") and (label, nees) in self.runs:
             a, b = (self._summary.get((label, name)) for name in (f"mean({nees})", expression))
-            if a is not None and b is not None and b.value > 0.0:
+            if a is not None and b is not None and 0.0 < b.value < np.inf:  # else nobody's part
                 return _OverRuns("mean", nees, round(a.value / b.value))
         return None
 
