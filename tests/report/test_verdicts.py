@@ -14,6 +14,7 @@ from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report.agreement import of_claim, of_number, settled
+from trackbench.report.evidence import evidence_at
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
@@ -169,7 +170,7 @@ def test_equal_to_a_number_within_a_tolerance(made, off, word):
         factor=measured.value + off * measured.stderr,
         tolerance=5 * measured.stderr / measured.value,
     )
-    assert judge(results, claim).verdict.word == word
+    assert judge(claim, evidence_at(results, "")).verdict.word == word
 
 
 def test_order_of_the_filters_is_compared(made):

@@ -23,6 +23,7 @@ from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, z_score
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.given import keys_at
+from trackbench.report.lost import in_words
 from trackbench.report.results import Results
 
 
@@ -48,6 +49,11 @@ class Term(NamedTuple):
     def splits(self) -> bool:
         """Whether batches of runs have numbers of their own."""
         return self.influences is not None
+
+    @property
+    def losses(self) -> str:
+        """How many runs were lost, in words; empty if none was."""
+        return in_words(self.lost, self.runs + self.lost) if self.lost else ""
 
     @property
     def fragile(self) -> bool:
@@ -94,12 +100,14 @@ class Expressions:
     """the runs (M,) that count"""
     parts: int = 1
     """the batches that the runs are split into, of which they are one"""
+    whole: "Expressions | None" = None
+    """all runs, of which they are a batch"""
 
     def batches(self, number: int) -> list["Expressions"]:
         """The same over so many batches of consecutive runs, whose streams are independent."""
         runs = max(map(len, self.runs.values()), default=0)
         batch = batch_of(runs, number)
-        return [replace(self, chosen=batch == i, parts=number) for i in range(number)]
+        return [replace(self, chosen=batch == i, parts=number, whole=self) for i in range(number)]
 
     def term(self, label: str, expression: str, common: Mask | None = None) -> Term:
         """A filter's expression; over the ``common`` runs (M,) only, if they are given."""
@@ -135,6 +143,8 @@ class Expressions:
 
     @cached_property
     def _summary(self) -> dict[tuple[str, str], Term]:
+        if self.whole is not None:
+            return self.whole._summary
         frame = self.results.at(self.results.summary, self.point)
         rows = frame.to_dict("records")
         found = {

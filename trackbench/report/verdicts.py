@@ -6,15 +6,15 @@ What decides is in `agreement`: all runs together, and each of the experiment's 
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 from math import inf, isfinite, isnan, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.experiment.published import Claim, PublishedNumber, split
-from trackbench.experiment.source import scalar
+from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, UNDECIDED, Verdict
+from trackbench.report.evidence import Evidence, evidence_at
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.results import Results
 
@@ -89,38 +89,29 @@ def _rank(row: Compared) -> tuple[int, float]:
 
 def compare(results: Results) -> Comparison:
     """Hold the results against what is published about the experiment."""
-    published = results.published
-    rows = [row for number in published.numbers for row in _readings(results, number)]
-    claims = [judge(results, claim) for claim in published.claims]
+    published, at = results.published, cache(partial(evidence_at, results))
+    rows = [row for number in published.numbers for row in _readings(number, at(number.point))]
+    claims = [judge(claim, at(claim.point)) for claim in published.claims]
     return Comparison(rows, claims, list(rank_agreement(rows)))
 
 
-def judge(results: Results, claim: Claim) -> Judged:
-    """The verdict on a claim: it holds if it does against every filter it names."""
-    point = point_of(results, claim.point)
-    if point is None or not claim.left or not claim.expression:
+def judge(claim: Claim, evidence: Evidence | None) -> Judged:
+    """The verdict on a claim: it holds if it does against every filter that it names."""
+    if evidence is None or not claim.left or not claim.expression:
         verdict = Verdict(NOT_MEASURED, nan)
-        return Judged(claim, verdict, False, False, _unmeasured(claim, point))
-    whole = Expressions(results, point)
-    batches = whole.batches(seeds_of(results))
-    found = [_score(whole, batches, claim, right) for right in claim.rights or [""]]
+        return Judged(claim, verdict, False, False, _unmeasured(claim, evidence))
+    found = [_score(evidence, claim, right) for right in claim.rights or [""]]
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
     every = all(score.batches for score in found)
     of_batches = [min(zs) for zs in zip(*(s.batches for s in found), strict=True)] if every else []
     verdict = agreement.of_claim(weakest.z, of_batches, claim.relation == "~")
-    if isnan(weakest.off):
+    if isnan(weakest.off.value):
         verdict = verdict._replace(word=NOT_MEASURED)
     if verdict.word == "holds" and any(score.loses_more for score in found):
         verdict = verdict._replace(word=UNDECIDED)
-    fragile = any(score.fragile for score in found)
+    fragile = any(score.off.fragile for score in found)
     note = _joined(*(score.loses_more for score in found), weakest.why, claim.note)
-    return Judged(claim, verdict, weakest.paired, fragile, note)
-
-
-def seeds_of(results: Results) -> int:
-    """Number of independent batches that a verdict needs; 1 of a folder from before there were any."""
-    seeds: int = results.config.get("verdict_seeds", 1)
-    return seeds
+    return Judged(claim, verdict, weakest.off.splits, fragile, note)
 
 
 class _Score(NamedTuple):
@@ -128,56 +119,65 @@ class _Score(NamedTuple):
 
     z: float
     batches: list[float]
-    off: float
-    paired: bool
-    fragile: bool
+    off: Term
     loses_more: str
     why: str
 
 
-def _score(whole: Expressions, batches: list[Expressions], claim: Claim, right: str) -> _Score:
+class _Off(NamedTuple):
+    """What tells how far a claim's left side is off, what it is at the claim's edge, and its target."""
+
+    term: Term
+    edge: float
+    target: float
+
+    @property
+    def splits(self) -> bool:
+        """Whether batches of runs have it, too."""
+        return self.term.splits
+
+    def in_favour(self, claim: Claim) -> float:
+        """z of the claim."""
+        if claim.relation == "~":
+            room = claim.tolerance * abs(self.target)
+            off = Estimate(room - abs(self.term.value - self.edge), self.term.stderr)
+            return z_score(off)
+        z = self.term.z(self.edge)
+        return -z if claim.relation == "<" else z
+
+
+def _score(evidence: Evidence, claim: Claim, right: str) -> _Score:
     """The claim against one filter of its right side, or against its factor if there is none."""
-    off, target = _off(whole, claim, right)
+    off, of_batches = evidence.of(lambda expressions: _off(expressions, claim, right))
+    return _Score(
+        off.in_favour(claim),
+        [of_batch.in_favour(claim) for of_batch in of_batches],
+        off.term,
+        _loses_more(evidence.whole, claim, right),
+        _why(evidence.whole, claim, right, off),
+    )
+
+
+def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
+    left = (claim.left, claim.expression)
+    if not right:
+        return _Off(expressions.term(*left), claim.factor, claim.factor)
+    other = (right, claim.right_expression or claim.expression)
+    target = claim.factor * expressions.term(*other).value
+    return _Off(expressions.difference(left, other, claim.factor), 0.0, target)
+
+
+def _why(whole: Expressions, claim: Claim, right: str, off: _Off) -> str:
+    """Both sides of a comparison, in words."""
     sides = [(claim.left, claim.expression)]
     sides += [(right, claim.right_expression or claim.expression)] if right else []
     why = [_in_words(label, whole.term(label, expression)) for label, expression in sides]
-    why += [] if right else [f"{target:g}"]
-    return _Score(
-        _in_favour(claim, off, target),
-        [_in_favour(claim, *_off(batch, claim, right)) for batch in batches] if off.splits else [],
-        off.value,
-        off.splits,
-        off.fragile,
-        _loses_more(whole, claim, right),
-        ", ".join(why) + ("; no standard error" if isnan(off.stderr) else ""),
-    )
+    why += [] if right else [f"{off.target:g}"]
+    return ", ".join(why) + ("; no standard error" if isnan(off.term.stderr) else "")
 
 
 def _in_words(label: str, term: Term) -> str:
-    runs = term.runs + term.lost
-    return f"{label} {term.value:.4g}" + (
-        f" ({lost.in_words(term.lost, runs)})" if term.lost else ""
-    )
-
-
-def _off(expressions: Expressions, claim: Claim, right: str) -> tuple[Term, float]:
-    """How far the left side is off its target, and the target."""
-    left = (claim.left, claim.expression)
-    if not right:
-        a = expressions.term(*left)
-        return a._replace(value=a.value - claim.factor), claim.factor
-    other = (right, claim.right_expression or claim.expression)
-    target = claim.factor * expressions.term(*other).value
-    return expressions.difference(left, other, claim.factor), target
-
-
-def _in_favour(claim: Claim, off: Term, target: float) -> float:
-    """z of the claim, whose left side is so far off its target."""
-    if claim.relation == "~":
-        room = claim.tolerance * abs(target)
-        return z_score(Estimate(room - abs(off.value), off.stderr))
-    z = off.z()
-    return -z if claim.relation == "<" else z
+    return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
 
 
 def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
@@ -207,36 +207,24 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
         yield Ranked(paper, table, heading, len(found), float(order))
 
 
-def point_of(results: Results, text: str) -> dict[str, Any] | None:
-    """The point with results that ``path=value; path=value`` picks; the first one if it is empty."""
-    wanted = {k.strip(): scalar(v.strip()) for k, _, v in (p.partition("=") for p in split(text))}
-    for point in results.points():
-        if all(point.get(path) == value for path, value in wanted.items()):
-            return point
-    return None
+def _unmeasured(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
+    return _joined("" if evidence is not None else f"no results at {row.point}", row.note)
 
 
-def _unmeasured(row: PublishedNumber | Claim, point: dict[str, Any] | None) -> str:
-    return _joined("" if point is not None else f"no results at {row.point}", row.note)
-
-
-def _readings(results: Results, number: PublishedNumber) -> Iterator[Compared]:
-    point = point_of(results, number.point)
-    if point is None or not number.labels or not number.expression:
-        nothing = Term(nan, nan, None, 0)
-        note = _unmeasured(number, point)
-        yield Compared(number, "", nothing, Verdict(NOT_MEASURED, nan), False, note)
+def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Compared]:
+    if evidence is None or not number.labels or not number.expression:
+        nothing, verdict = Term(nan, nan, None, 0), Verdict(NOT_MEASURED, nan)
+        yield Compared(number, "", nothing, verdict, False, _unmeasured(number, evidence))
         return
-    whole = Expressions(results, point)
-    batches = whole.batches(seeds_of(results))
     for label in number.labels:
-        measured = whole.term(label, number.expression)
-        parts = [b.term(label, number.expression) for b in batches] if measured.splits else []
-        verdict = agreement.of_number(number, measured, parts)
-        runs = measured.runs + measured.lost
-        losses = lost.in_words(measured.lost, runs) if measured.lost else ""
-        note = _joined(losses, number.chosen, number.note)
+        measured, of_batches = evidence.of(partial(_term, label, number.expression))
+        verdict = agreement.of_number(number, measured, of_batches)
+        note = _joined(measured.losses, number.chosen, number.note)
         yield Compared(number, label, measured, verdict, measured.fragile, note)
+
+
+def _term(label: str, expression: str, expressions: Expressions) -> Term:
+    return expressions.term(label, expression)
 
 
 def _joined(*notes: str) -> str:
