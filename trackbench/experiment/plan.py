@@ -128,9 +128,9 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     """
     settings = experiment.settings
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    most, read_back = 0, _read_bytes(experiment)
+    most, read_back, series = 0, _read_bytes(experiment), len(_kept_series(experiment))
     for point in experiment.points:
-        merged = max(_merged_bytes(experiment, point, save_tracks), read_back)
+        merged = max(_merged_bytes(experiment, point, series, save_tracks), read_back)
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
@@ -187,11 +187,11 @@ def _read_bytes(experiment: Experiment) -> int:
     return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 
-def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:
+def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
     """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
     settings, steps = experiment.settings, len(point.scenario.steps)
     n_x = len(point.scenario.model.motion.components)
-    per_run = 60 + len(_kept_series(experiment)) * steps
+    per_run = 60 + series * steps
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
     filters = len(point.filters) * len(experiment.points)
