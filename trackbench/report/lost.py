@@ -18,10 +18,10 @@ def share(lost: int, runs: int, level: float = 0.95) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def in_words(lost: int, runs: int) -> str:
+def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     """``3 of 800 runs lost (0.077 to 1.1 %)``."""
     low, high = (f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in share(lost, runs))
-    return f"{lost} of {runs} runs lost ({low} to {high} %)"
+    return f"{lost} of {runs}{what} ({low} to {high} %)"
 
 
 def loses_more(a: Array, b: Array) -> bool:

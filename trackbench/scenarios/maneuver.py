@@ -14,7 +14,7 @@ from trackbench.models.base import Model
 from trackbench.models.linear import PositionSensor
 from trackbench.models.motions import ConstantVelocity
 from trackbench.registry import register
-from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.base import Simulation, in_window
 from trackbench.scenarios.legs import PAPER, Launch, Leg, check_legs
 from trackbench.scenarios.onsets import Onsets
 
@@ -175,9 +175,7 @@ class Maneuver:
         """
         squared, windows = values["squared_position"], self.windows
         peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in windows.items()}
-        out = {
-            f"peak_position[{name}]" if name else "peak_position": p for name, p in peaks.items()
-        }
+        out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         strayed = (peaks[""] > STRAY * self.sigma).astype(float)
         out["strayed"] = np.where(np.isnan(peaks[""]), np.nan, strayed)
         if "error_x" in values:

@@ -16,11 +16,10 @@ from trackbench.experiment.published import PublishedNumber, read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.agreement import NEAR
 from trackbench.report.expressions import Expressions, Term
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
-
-_NEAR = 0.1
 
 
 class Number(NamedTuple):
@@ -127,7 +126,7 @@ def distance(numbers: list[Number]) -> Distance:
             return Distance(inf, np.full(runs, np.nan), 0, lost)
         off = number.power * float(elementary.log(term.value / printed))
         squares += off * off
-        near += abs(term.value - printed) <= _NEAR * printed
+        near += abs(term.value - printed) <= NEAR * printed
         if term.influences is not None:
             share = runs / term.runs  # of survivors, each counts for more
             influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
