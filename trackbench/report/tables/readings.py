@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core import elementary
-from trackbench.core.sums import total
-from trackbench.evaluation.statistics import Estimate
+from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.experiment.compose import split_path
 from trackbench.experiment.metric_names import COMPOSED
 from trackbench.experiment.points import single_paths
@@ -48,7 +47,7 @@ class Distance(NamedTuple):
     def cell(self) -> Cell:
         """As a cell of a table; its error is of the runs, not of the choice among readings."""
         runs = len(self.influences)
-        return Cell(Estimate(self.value, _stderr(self.influences)), runs - self.lost, self.lost)
+        return Cell(Estimate(self.value, mean(self.influences).stderr), runs - self.lost, self.lost)
 
 
 @register("tables", "readings")
@@ -184,13 +183,7 @@ def _not_farther(d: Distance, nearest: Distance) -> bool:
     if not isfinite(d.value):
         return False
     if len(d.influences) != len(nearest.influences):
-        stderr = hypot(_stderr(d.influences), _stderr(nearest.influences))
+        stderr = hypot(mean(d.influences).stderr, mean(nearest.influences).stderr)
     else:
-        stderr = _stderr(d.influences - nearest.influences)
+        stderr = mean(d.influences - nearest.influences).stderr
     return d.value - nearest.value <= 2.0 * stderr
-
-
-def _stderr(influences: np.ndarray) -> float:
-    """Standard error of what so many runs move by their influences."""
-    runs = len(influences)
-    return float(np.sqrt(total(np.square(influences)) / (runs * runs))) if runs > 1 else np.nan
