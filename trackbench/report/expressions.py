@@ -253,8 +253,15 @@ def quotient(a: Term, b: Term) -> Term:
 @_quietly
 def _gain(ratio: Term) -> Term:
     """Percent by which the ratio is below one."""
-    below = Term(1.0 - ratio.value, 0.0, None, ratio.runs)
-    return _together(100.0 * below.value, ratio, below, -100.0, 0.0)
+    of_runs, of_blocks = (
+        None if x is None else -100.0 * x for x in (ratio.influences, ratio.blocks)
+    )
+    return ratio._replace(
+        value=100.0 * (1.0 - ratio.value),
+        stderr=100.0 * ratio.stderr,
+        influences=of_runs,
+        blocks=of_blocks,
+    )
 
 
 @_quietly

@@ -57,10 +57,19 @@ class Ranked(NamedTuple):
 
 
 class Reproduced(NamedTuple):
-    """A published number by its best reading, out of so many."""
+    """A published number under every reading of it that was tried."""
 
-    best: Compared
-    readings: int
+    rows: list[Compared]
+
+    @property
+    def best(self) -> Compared:
+        """The reading that gives the number its verdict."""
+        return min(self.rows, key=_rank)
+
+    @property
+    def readings(self) -> int:
+        """How many were tried."""
+        return len(self.rows)
 
 
 @dataclass(frozen=True)
@@ -77,7 +86,7 @@ class Comparison:
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         for row in self.rows:
             found[row.printed_at].append(row)
-        return [Reproduced(min(rows, key=_rank), len(rows)) for rows in found.values()]
+        return [Reproduced(rows) for rows in found.values()]
 
 
 def _rank(row: Compared) -> tuple[int, float]:
