@@ -37,7 +37,7 @@ def less_heavy(rng, shape):
 
 
 def single(name):
-    return lambda a, b: (st.STATISTICS[name](a).value, st.influence(name, a))
+    return lambda a, b: (st.OVER_RUNS[name](a).value, st.influence(name, a))
 
 
 def difference(name):
@@ -59,7 +59,7 @@ def ratio(name):
 
 SINGLE = [single(name) for name in ("mean", "variance", "rms", "median")]
 OF_VALUES = [difference("mean"), difference("median"), ratio("mean")]
-OF_SQUARES = [difference("rms"), difference("variance"), ratio("rms")]
+OF_SQUARES = [single("std"), difference("rms"), difference("variance"), ratio("rms")]
 
 
 def held(found, truth):

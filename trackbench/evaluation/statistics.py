@@ -75,12 +75,21 @@ def _quantiles(x: Array, shares: list[float]) -> list[float]:
     return [float(q) for q in np.where(np.isnan(found), x.max(), found)]
 
 
+@_quietly
+def deviation(x: Array) -> Estimate:
+    """Standard deviation (of divisor M) of a step's errors over runs, as per_step.csv has it."""
+    stderr = mean(influence("std", x)).stderr if len(x) > 1 else np.nan
+    return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
+
+
 STATISTICS: dict[str, Callable[[Array], Estimate]] = {
     "mean": mean,
     "variance": variance,
     "rms": rms,
     "median": median,
 }
+OVER_RUNS = STATISTICS | {"std": deviation}
+"""Those of a summary, and the one that is of a step only."""
 
 
 @_quietly
@@ -121,6 +130,9 @@ def influence(name: str, x: Array) -> Array:
         return np.asarray(x - _mean(x))
     if name == "rms":
         squares = np.square(x)
+        return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
+    if name == "std":
+        squares = np.square(x - _mean(x))
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
     if name == "variance":
         squares, M = np.square(x - _mean(x)), len(x)

@@ -20,7 +20,7 @@ from trackbench.evaluation.intervals import (
     studentised,
 )
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
-from trackbench.evaluation.statistics import STATISTICS, Estimate, influence, mean, z_score
+from trackbench.evaluation.statistics import OVER_RUNS, Estimate, influence, mean, z_score
 from trackbench.experiment.metric_names import COMPOSED, STATISTIC, STEP
 from trackbench.report.given import keys_at
 from trackbench.report.lost import in_words
@@ -199,7 +199,7 @@ class Expressions:
             return _MISSING._replace(lost=lost)
         influences = np.full(len(values), np.nan)
         influences[kept] = influence(wanted.statistic, x)
-        return Term(*STATISTICS[wanted.statistic](x), influences, len(x), lost)
+        return Term(*OVER_RUNS[wanted.statistic](x), influences, len(x), lost)
 
     def _at_step(self, label: str, metric: str, step: str) -> Term:
         frame = self.results.at(self.results.per_step, self.point)
