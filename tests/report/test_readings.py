@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.report.expressions import Term
 from trackbench.report.results import Results
 from trackbench.report.tables.readings import Number, distance
+from trackbench.report.terms import Term
 
 CONFIG = """
 name: search

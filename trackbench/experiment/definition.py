@@ -11,6 +11,7 @@ from trackbench.experiment.published import Published
 from trackbench.experiment.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.keys import ONE_LINE, Count, Natural
+from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
@@ -93,6 +94,11 @@ class Experiment:
     source: Source
     published: Published
     plugins: tuple[Plugin, ...] = ()
+
+    @property
+    def parts(self) -> dict[Group, dict[str, Any]]:
+        """Tables and figures by name."""
+        return {"tables": self.tables, "figures": self.figures}
 
     @property
     def shown_runs(self) -> int:

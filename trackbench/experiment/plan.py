@@ -8,11 +8,11 @@ from math import ceil
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.shares import series_of
 from trackbench.experiment.definition import Experiment, Point, Settings
-from trackbench.experiment.metric_names import number_per_run, shared
+from trackbench.experiment.metric_names import number_per_run
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.shared import shared
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
 
@@ -88,8 +88,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
     """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
-    series = (series_of(expression) or "" for expression in shared(experiment))
-    return tuple(dict.fromkeys([*experiment.settings.medians, *series]))
+    return tuple(dict.fromkeys([*experiment.settings.medians, *shared(experiment).series]))
 
 
 def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
@@ -183,7 +182,8 @@ def _read_bytes(experiment: Experiment) -> int:
         number_per_run(settings, point.scenario, label, tracker)
         for label, tracker in point.filters.items()
     )
-    metrics += 2 * len(shared(experiment)) * len(point.filters)  # in batches, too
+    asked, steps = shared(experiment), point.scenario.steps.tolist()
+    metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
     return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 

@@ -6,11 +6,11 @@ batch may contradict.
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite, nan, sqrt
+from math import inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.published import PublishedNumber
-from trackbench.report.expressions import Term
+from trackbench.report.terms import Term
 
 SURE = 3.0
 """Standard errors beyond which a difference is taken for real."""
@@ -57,6 +57,20 @@ def of_claim(z: float, batches: Sequence[float], equal: bool = False) -> Verdict
     else:
         word = settled(word, found)
     return Verdict(word, z, tuple(batches))
+
+
+def weakest(zs: Sequence[float], steps: int = 1) -> float:
+    """The least z of comparisons that all have to hold, NaN before any; for certain, of many steps.
+
+    That all hold needs no correction for their number, since each has to be shown (an intersection-union
+    test; Berger 1982, Technometrics 24, 295). One of many steps that fails does: Bonferroni's.
+    """
+    from scipy.special import log_ndtr, ndtri_exp
+
+    least = min(zs, key=lambda z: -inf if isnan(z) else z)
+    if steps == 1 or not least < 0.0:
+        return least
+    return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
 def settled(word: str, batches: Sequence[str]) -> str:

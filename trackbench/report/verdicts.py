@@ -5,18 +5,20 @@ What decides is in `agreement`: all runs together, and each of the experiment's 
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from math import inf, isfinite, isnan, nan
 from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
+from trackbench.experiment.grammar import STEP, plain
 from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, UNDECIDED, Verdict
 from trackbench.report.evidence import Evidence, evidence_at
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
+from trackbench.report.terms import MISSING, Term
 
 
 class Compared(NamedTuple):
@@ -107,30 +109,41 @@ def compare(results: Results) -> Comparison:
 def judge(claim: Claim, evidence: Evidence | None) -> Judged:
     """The verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
-        verdict = Verdict(NOT_MEASURED, nan)
-        return Judged(claim, verdict, False, False, _unmeasured(claim, evidence))
-    found = [_score(evidence, claim, right) for right in claim.rights or [""]]
+        return _unjudged(claim, _no_results(claim, evidence))
+    single = _at_each_step(claim, evidence.whole)
+    found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
+    if not found:
+        return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
+    z = agreement.weakest([score.z for score in found], len(single))
     every = all(score.batches for score in found)
-    of_batches = [min(zs) for zs in zip(*(s.batches for s in found), strict=True)] if every else []
-    verdict = agreement.of_claim(weakest.z, of_batches, claim.relation == "~")
-    if isnan(weakest.off.value):
+    batches = zip(*(score.batches for score in found), strict=True) if every else ()
+    of_batches = [agreement.weakest(zs, len(single)) for zs in batches]
+    verdict = agreement.of_claim(z, of_batches, claim.relation == "~")
+    if isnan(weakest.off.term.value):
         verdict = verdict._replace(word=NOT_MEASURED)
-    if verdict.word == "holds" and any(score.loses_more for score in found):
+    losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
+    if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED)
-    fragile = any(score.off.fragile for score in found)
-    note = _joined(*(score.loses_more for score in found), weakest.why, claim.note)
+    fragile = any(score.off.term.fragile for score in found)
+    surely = sum(score.z >= agreement.SURE for score in found)
+    steps = f"{surely} of {len(found)} comparisons hold by themselves" if len(single) > 1 else ""
+    note = _joined(*losing, _why(evidence.whole, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.splits, fragile, note)
 
 
-class _Score(NamedTuple):
-    """One comparison: z in the claim's favour, of each batch too; how far off; in words."""
+def _unjudged(claim: Claim, why: str) -> Judged:
+    return Judged(claim, Verdict(NOT_MEASURED, nan), False, False, _joined(why, claim.note))
 
-    z: float
-    batches: list[float]
-    off: Term
-    loses_more: str
-    why: str
+
+def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
+    """The claim at each of the steps that it is about; or itself, if that is no matter of steps."""
+    left = whole.at_each_step(claim.left, claim.expression)
+    right = whole.at_each_step(claim.left, claim.right_expression)
+    return [
+        replace(claim, expression=a, right_expression=b)
+        for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
+    ]
 
 
 class _Off(NamedTuple):
@@ -155,16 +168,21 @@ class _Off(NamedTuple):
         return -z if claim.relation == "<" else z
 
 
+class _Score(NamedTuple):
+    """The claim against one filter: z in its favour, of each batch too; how far it is off."""
+
+    claim: Claim
+    right: str
+    z: float
+    batches: list[float]
+    off: _Off
+
+
 def _score(evidence: Evidence, claim: Claim, right: str) -> _Score:
     """The claim against one filter of its right side, or against its factor if there is none."""
     off, of_batches = evidence.of(lambda expressions: _off(expressions, claim, right))
-    return _Score(
-        off.in_favour(claim),
-        [of_batch.in_favour(claim) for of_batch in of_batches],
-        off.term,
-        _loses_more(evidence.whole, claim, right),
-        _why(evidence.whole, claim, right, off),
-    )
+    zs = [of_batch.in_favour(claim) for of_batch in of_batches]
+    return _Score(claim, right, off.in_favour(claim), zs, off)
 
 
 def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
@@ -176,13 +194,15 @@ def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
     return _Off(expressions.difference(left, other, claim.factor), 0.0, target)
 
 
-def _why(whole: Expressions, claim: Claim, right: str, off: _Off) -> str:
+def _why(whole: Expressions, score: _Score) -> str:
     """Both sides of a comparison, in words."""
+    claim, right, step = score.claim, score.right, STEP.fullmatch(plain(score.claim.expression))
     sides = [(claim.left, claim.expression)]
     sides += [(right, claim.right_expression or claim.expression)] if right else []
     why = [_in_words(label, whole.term(label, expression)) for label, expression in sides]
-    why += [] if right else [f"{off.target:g}"]
-    return ", ".join(why) + ("; no standard error" if isnan(off.term.stderr) else "")
+    why += [] if right else [f"{score.off.target:g}"]
+    why += [f"at step {step.group(2)}"] if step else []
+    return ", ".join(why) + ("; no standard error" if isnan(score.off.term.stderr) else "")
 
 
 def _in_words(label: str, term: Term) -> str:
@@ -216,14 +236,14 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
         yield Ranked(paper, table, heading, len(found), float(order))
 
 
-def _unmeasured(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
-    return _joined("" if evidence is not None else f"no results at {row.point}", row.note)
+def _no_results(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
+    return "" if evidence is not None else f"no results at {row.point}"
 
 
 def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
-        nothing, verdict = Term(nan, nan, None, 0), Verdict(NOT_MEASURED, nan)
-        yield Compared(number, "", nothing, verdict, False, _unmeasured(number, evidence))
+        note = _joined(_no_results(number, evidence), number.note)
+        yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), False, note)
         return
     for label in number.labels:
         measured, of_batches = evidence.of(partial(_term, label, number.expression))

@@ -6,9 +6,9 @@ from typing import ClassVar
 from trackbench.registry import register
 from trackbench.report import agreement, style
 from trackbench.report.evidence import Evidence
-from trackbench.report.expressions import Term
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.terms import Term
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,16 +9,17 @@ import numpy as np
 from trackbench.core import elementary
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.experiment.compose import split_path
-from trackbench.experiment.metric_names import COMPOSED
+from trackbench.experiment.grammar import COMPOSED
 from trackbench.experiment.points import single_paths
 from trackbench.experiment.published import PublishedNumber, read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.agreement import NEAR
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.terms import Term
 
 
 class Number(NamedTuple):
