@@ -16,10 +16,11 @@ from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report.agreement import of_claim, of_number, settled
 from trackbench.report.evidence import evidence_at
 from trackbench.report.expressions import Expressions
+from trackbench.report.judging import judge
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.terms import Term
-from trackbench.report.verdicts import compare, judge
+from trackbench.report.verdicts import compare
 
 
 def number(value, digits=4, runs=100, **keys):

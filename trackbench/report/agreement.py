@@ -49,11 +49,17 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, tuple(z for _, z in found))
 
 
-def of_claim(z: float, batches: Sequence[float], equal: bool = False) -> Verdict:
-    """The verdict on a claim from the z in its favour; to be ``equal`` is shown by all runs together."""
+def of_claim(
+    z: float, batches: Sequence[float], equal: bool = False, exact: bool = False
+) -> Verdict:
+    """The verdict on a claim from the z in its favour.
+
+    To be ``equal`` is shown by all runs together; and anything is whose test is ``exact``, as that of a
+    share is: a batch of 200 could not show 0.99. No batch may contradict that.
+    """
     word, found = _claimed(z), [_claimed(b) for b in batches]
-    if equal and word == "holds":
-        word = UNDECIDED if "fails" in found else word
+    if exact or (equal and word == "holds"):
+        word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
     else:
         word = settled(word, found)
     return Verdict(word, z, tuple(batches))

@@ -6,11 +6,12 @@ from math import isfinite, isnan
 from trackbench.experiment.files import remove, write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
+from trackbench.report.judging import Judged
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
-from trackbench.report.verdicts import Compared, Comparison, Judged, Ranked
+from trackbench.report.verdicts import Compared, Comparison, Ranked
 
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
