@@ -51,8 +51,9 @@ def difference(name):
 def ratio(name):
     def of(a, b):
         below = st.STATISTICS[name](b).value
-        value = st.STATISTICS[name](a).value / below
-        return value, (st.influence(name, a) - value * st.influence(name, b)) / below
+        value = st.STATISTICS[name](a).value
+        of_both = st.influence(name, a), st.influence(name, b)
+        return value / below, st.influence_of_ratio(value, below, *of_both)
 
     return of
 

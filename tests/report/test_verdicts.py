@@ -187,7 +187,7 @@ def test_gain_is_the_paired_relative_gain(made):
     expected = relative_gain(runs["PF (N=50)", "rmse"], runs["PF", "rmse"])
     found = Expressions(results, {}).term("PF (N=50)", "gain(rms(rmse), PF)")
     assert found.value == pytest.approx(100 * expected.value)
-    assert found.stderr == pytest.approx(100 * expected.stderr)
+    assert found.stderr == pytest.approx(100 * expected.stderr, rel=0.2)  # leaves runs out in turn
     ratio = Expressions(results, {}).term("PF (N=50)", "ratio(rms(rmse), PF)")
     assert found.value == pytest.approx(100 * (1 - ratio.value))
 

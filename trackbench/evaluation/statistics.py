@@ -129,8 +129,9 @@ def influence(name: str, x: Array) -> Array:
     if name == "mean":
         return np.asarray(x - _mean(x))
     if name == "rms":
-        squares = np.square(x)
-        return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
+        squares, M = np.square(x), len(x)
+        others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
+        return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
     if name == "std":
         squares = np.square(x - _mean(x))
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
@@ -142,6 +143,24 @@ def influence(name: str, x: Array) -> Array:
         value, stderr = median(x)
         return np.asarray(np.sign(x - value) * stderr * np.sqrt(len(x)))
     raise ValueError(f"no influence of {name!r}")
+
+
+@_quietly
+def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
+    """How much each run moves ``a / b``, by the influences (M,) on both, NaN where it has none.
+
+    With each run left out of both in turn, not by the delta method: a run that moves ``b`` a lot does
+    not move the ratio in proportion.
+    """
+    others = max(int((~np.isnan(of_a + of_b)).sum()) - 1, 1)
+    return _left_out(a / b, (a - of_a / others) / (b - of_b / others))
+
+
+def _left_out(value: float, without: Array) -> Array:
+    """Centred influences from a number and what it is without each run (the delete-one jackknife)."""
+    there = ~np.isnan(without)
+    moved = (int(there.sum()) - 1.0) * (value - without)
+    return np.asarray(moved - _mean(moved[there]))
 
 
 def paired_difference(a: Array, b: Array) -> Estimate:

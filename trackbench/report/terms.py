@@ -13,7 +13,7 @@ from trackbench.evaluation.intervals import (
     quantile,
     studentised,
 )
-from trackbench.evaluation.statistics import Estimate, mean, z_score
+from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
 from trackbench.report import binomial
 from trackbench.report.lost import in_words
 
@@ -99,9 +99,14 @@ MISSING = Term(np.nan, np.nan, None, 0)
 
 @quietly
 def quotient(a: Term, b: Term) -> Term:
-    """``a / b``; delta method, paired where it can be."""
+    """``a / b``, paired where it can be; else by the delta method."""
     ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
-    return together(ratio, a, b, scale, -scale * ratio)
+    term, of_a, of_b = together(ratio, a, b, scale, -scale * ratio), a.influences, b.influences
+    if of_a is None or of_b is None or not term.splits:
+        return term
+    influences = influence_of_ratio(a.value, b.value, of_a, of_b)
+    stderr = mean(influences[~np.isnan(influences)]).stderr
+    return term._replace(influences=influences, stderr=stderr)
 
 
 @quietly
