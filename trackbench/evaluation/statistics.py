@@ -163,9 +163,14 @@ def _left_out(value: float, without: Array) -> Array:
     return np.asarray(moved - _mean(moved[there]))
 
 
+def without_rounding(a: Array, b: Array) -> Array:
+    """``a - b`` over common runs; what is rounding in a and b is no difference."""
+    return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
+
+
 def paired_difference(a: Array, b: Array) -> Estimate:
-    """Mean of ``a - b`` over common runs; what is rounding in a and b is no difference."""
-    return mean(np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b))
+    """Mean of ``a - b`` over common runs."""
+    return mean(without_rounding(a, b))
 
 
 @_quietly
