@@ -37,7 +37,7 @@ def less_heavy(rng, shape):
 
 
 def single(name):
-    return lambda a, b: (st.STATISTICS[name](a).value, st.influence(name, a))
+    return lambda a, b: (st.OVER_RUNS[name](a).value, st.influence(name, a))
 
 
 def difference(name):
@@ -51,15 +51,16 @@ def difference(name):
 def ratio(name):
     def of(a, b):
         below = st.STATISTICS[name](b).value
-        value = st.STATISTICS[name](a).value / below
-        return value, (st.influence(name, a) - value * st.influence(name, b)) / below
+        value = st.STATISTICS[name](a).value
+        of_both = st.influence(name, a), st.influence(name, b)
+        return value / below, st.influence_of_ratio(value, below, *of_both)
 
     return of
 
 
 SINGLE = [single(name) for name in ("mean", "variance", "rms", "median")]
 OF_VALUES = [difference("mean"), difference("median"), ratio("mean")]
-OF_SQUARES = [difference("rms"), difference("variance"), ratio("rms")]
+OF_SQUARES = [single("std"), difference("rms"), difference("variance"), ratio("rms")]
 
 
 def held(found, truth):

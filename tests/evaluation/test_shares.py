@@ -115,7 +115,7 @@ def test_a_batch_has_shares_of_its_own_average():
         ("bias_x@3", "error_x", "mean"),
         ("anees_position@3", "nees_position", "mean"),
         ("ess@3", "ess", "mean"),
-        ("std_x@3", None, None),
+        ("std_x@3", "error_x", "std"),
         ("time-mean(nees)", None, None),
         ("median(nees)@3", None, None),
         ("mean(rmse)", None, None),

@@ -8,8 +8,9 @@ import pytest
 
 from tests.conftest import EXPERIMENTS
 from trackbench.experiment.config import load
+from trackbench.experiment.grammar import EXPRESSION
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.published import EXPRESSION, read_published
+from trackbench.experiment.published import read_published
 
 FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
 

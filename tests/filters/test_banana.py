@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run, track
 from trackbench.core.arrays import Array
@@ -13,7 +14,6 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.derived import normalised_error
-from trackbench.scenarios.banana import Banana
 
 FAR = Banana(velocity_cross=1000.0)
 GAUSSIAN: list[tuple[str, dict[str, Any]]] = [

@@ -53,7 +53,7 @@ p,Table 3,Other,Mean,1,0,40,other,Nobody,mean(rmse),,
 CLAIMS = """\
 paper,claim,experiment,left,expression,relation,factor,right,tolerance,source
 p,More particles are better,small,PF (N=50),mean(rmse),<,1,PF;No data,,text
-p,Fewer particles are better,small,PF,rms(rmse),<,1,PF (N=50),,text
+p,Fewer particles are better,small,PF,rms(rmse),<,0.8,PF (N=50),,text
 p,The exact filter is no worse than itself by half,small,Exact,mean(rmse),<,2,Exact,,text
 p,PF equals itself,small,PF,mean(rmse),~,1,PF (N=50),0.001,text
 p,PF has an error,small,PF,mean(rmse),>,0,,,text

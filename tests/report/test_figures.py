@@ -6,10 +6,11 @@ import pytest
 from trackbench import api
 from trackbench.experiment.problems import UserError
 from trackbench.report import style
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.expressions import Expressions
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
+from trackbench.report.terms import Term
 
 GRID = """
 name: g

@@ -7,9 +7,9 @@ import pytest
 
 from trackbench import api
 from trackbench.experiment.published import PublishedNumber
-from trackbench.report.expressions import Term
 from trackbench.report.results import Results
 from trackbench.report.tables.readings import Number, distance, ways_to_measure
+from trackbench.report.terms import Term
 
 CONFIG = """
 name: search

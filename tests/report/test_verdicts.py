@@ -14,10 +14,13 @@ from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.published import Claim, PublishedNumber
 from trackbench.report.agreement import of_claim, of_number, settled
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.evidence import evidence_at
+from trackbench.report.expressions import Expressions
+from trackbench.report.judging import judge
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
-from trackbench.report.verdicts import compare, judge
+from trackbench.report.terms import Term
+from trackbench.report.verdicts import compare
 
 
 def number(value, digits=4, runs=100, **keys):
@@ -169,7 +172,7 @@ def test_equal_to_a_number_within_a_tolerance(made, off, word):
         factor=measured.value + off * measured.stderr,
         tolerance=5 * measured.stderr / measured.value,
     )
-    assert judge(results, claim).verdict.word == word
+    assert judge(claim, evidence_at(results, "")).verdict.word == word
 
 
 def test_order_of_the_filters_is_compared(made):
@@ -184,7 +187,7 @@ def test_gain_is_the_paired_relative_gain(made):
     expected = relative_gain(runs["PF (N=50)", "rmse"], runs["PF", "rmse"])
     found = Expressions(results, {}).term("PF (N=50)", "gain(rms(rmse), PF)")
     assert found.value == pytest.approx(100 * expected.value)
-    assert found.stderr == pytest.approx(100 * expected.stderr)
+    assert found.stderr == pytest.approx(100 * expected.stderr, rel=0.2)  # leaves runs out in turn
     ratio = Expressions(results, {}).term("PF (N=50)", "ratio(rms(rmse), PF)")
     assert found.value == pytest.approx(100 * (1 - ratio.value))
 

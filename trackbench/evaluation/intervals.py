@@ -50,6 +50,13 @@ def studentised(value: float, influences: Array, other: float = 0.0) -> float:
     return normal_of_t(T, found.freedom)
 
 
+def two_sided(z: float) -> float:
+    """p-value of a z that is standard normal."""
+    from scipy.special import ndtr
+
+    return float(2.0 * ndtr(-abs(z)))
+
+
 def quantile(level: float, freedom: float) -> float:
     """Half the width, in standard errors, of a two-sided interval by Student's t."""
     from scipy.special import ndtri

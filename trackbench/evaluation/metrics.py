@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.base import Scenario, in_window
 
 OWN_NAMES = frozenset(
     {"squared", "error", "distance", "nees", "outside", "rmse", "bias", "std", "anees", "lost"}
@@ -73,7 +73,7 @@ def per_run_metrics(
     lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
     for window, mask in scenario.windows.items():
-        suffix = f"[{window}]" if window else ""
+        suffix = in_window("", window)
         for name, rows in values.items():
             head, _, quantity = name.partition("_")
             if head == "squared":

@@ -2,9 +2,10 @@
 
 ``time-mean(rmse)`` averages over steps what was averaged over runs, so that no run has a value of its
 own, and errors of one run are correlated in time. Its linear part gives each run a share (the
-infinitesimal jackknife, Efron 1982, chapter 6): ``value + influence``. ``rmse@20`` needs each run's
-error at a step. A share has the name of its expression, and stands in per_run.csv where an experiment
-asks for it; ``time-mean(rmse)/4`` are shares of the averages of four batches, each of its own.
+infinitesimal jackknife, Efron 1982, chapter 6): ``value + influence``. ``rmse@20`` and ``std_x@20``
+need each run's error at a step. A share has the name of its expression, and stands in per_run.csv where
+an experiment asks for it; ``time-mean(rmse)/4`` are shares of the averages of four batches, each of its
+own.
 """
 
 import re
@@ -19,8 +20,14 @@ from trackbench.evaluation.metrics import FOUND, joined
 
 TIME_MEAN = re.compile(r"time-mean\(([\w.-]+)(?:\[([^\]]+)\])?\)(?:/(\d+))?")
 _STEP = re.compile(r"([\w.-]+)@(\d+|last)")
-_SERIES = {"rmse": "squared", "distance": "distance", "bias": "error", "anees": "nees"}
-_SQUARED = ("rmse", "distance")
+_SERIES = {
+    "rmse": "squared",
+    "distance": "distance",
+    "bias": "error",
+    "std": "error",
+    "anees": "nees",
+}
+_STATISTICS = {"rmse": "rms", "distance": "rms", "std": "std"}
 
 
 def series_of(expression: str) -> str | None:
@@ -29,7 +36,7 @@ def series_of(expression: str) -> str | None:
     if found is None:
         return None
     head, _, quantity = found.group(1).partition("_")
-    if head == "std" or (head != "rmse" and TIME_MEAN.fullmatch(expression)):
+    if head != "rmse" and TIME_MEAN.fullmatch(expression):
         return None
     return joined(_SERIES[head], quantity) if head in _SERIES else found.group(1)
 
@@ -38,8 +45,8 @@ def statistic_of(expression: str) -> str | None:
     """The statistic over runs of its shares that an expression is; None if it has no shares."""
     if series_of(expression) is None:
         return None
-    squared = _STEP.fullmatch(expression) and expression.partition("@")[0].startswith(_SQUARED)
-    return "rms" if squared else "mean"
+    at_step = _STEP.fullmatch(expression)
+    return _STATISTICS.get(at_step.group(1).partition("_")[0], "mean") if at_step else "mean"
 
 
 def with_shares(
@@ -86,7 +93,7 @@ def _share(
     if number not in steps:
         return None
     row, (head, _, part) = rows[steps.index(number)], metric.partition("_")
-    if head in _SQUARED:
+    if _STATISTICS.get(head) == "rms":
         return np.sqrt(row)
     return row / sizes[part] if head == "anees" else row
 

@@ -75,12 +75,21 @@ def _quantiles(x: Array, shares: list[float]) -> list[float]:
     return [float(q) for q in np.where(np.isnan(found), x.max(), found)]
 
 
+@_quietly
+def deviation(x: Array) -> Estimate:
+    """Standard deviation (of divisor M) of a step's errors over runs, as per_step.csv has it."""
+    stderr = mean(influence("std", x)).stderr if len(x) > 1 else np.nan
+    return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
+
+
 STATISTICS: dict[str, Callable[[Array], Estimate]] = {
     "mean": mean,
     "variance": variance,
     "rms": rms,
     "median": median,
 }
+OVER_RUNS = STATISTICS | {"std": deviation}
+"""Those of a summary, and the one that is of a step only."""
 
 
 @_quietly
@@ -120,7 +129,11 @@ def influence(name: str, x: Array) -> Array:
     if name == "mean":
         return np.asarray(x - _mean(x))
     if name == "rms":
-        squares = np.square(x)
+        squares, M = np.square(x), len(x)
+        others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
+        return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
+    if name == "std":
+        squares = np.square(x - _mean(x))
         return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
     if name == "variance":
         squares, M = np.square(x - _mean(x)), len(x)
@@ -132,9 +145,32 @@ def influence(name: str, x: Array) -> Array:
     raise ValueError(f"no influence of {name!r}")
 
 
+@_quietly
+def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
+    """How much each run moves ``a / b``, by the influences (M,) on both, NaN where it has none.
+
+    With each run left out of both in turn, not by the delta method: a run that moves ``b`` a lot does
+    not move the ratio in proportion.
+    """
+    others = max(int((~np.isnan(of_a + of_b)).sum()) - 1, 1)
+    return _left_out(a / b, (a - of_a / others) / (b - of_b / others))
+
+
+def _left_out(value: float, without: Array) -> Array:
+    """Centred influences from a number and what it is without each run (the delete-one jackknife)."""
+    there = ~np.isnan(without)
+    moved = (int(there.sum()) - 1.0) * (value - without)
+    return np.asarray(moved - _mean(moved[there]))
+
+
+def without_rounding(a: Array, b: Array) -> Array:
+    """``a - b`` over common runs; what is rounding in a and b is no difference."""
+    return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
+
+
 def paired_difference(a: Array, b: Array) -> Estimate:
-    """Mean of ``a - b`` over common runs; what is rounding in a and b is no difference."""
-    return mean(np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b))
+    """Mean of ``a - b`` over common runs."""
+    return mean(without_rounding(a, b))
 
 
 @_quietly

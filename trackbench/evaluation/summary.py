@@ -18,6 +18,7 @@ from trackbench.evaluation.statistics import (
     median,
     root,
 )
+from trackbench.scenarios.base import in_window
 
 
 class SummaryRow(NamedTuple):
@@ -78,8 +79,7 @@ def _time_means(
         for window, mask in windows.items():
             there = mask & (number > 0)
             if there.any():
-                metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
-                metric = f"time-mean({metric})"
+                metric = f"time-mean({in_window(joined('rmse', quantity), window)})"
                 steps = root(mean_from_sums(total[there], squares[there], number[there]))
                 value, stderr = average(np.stack(steps)).tolist()
                 shares = result.per_run.get(metric)
@@ -110,7 +110,7 @@ def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> I
     """A scenario's lower bounds on every RMSE (T + 1,), over each window as `summary_rows` has them."""
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
-            metric = joined("rmse", quantity) + (f"[{window}]" if window else "")
+            metric = in_window(joined("rmse", quantity), window)
             rms = float(np.sqrt(average(np.square(bound[mask]))))
             yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
             yield SummaryRow(

@@ -12,6 +12,7 @@ from trackbench.experiment.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.keys import ONE_LINE, Count, Natural
 from trackbench.models.assumed import Assume
+from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
@@ -104,6 +105,11 @@ class Experiment:
     source: Source
     published: Published
     plugins: tuple[Plugin, ...] = ()
+
+    @property
+    def parts(self) -> dict[Group, dict[str, Any]]:
+        """Tables and figures by name."""
+        return {"tables": self.tables, "figures": self.figures}
 
     @property
     def shown_runs(self) -> int:

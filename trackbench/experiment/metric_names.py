@@ -13,19 +13,15 @@ from trackbench.evaluation.block import simulate
 from trackbench.evaluation.derived import marginals, sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
-from trackbench.evaluation.shares import series_of
-from trackbench.evaluation.statistics import STATISTICS
 from trackbench.evaluation.summary import step_rows, summary_rows
-from trackbench.experiment.definition import Experiment, Point, Settings
+from trackbench.experiment.definition import Point, Settings
+from trackbench.experiment.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
 from trackbench.registry import Group
 from trackbench.scenarios.base import truth_components
 
-STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
-COMPOSED = re.compile(r"(gain|ratio|minus)\((.+?\)?), (.+)\)")
-STEP = re.compile(r"(.+)@(\d+|last)")
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
 _MOST_NOTED, _MOST_OF_RUNS = 6, 50
@@ -46,21 +42,6 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
         return frozenset(map(base_name, settings.per_step))
     names = settings.metrics
     return None if names is None else frozenset({"lost", *map(base_name, names)})
-
-
-def shared(experiment: Experiment) -> tuple[str, ...]:
-    """Expressions of tables, figures and published files that per_run.csv has each run's share in."""
-    parts: dict[Group, dict[str, Any]] = {
-        "tables": experiment.tables,
-        "figures": experiment.figures,
-    }
-    words = [asked.word for asked in _asked_by_parts(parts)]
-    published = experiment.published
-    words += [e for number in published.numbers for e in number.expressions]
-    words += [e for claim in published.claims for e in claim.expressions]
-    composed = [COMPOSED.fullmatch(word) for word in words]
-    inner = [c.group(2) if c else word for c, word in zip(composed, words, strict=True)]
-    return tuple(sorted({word for word in inner if series_of(word) is not None}))
 
 
 def number_per_run(settings: Settings, scenario: Any, label: str, tracker: Any) -> int:
@@ -100,7 +81,7 @@ class Names:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class Asked:
     """A name that a part of the config asks for, where, and what it may be."""
 
     keys: Keys
@@ -127,7 +108,7 @@ def check_metrics(
     if not whole or not all(getattr(p.scenario, "has_truth", True) for p in there):
         return
     chosen = list({point.scenario: point for point in reversed(there)}.values())
-    asked = [*_asked_by_settings(settings), *_asked_by_parts(parts)]
+    asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
     names = _names(settings, chosen, noted=False)
     if any(not a.named or _mistake(a, names, settings) for a in asked):
         names = _names(settings, [*chosen, there[-1]], noted=True)
@@ -137,16 +118,16 @@ def check_metrics(
             problems.append(Problem(source.mark(a.keys), dotted(a.keys), what))
 
 
-def _asked_by_settings(settings: Settings) -> Iterator[_Asked]:
+def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
     for i, word in enumerate(settings.medians):
-        yield _Asked(("medians", i), word, "series")
+        yield Asked(("medians", i), word, "series")
     for i, word in enumerate(settings.metrics or ()):
-        yield _Asked(("metrics", i), word, "base")
+        yield Asked(("metrics", i), word, "base")
     for i, word in enumerate(settings.per_step or ()):
-        yield _Asked(("per_step", i), word, "base")
+        yield Asked(("per_step", i), word, "base")
 
 
-def _asked_by_parts(parts: dict[Group, dict[str, Any]]) -> Iterator[_Asked]:
+def asked_by_parts(parts: dict[Group, dict[str, Any]]) -> Iterator[Asked]:
     """What tables and figures say of themselves.
 
     In ``asks`` a key of the config and the role of what it names, in ``needs`` a metric and its role.
@@ -154,16 +135,16 @@ def _asked_by_parts(parts: dict[Group, dict[str, Any]]) -> Iterator[_Asked]:
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in getattr(part, "needs", {}).items():
-                yield _Asked((group, name), word, role, named=False)
+                yield Asked((group, name), word, role, named=False)
             for key, role in getattr(part, "asks", {}).items():
                 value = getattr(part, key)
                 if isinstance(value, str):
-                    yield _Asked((group, name, key), value, role)
+                    yield Asked((group, name, key), value, role)
                 for head, inner in value.items() if isinstance(value, dict) else ():
                     if isinstance(inner, str):
-                        yield _Asked((group, name, key, head), inner, role)
+                        yield Asked((group, name, key, head), inner, role)
                     else:
-                        yield _Asked((group, name, key, head, "metric"), inner.metric, role)
+                        yield Asked((group, name, key, head, "metric"), inner.metric, role)
 
 
 def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
@@ -214,7 +195,7 @@ def _noted(settings: Settings, scenario: Any, tracker: Any) -> set[str]:
         return set(tracker.diagnostics(tracker.step(model, state, data.measurements[:, 0], k, rng)))
 
 
-def _mistake(asked: _Asked, names: Any, settings: Settings) -> str | None:
+def _mistake(asked: Asked, names: Any, settings: Settings) -> str | None:
     role, word = asked.role, asked.word
     if role == "expression":
         role, word = _part_of(word)
@@ -245,9 +226,10 @@ def _mistake(asked: _Asked, names: Any, settings: Settings) -> str | None:
 
 def _part_of(expression: str) -> tuple[str, str]:
     """Role and name of the metric that an expression is about."""
-    composed = COMPOSED.fullmatch(expression)
-    expression = composed.group(2) if composed else expression
-    statistic, step = STATISTIC.fullmatch(expression), STEP.fullmatch(expression)
+    metric = plain(expression)
+    statistic, step = STATISTIC.fullmatch(metric), STEP.fullmatch(metric)
     if statistic:
         return "per_run", statistic.group(2)
-    return ("per_step", step.group(1)) if step else ("summary", expression)
+    if step:
+        return "per_step", step.group(1)
+    return "per_run" if expression.startswith("below(") else "summary", metric

@@ -8,11 +8,11 @@ from math import ceil
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.shares import series_of
 from trackbench.experiment.definition import Experiment, Point, Settings
-from trackbench.experiment.metric_names import number_per_run, shared
+from trackbench.experiment.metric_names import number_per_run
 from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.shared import shared
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, truth_components
 
@@ -89,8 +89,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
     """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
-    series = (series_of(expression) or "" for expression in shared(experiment))
-    return tuple(dict.fromkeys([*experiment.settings.medians, *series]))
+    return tuple(dict.fromkeys([*experiment.settings.medians, *shared(experiment).series]))
 
 
 def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
@@ -129,9 +128,9 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     """
     settings = experiment.settings
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    most, read_back = 0, _read_bytes(experiment)
+    most, read_back, series = 0, _read_bytes(experiment), len(_kept_series(experiment))
     for point in experiment.points:
-        merged = max(_merged_bytes(experiment, point, save_tracks), read_back)
+        merged = max(_merged_bytes(experiment, point, series, save_tracks), read_back)
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
@@ -184,15 +183,16 @@ def _read_bytes(experiment: Experiment) -> int:
         number_per_run(settings, point.scenario, label, tracker)
         for label, tracker in point.filters.items()
     )
-    metrics += 2 * len(shared(experiment)) * len(point.filters)  # in batches, too
+    asked, steps = shared(experiment), point.scenario.steps.tolist()
+    metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
     return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
 
 
-def _merged_bytes(experiment: Experiment, point: Point, save_tracks: bool) -> int:
+def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
     """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
     settings, steps = experiment.settings, len(point.scenario.steps)
     n_x = len(truth_components(point.scenario))
-    per_run = 60 + len(_kept_series(experiment)) * steps
+    per_run = 60 + series * steps
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
     filters = len(point.filters) * len(experiment.points)

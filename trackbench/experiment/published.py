@@ -6,20 +6,15 @@ below. A row counts for the experiments that its ``experiment`` column names (al
 
 import csv
 import io
-import re
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from trackbench.experiment.grammar import EXPRESSION, STEPS
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
 from trackbench.experiment.source import Source, scalar, text_of, unseen
 from trackbench.experiment.validate import build, unknown
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
-
-_NAME = r"[A-Za-z_][\w.-]*(?:\[[^\]]*\])?"
-_PLAIN = rf"(?:{_NAME}\({_NAME}\)|{_NAME}@(?:\d+|last)|{_NAME})"
-_COMPOSED = rf"(?:gain|ratio|minus)\({_PLAIN}, (?P<other>.+)\)"
-EXPRESSION = re.compile(rf"{_PLAIN}|{_COMPOSED}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +48,8 @@ class PublishedNumber:
     label: str = ""
     """labels of the filter there, separated by semicolons"""
     expression: str = ""
-    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`"""
+    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
+    `below(rmse, PF)`: the share of the runs in which it is less than PF's"""
     point: str = ""
     """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
     source: str = ""
@@ -85,7 +81,7 @@ class Claim:
     left: str = ""
     """label of the filter that is spoken of"""
     expression: str = ""
-    """what is compared: as for a published number"""
+    """what is compared: as for a published number; `rmse@3..last` is compared at each of the steps"""
     relation: Literal["<", ">", "~"] = "<"
     """smaller, larger, or equal within the tolerance"""
     factor: Finite = 1.0
@@ -102,6 +98,11 @@ class Claim:
     """page, table or equation"""
     note: str = ""
     """what else is to be known"""
+
+    @property
+    def labels(self) -> list[str]:
+        """Every label of the test."""
+        return split(self.left) + self.rights
 
     @property
     def rights(self) -> list[str]:
@@ -261,3 +262,9 @@ def _check(
             wrong(key, f"{expression!r} is no expression {such}")
         if match and match["other"]:
             known(key, match["other"])
+    of_steps = [STEPS.findall(expression) for expression in row.expressions]
+    if isinstance(row, PublishedNumber) and any(of_steps):
+        wrong("expression", f"{row.expression!r} is no number: name one step")
+    elif of_steps[1:] not in ([], [[]], of_steps[:1]):
+        what = f"{row.expressions[1]!r} is not at the steps of {row.expressions[0]!r}"
+        wrong("right_expression", what)

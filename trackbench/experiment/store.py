@@ -22,11 +22,12 @@ from trackbench.evaluation.summary import (
 from trackbench.experiment.definition import Experiment
 from trackbench.experiment.files import csv_writer, made, replacing, write_text
 from trackbench.experiment.manifest import manifest_of
-from trackbench.experiment.metric_names import base_name, kept_metrics, shared
+from trackbench.experiment.metric_names import base_name, kept_metrics
 from trackbench.experiment.outputs import remove_outputs
 from trackbench.experiment.plan import Key
 from trackbench.experiment.resolved import as_yaml, resolved
 from trackbench.experiment.runner import Outcome
+from trackbench.experiment.shared import Shared, shared
 from trackbench.experiment.tracks import Kept, Shown
 
 Row = Iterable[Any]
@@ -93,11 +94,11 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
-    losses, cpu_s = {}, 0.0
+    losses, cpu_s, asked = {}, 0.0, shared(experiment)
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
-            result = _shared(experiment, key, result)
+            result = _with_shares(experiment, key, result, asked)
             losses[key] = Losses.of(result)
             cpu_s += sum(t.cpu_s for t in result.timing)
             for name in _FRAMES:
@@ -111,13 +112,16 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)})
 
 
-def _shared(experiment: Experiment, key: Key, result: FilterResult) -> FilterResult:
+def _with_shares(
+    experiment: Experiment, key: Key, result: FilterResult, asked: Shared
+) -> FilterResult:
     """With the runs' shares that are asked for, and without the series that they are made of."""
     scenario, settings = experiment.points[key[0]].scenario, experiment.settings
     windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
-    names, batches, medians = shared(experiment), settings.verdict_seeds, settings.medians
-    result = with_shares(result, names, windows, steps, parts, batches)
-    return result._replace(kept={n: rows for n, rows in result.kept.items() if n in medians})
+    names = asked.of(key[1], steps)
+    result = with_shares(result, names, windows, steps, parts, settings.verdict_seeds)
+    kept = {name: rows for name, rows in result.kept.items() if name in settings.medians}
+    return result._replace(kept=kept)
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:

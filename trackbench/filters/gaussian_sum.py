@@ -75,10 +75,8 @@ class GaussianSum:
         )  # the mixture has the azimuth's variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         narrow = np.square(model.sensor.sigma_range), np.square(width * s)
-        first, second = (
-            ccm(Polar(*_shifted(scan, s * by), *narrow))
-            for scan, by in ((prior.first, one), (prior.second, two))
-        )
+        shifted = _shifted(prior.first, s * one), _shifted(prior.second, s * two)
+        first, second = (ccm(Polar(r, a, *narrow)) for r, a in shifted)
         start = differenced(first, second, prior.T, prior.q)
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         shape = (runs, self.N)

@@ -6,11 +6,11 @@ batch may contradict.
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite, nan, sqrt
+from math import inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.published import PublishedNumber
-from trackbench.report.expressions import Term
+from trackbench.report.terms import Term
 
 SURE = 3.0
 """Standard errors beyond which a difference is taken for real."""
@@ -49,14 +49,34 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, tuple(z for _, z in found))
 
 
-def of_claim(z: float, batches: Sequence[float], equal: bool = False) -> Verdict:
-    """The verdict on a claim from the z in its favour; to be ``equal`` is shown by all runs together."""
+def of_claim(
+    z: float, batches: Sequence[float], equal: bool = False, exact: bool = False
+) -> Verdict:
+    """The verdict on a claim from the z in its favour.
+
+    To be ``equal`` is shown by all runs together; and anything is whose test is ``exact``, as that of a
+    share is: a batch of 200 could not show 0.99. No batch may contradict that.
+    """
     word, found = _claimed(z), [_claimed(b) for b in batches]
-    if equal and word == "holds":
-        word = UNDECIDED if "fails" in found else word
+    if exact or (equal and word == "holds"):
+        word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
     else:
         word = settled(word, found)
     return Verdict(word, z, tuple(batches))
+
+
+def weakest(zs: Sequence[float], steps: int = 1) -> float:
+    """The least z of comparisons that all have to hold, NaN before any; for certain, of many steps.
+
+    That all hold needs no correction for their number, since each has to be shown (an intersection-union
+    test; Berger 1982, Technometrics 24, 295). One of many steps that fails does: Bonferroni's.
+    """
+    from scipy.special import log_ndtr, ndtri_exp
+
+    least = min(zs, key=lambda z: -inf if isnan(z) else z)
+    if steps == 1 or not least < 0.0:
+        return least
+    return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
 def settled(word: str, batches: Sequence[str]) -> str:

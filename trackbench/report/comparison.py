@@ -6,11 +6,12 @@ from math import isfinite, isnan
 from trackbench.experiment.files import remove, write_csv, write_text
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
+from trackbench.report.judging import Judged
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
-from trackbench.report.verdicts import Compared, Comparison, Judged, Ranked
+from trackbench.report.verdicts import Compared, Comparison, Ranked
 
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
@@ -140,26 +141,23 @@ def number_tables(comparison: Comparison) -> list[TextTable]:
     """A table of verdicts per published table, and of those with several readings all of them."""
     tables: dict[tuple[str, str], TextTable] = {}
     readings: dict[tuple[str, str], TextTable] = {}
-    number_of = {number.best.printed_at: number.readings for number in comparison.numbers}
     for number in comparison.numbers:
-        p = number.best.published
+        best = number.best
+        p = best.published
         title = f"{p.paper}, {p.table}: published and measured"
-        table = tables.setdefault((p.paper, p.table), TextTable(title, _heads()))
-        table.rows.append(_row(number.best, number.readings))
-    for row in comparison.rows:
-        if number_of[row.printed_at] > 1:
-            p = row.published
+        table = tables.setdefault((p.paper, p.table), TextTable(title, _HEADS))
+        table.rows.append(_row(best, number.readings))
+        if number.readings > 1:
             title = f"{p.paper}, {p.table}: every reading"
-            table = readings.setdefault((p.paper, p.table), TextTable(title, _heads()))
-            table.rows.append(_row(row, 1))
+            table = readings.setdefault((p.paper, p.table), TextTable(title, _HEADS))
+            table.rows += [_row(row) for row in number.rows]
     return [t for key in tables for t in (tables[key], readings.get(key)) if t is not None]
 
 
-def _heads() -> list[str]:
-    return ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z of batches", "Note"]
+_HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z of batches", "Note"]
 
 
-def _row(row: Compared, readings: int) -> list[Text]:
+def _row(row: Compared, readings: int = 1) -> list[Text]:
     p, verdict = row.published, row.verdict
     name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
     tried = f" (best of {readings})" if readings > 1 else ""

@@ -3,25 +3,18 @@
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report import binomial
 
 _BY_CHANCE = 0.01
 """Probability below which so many more lost runs of one filter are no chance."""
 
 
-def share(lost: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Interval of the probability of a loss (Clopper and Pearson 1934)."""
-    from scipy.special import betaincinv
-
-    tail = 0.5 * (1.0 - level)
-    low = betaincinv(lost, runs - lost + 1, tail) if lost else 0.0
-    high = betaincinv(lost + 1, runs - lost, 1.0 - tail) if lost < runs else 1.0
-    return float(low), float(high)
-
-
-def in_words(lost: int, runs: int) -> str:
+def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     """``3 of 800 runs lost (0.077 to 1.1 %)``."""
-    low, high = (f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in share(lost, runs))
-    return f"{lost} of {runs} runs lost ({low} to {high} %)"
+    low, high = (
+        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in binomial.interval(lost, runs)
+    )
+    return f"{lost} of {runs}{what} ({low} to {high} %)"
 
 
 def loses_more(a: Array, b: Array) -> bool:

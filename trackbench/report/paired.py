@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import holm, p_value, paired_difference, z_score
+from trackbench.evaluation.intervals import studentised, two_sided
+from trackbench.evaluation.statistics import holm, influence, mean, without_rounding
 
 
 class Pair(NamedTuple):
@@ -47,9 +48,10 @@ def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[P
         runs = int(both.sum())
         if not runs:
             continue
-        difference = paired_difference(values[a][both], values[b][both])
-        z = z_score(difference)
-        p = p_value(z, runs)
+        differences = without_rounding(values[a][both], values[b][both])
+        difference = mean(differences)
+        z = studentised(difference.value, influence("mean", differences))
+        p = two_sided(z)
         found.append(Pair(a, b, metric, *difference, z, p, p, runs))
     adjusted = holm(np.array([pair.p for pair in found]))
     return [pair._replace(p_holm=float(p)) for pair, p in zip(found, adjusted, strict=True)]

@@ -74,7 +74,8 @@ class Table:
             row += [Text(self.text(c), c.estimate.value) for c in cells]
             if lost:
                 most = max(cells, key=lambda c: c.lost)
-                row.append(Text(_losses(most), most.lost))
+                losses = in_words(most.lost, most.lost + most.runs, what="")
+                row.append(Text(losses, most.lost))
             table.rows.append(row)
         return table
 
@@ -90,11 +91,6 @@ class Table:
         if not isfinite(value):
             return "all runs lost" if cell.lost and not cell.runs else "–"
         return rounded(value, stderr, self.digits)
-
-
-def _losses(cell: Cell) -> str:
-    """``3 of 800 (0.077 to 1.1 %)``."""
-    return in_words(cell.lost, cell.lost + cell.runs).replace(" runs lost", "")
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:

@@ -79,6 +79,11 @@ def truth_components(scenario: Scenario) -> tuple[str, ...]:
     return own or scenario.model.motion.components
 
 
+def in_window(name: str, window: str) -> str:
+    """``name[window]``: a metric over a window of steps; the name alone over the whole time."""
+    return f"{name}[{window}]" if window else name
+
+
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
     """Truth (n_x, T + 1, M) and measurements (n_z, T, M) of the model itself from ``start``."""
     truth, seen = [start], []

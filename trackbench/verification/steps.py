@@ -15,6 +15,7 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.definition import Point
 from trackbench.report.results import Results
+from trackbench.scenarios.base import in_window
 from trackbench.verification.findings import Finding, changed
 from trackbench.verification.summaries import HALF, near, stored_rows
 
@@ -52,12 +53,12 @@ def _averages(
         counts: frozenset[str] = getattr(here.filters[label], "counts", frozenset())
         at = np.searchsorted(here.scenario.steps, rows["step"])
         for window, mask in here.scenario.windows.items():
-            inside, end = rows[mask[at]], f"[{window}]" if window else ""
-            mean = summary.get((label, f"time-mean({metric}{end})"))
+            inside = rows[mask[at]]
+            mean = summary.get((label, f"time-mean({in_window(metric, window)})"))
             if mean is not None:
                 shared = (label, mean.metric) in runs
                 yield label, metric, window, _is_time_mean(inside, mean, shared)
-            values = runs.get((label, _of_runs(metric) + end))
+            values = runs.get((label, in_window(_of_runs(metric), window)))
             if values is not None:
                 found = values[~np.isnan(values)]
                 if len(inside) and (inside["runs"] == len(found)).all():

@@ -10,9 +10,9 @@ from trackbench.evaluation.statistics import interval
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions, over_runs
 from trackbench.report.results import Results
-from trackbench.report.verdicts import point_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,10 +9,11 @@ from trackbench.experiment.published import Claim, read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report.agreement import CLAIM_WORDS, NOT_MEASURED
+from trackbench.report.evidence import Evidence
+from trackbench.report.judging import judge
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.readings import readings
-from trackbench.report.verdicts import judge
 
 _WORDS = tuple(word for word in CLAIM_WORDS if word != NOT_MEASURED)
 
@@ -79,7 +80,8 @@ def _judged(
     results: Results, claims: list[Claim], points: list[dict[str, Any]]
 ) -> tuple[list[Claim], list[list[str]]]:
     """The claims that any point decides, and the words on each of them at every point."""
-    found = [[judge(results, claim, point).verdict.word for claim in claims] for point in points]
+    evidence = [Evidence.at(results, point) for point in points]
+    found = [[judge(claim, there).verdict.word for claim in claims] for there in evidence]
     measured = [any(at[i] != NOT_MEASURED for at in found) for i in range(len(claims))]
     return list(compress(claims, measured)), [list(compress(at, measured)) for at in found]
 

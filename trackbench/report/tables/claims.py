@@ -5,10 +5,10 @@ from typing import ClassVar
 
 from trackbench.registry import register
 from trackbench.report import agreement, style
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.evidence import Evidence
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.verdicts import seeds_of
+from trackbench.report.terms import Term
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,21 +49,19 @@ class Claims:
         points = results.points()
         names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
-        at = [Expressions(results, point) for point in points]
+        at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():
-            found = [_compared(expressions, claim) for expressions in at]
+            found = [_compared(evidence, claim) for evidence in at]
             table.add([words], [Cell(term.estimate, term.runs, term.lost) for term, _ in found])
             table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
         return table
 
 
-def _compared(whole: Expressions, claim: Claim) -> tuple[Term, str]:
+def _compared(evidence: Evidence, claim: Claim) -> tuple[Term, str]:
     """The difference of the two filters on common runs, and what it says of the claim."""
-    sides = [(label, f"mean({claim.metric})") for label in (claim.less, claim.than)]
-    off = whole.difference(sides[0], sides[1])
-    batches = whole.batches(seeds_of(whole.results))
-    of_batches = [-batch.difference(sides[0], sides[1]).z() for batch in batches]
-    return off, agreement.of_claim(-off.z(), of_batches).word
+    less, than = ((label, f"mean({claim.metric})") for label in (claim.less, claim.than))
+    off, of_batches = evidence.of(lambda expressions: expressions.difference(less, than))
+    return off, agreement.of_claim(-off.z(), [-of_batch.z() for of_batch in of_batches]).word
 
 
 def _ranges(names: list[str], words: list[str]) -> str:

@@ -9,20 +9,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from trackbench.core import elementary
-from trackbench.core.sums import total
-from trackbench.evaluation.statistics import Estimate
+from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.experiment.compose import split_path
-from trackbench.experiment.metric_names import COMPOSED
+from trackbench.experiment.grammar import COMPOSED
 from trackbench.experiment.points import single_paths
 from trackbench.experiment.published import PublishedNumber, read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
-from trackbench.report.expressions import Expressions, Term
+from trackbench.report.agreement import NEAR
+from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.terms import Term
 
-_NEAR = 0.1
 _OVER_RUNS = re.compile(r"(?:mean|rms|median|time-mean)\((.+)\)")
 
 
@@ -52,7 +52,7 @@ class Distance(NamedTuple):
     def cell(self) -> Cell:
         """As a cell of a table; its error is of the runs, not of the choice among readings."""
         runs = len(self.influences)
-        return Cell(Estimate(self.value, _stderr(self.influences)), runs - self.lost, self.lost)
+        return Cell(Estimate(self.value, mean(self.influences).stderr), runs - self.lost, self.lost)
 
 
 @register("tables", "readings")
@@ -137,7 +137,7 @@ def distance(numbers: list[Number]) -> Distance:
             return Distance(inf, np.full(runs, np.nan), 0, lost)
         off = number.power * float(elementary.log(term.value / printed))
         squares += off * off
-        near += abs(term.value - printed) <= _NEAR * printed
+        near += abs(term.value - printed) <= NEAR * printed
         if term.influences is not None:
             share = runs / term.runs  # of survivors, each counts for more
             influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
@@ -227,13 +227,7 @@ def _not_farther(d: Distance, nearest: Distance) -> bool:
     if not isfinite(d.value):
         return False
     if len(d.influences) != len(nearest.influences):
-        stderr = hypot(_stderr(d.influences), _stderr(nearest.influences))
+        stderr = hypot(mean(d.influences).stderr, mean(nearest.influences).stderr)
     else:
-        stderr = _stderr(d.influences - nearest.influences)
+        stderr = mean(d.influences - nearest.influences).stderr
     return d.value - nearest.value <= 2.0 * stderr
-
-
-def _stderr(influences: np.ndarray) -> float:
-    """Standard error of what so many runs move by their influences."""
-    runs = len(influences)
-    return float(np.sqrt(total(np.square(influences)) / (runs * runs))) if runs > 1 else np.nan

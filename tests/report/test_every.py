@@ -1,0 +1,169 @@
+"""Claims about every run and every step: exact shares, and statements about many steps at once."""
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest, norm
+
+from trackbench import api
+from trackbench.experiment.grammar import EXPRESSION, at_each_step, plain
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.published import Claim
+from trackbench.report import binomial
+from trackbench.report.agreement import of_claim, weakest
+from trackbench.report.evidence import Evidence
+from trackbench.report.expressions import Expressions
+from trackbench.report.judging import judge
+from trackbench.report.results import Results
+from trackbench.verification import verify
+
+CONFIG = """
+name: every
+runs: 80
+block: 40
+scenario: {kind: merwe, T: 8}
+filters: {PF: {kind: pf, N: 20}, UKF: {kind: ukf}, Exact: {kind: grid}, None: {kind: prior-mean}}
+published: [claims.csv]
+"""
+CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
+p,lower at every step,every,Exact,rmse@3..last,<,1,None
+p,lower in every run,every,Exact,"below(rmse, None)",>,0.97,
+p,lower at every step than itself,every,Exact,rmse@2..4,<,1,Exact
+"""
+
+
+@pytest.mark.parametrize(("events", "runs"), [(0, 20), (3, 20), (795, 800), (800, 800)])
+@pytest.mark.parametrize("share", [0.001, 0.2, 0.97, 0.999])
+def test_z_of_a_share_is_the_exact_tail(events, runs, share):
+    side = "greater" if events > runs * share else "less"
+    tail = binomtest(events, runs, share, alternative=side).pvalue
+    expected = max(norm.isf(tail), 0.0) if side == "greater" else min(norm.ppf(tail), 0.0)
+    assert binomial.z(events, runs, share) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    low, high = binomial.interval(events, runs)
+    exact = binomtest(events, runs).proportion_ci(0.95, method="exact")
+    assert (low, high) == pytest.approx((exact.low, exact.high))
+
+
+def test_every_run_is_refuted_by_one_and_shown_by_none():
+    assert binomial.z(799, 800, 1.0) == -np.inf
+    assert binomial.z(800, 800, 1.0) == 0.0
+    assert binomial.z(0, 800, 0.0) == 0.0
+    assert binomial.z(1, 800, 0.0) == np.inf
+
+
+def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
+    assert of_claim(4.4, [1.7] * 4, exact=True).word == "holds"
+    assert of_claim(4.4, [1.7, 1.7, -3.5, 1.7], exact=True).word == "not decided"
+    assert of_claim(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
+
+
+def test_one_of_many_steps_fails_only_beyond_what_chance_gives_of_so_many():
+    zs = [-3.2, *[5.0] * 99]
+    assert weakest(zs) == -3.2
+    assert weakest(zs, 100) == pytest.approx(norm.ppf(100 * norm.cdf(-3.2)))
+    assert weakest([-1.0, *zs[1:]], 100) == pytest.approx(0.0, abs=1e-12)
+    assert weakest([3.2, 5.0, 4.0], 3) == 3.2  # each has to hold: nothing to correct
+    assert np.isnan(weakest([np.nan, 1.0, -9.0], 3))
+    assert weakest([-60.0, 1.0], 2) == pytest.approx(-60.0, abs=0.1)
+
+
+def test_false_failures_of_many_equal_steps_are_rare():
+    rng = np.random.default_rng(77)
+    zs = rng.standard_normal((4000, 50))
+    found = np.array([weakest(row, 50) for row in zs])
+    level = norm.cdf(-1.6449)  # a level that 4000 repetitions can see
+    share = (found <= -1.6449).mean()
+    assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))
+    assert (zs.min(axis=1) <= -1.6449).mean() > 0.9  # uncorrected
+
+
+def test_the_grammar_of_many_steps():
+    for text in ("rmse@3..last", "below(rmse, PF (N=100))", "ratio(rmse_x@3..7, DE, same)"):
+        assert EXPRESSION.fullmatch(text)
+    assert plain("below(rmse[k<=30], DE, same)") == "rmse[k<=30]"
+    assert at_each_step("rmse@3..last", range(6)) == ["rmse@3", "rmse@4", "rmse@5"]
+    assert at_each_step("minus(rmse@3..4, PF)", range(9)) == [
+        f"minus(rmse@{k}, PF)" for k in (3, 4)
+    ]
+    assert at_each_step("mean(rmse)", range(6)) == ["mean(rmse)"]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("every")
+    (folder / "c.yaml").write_text(CONFIG)
+    (folder / "claims.csv").write_text(CLAIMS)
+    api.run(folder / "c.yaml", out=folder / "out", workers=1, quiet=True, formats=())
+    return Results(folder / "out")
+
+
+def test_runs_have_shares_of_every_step_of_the_filters_that_are_compared(results):
+    def steps(label):
+        return {m for f, m in results.runs({}) if f == label and "@" in m}
+
+    assert steps("Exact") == {f"rmse@{k}" for k in range(2, 9)}
+    assert steps("None") == {f"rmse@{k}" for k in range(3, 9)}
+    assert steps("PF") == steps("UKF") == set()
+    assert verify(results.folder, 80) == []
+
+
+def test_the_weakest_step_decides(results):
+    evidence = Evidence.at(results, {})
+    claim = results.published.claims[0]
+    judged = judge(claim, evidence)
+    zs = {
+        k: -evidence.whole.difference(("Exact", f"rmse@{k}"), ("None", f"rmse@{k}")).z()
+        for k in range(3, 9)
+    }
+    least = min(zs, key=zs.__getitem__)
+    assert judged.verdict.z == zs[least] > 0
+    assert judged.paired
+    assert len(judged.verdict.batches) == 4
+    assert f"at step {least}; " in judged.note
+    turned = judge(Claim(paper="p", claim="c", left="None", expression="rmse@3..last", right="Exact"),
+                   evidence)  # fmt: skip
+    assert turned.verdict.z == pytest.approx(weakest([-z for z in zs.values()], 6))
+
+
+def test_a_share_of_runs(results):
+    runs = results.runs({})
+    term = Expressions(results, {}).term("Exact", "below(rmse, None)")
+    lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
+    assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
+    assert term.z(0.9) == binomial.z(lower, 80, 0.9)
+    assert term.interval() == binomial.interval(lower, 80)
+    judged = judge(results.published.claims[1], Evidence.at(results, {}))
+    assert judged.verdict.z == binomial.z(lower, 80, 0.97)
+    assert (
+        sum(e.term("Exact", "below(rmse, None)").runs for e in Evidence.at(results, {}).batches)
+        == 80
+    )
+
+
+def test_what_is_the_same_at_every_step_is_not_decided(results):
+    judged = judge(results.published.claims[2], Evidence.at(results, {}))
+    assert judged.verdict.word == "not decided"
+    assert np.isnan(judged.verdict.z)
+
+
+def test_steps_that_nothing_is_known_of_are_not_measured(results):
+    claim = Claim(paper="p", claim="c", left="Exact", expression="rmse@99..last", right="None")
+    judged = judge(claim, Evidence.at(results, {}))
+    assert judged.verdict.word == "not measured"
+    assert "nothing is known of Exact's rmse@99..last" in judged.note
+
+
+NUMBER = "paper,table,filter,metric,value,label,expression\np,t,f,m,1,PF,rmse@3..last\n"
+UNEQUAL = """paper,claim,left,expression,right,right_expression
+p,c,PF,rmse@3..last,UKF,rmse@4..last
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [(NUMBER, "is no number: name one step"), (UNEQUAL, "is not at the steps of 'rmse@3..last'")],
+)
+def test_steps_that_cannot_be_compared_are_said(tmp_path, text, what):
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    (tmp_path / "claims.csv").write_text(text)
+    with pytest.raises(UserError, match=what):
+        api.prepare(tmp_path / "c.yaml", api.Options())

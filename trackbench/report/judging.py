@@ -1,0 +1,152 @@
+"""What is said in words of filters, as a test: a claim against the evidence."""
+
+from dataclasses import replace
+from math import inf, isnan, nan
+from typing import NamedTuple
+
+from trackbench.evaluation.statistics import Estimate, z_score
+from trackbench.experiment.grammar import STEP, plain
+from trackbench.experiment.published import Claim, PublishedNumber
+from trackbench.report import agreement, lost
+from trackbench.report.agreement import NOT_MEASURED, UNDECIDED, Verdict
+from trackbench.report.evidence import Evidence
+from trackbench.report.expressions import Expressions
+from trackbench.report.terms import Share, Term
+
+
+class Judged(NamedTuple):
+    """A claim, the verdict by the z of its weakest comparison (positive: in its favour), and why."""
+
+    claim: Claim
+    verdict: Verdict
+    paired: bool
+    fragile: bool
+    note: str
+
+
+def judge(claim: Claim, evidence: Evidence | None) -> Judged:
+    """The verdict on a claim: it holds if it does against every filter that it names."""
+    if evidence is None or not claim.left or not claim.expression:
+        return _unjudged(claim, no_results(claim, evidence))
+    single = _at_each_step(claim, evidence.whole)
+    found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
+    if not found:
+        return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
+    weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
+    z = agreement.weakest([score.z for score in found], len(single))
+    every = all(score.batches for score in found)
+    batches = zip(*(score.batches for score in found), strict=True) if every else ()
+    of_batches = [agreement.weakest(zs, len(single)) for zs in batches]
+    exact = all(isinstance(score.off.term, Share) for score in found)
+    verdict = agreement.of_claim(z, of_batches, claim.relation == "~", exact)
+    if isnan(weakest.off.term.value):
+        verdict = verdict._replace(word=NOT_MEASURED)
+    losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
+    if verdict.word == "holds" and any(losing):
+        verdict = verdict._replace(word=UNDECIDED)
+    fragile = any(score.off.term.fragile for score in found)
+    steps = _of_steps(weakest, found) if len(single) > 1 else ""
+    note = joined(*losing, _why(evidence.whole, weakest), steps, claim.note)
+    return Judged(claim, verdict, weakest.off.splits, fragile, note)
+
+
+def _unjudged(claim: Claim, why: str) -> Judged:
+    return Judged(claim, Verdict(NOT_MEASURED, nan), False, False, joined(why, claim.note))
+
+
+def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
+    """The claim at each of the steps that it is about; or itself, if that is no matter of steps."""
+    left = whole.at_each_step(claim.left, claim.expression)
+    right = whole.at_each_step(claim.left, claim.right_expression)
+    return [
+        replace(claim, expression=a, right_expression=b)
+        for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
+    ]
+
+
+class _Off(NamedTuple):
+    """What tells how far a claim's left side is off, what it is at the claim's edge, and its target."""
+
+    term: Term
+    edge: float
+    target: float
+
+    @property
+    def splits(self) -> bool:
+        """Whether batches of runs have it, too."""
+        return self.term.splits
+
+    def in_favour(self, claim: Claim) -> float:
+        """z of the claim."""
+        if claim.relation == "~":
+            room = claim.tolerance * abs(self.target)
+            off = Estimate(room - abs(self.term.value - self.edge), self.term.stderr)
+            return z_score(off)
+        z = self.term.z(self.edge)
+        return -z if claim.relation == "<" else z
+
+
+class _Score(NamedTuple):
+    """The claim against one filter: z in its favour, of each batch too; how far it is off."""
+
+    claim: Claim
+    right: str
+    z: float
+    batches: list[float]
+    off: _Off
+
+
+def _score(evidence: Evidence, claim: Claim, right: str) -> _Score:
+    """The claim against one filter of its right side, or against its factor if there is none."""
+    off, of_batches = evidence.of(lambda expressions: _off(expressions, claim, right))
+    zs = [of_batch.in_favour(claim) for of_batch in of_batches]
+    return _Score(claim, right, off.in_favour(claim), zs, off)
+
+
+def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
+    left = (claim.left, claim.expression)
+    if not right:
+        return _Off(expressions.term(*left), claim.factor, claim.factor)
+    other = (right, claim.right_expression or claim.expression)
+    target = claim.factor * expressions.term(*other).value
+    return _Off(expressions.difference(left, other, claim.factor), 0.0, target)
+
+
+def _why(whole: Expressions, score: _Score) -> str:
+    """Both sides of a comparison, in words."""
+    claim, right = score.claim, score.right
+    sides = [(claim.left, claim.expression)]
+    sides += [(right, claim.right_expression or claim.expression)] if right else []
+    why = [_in_words(label, whole.term(label, expression)) for label, expression in sides]
+    why += [] if right else [f"{score.off.target:g}"]
+    return ", ".join(why) + ("; no standard error" if isnan(score.off.term.stderr) else "")
+
+
+def _of_steps(weakest: _Score, found: list[_Score]) -> str:
+    """Where the comparison is that is the weakest of those at many steps, and how many are strong."""
+    step = STEP.fullmatch(plain(weakest.claim.expression))
+    surely = sum(score.z >= agreement.SURE for score in found)
+    where = f"at step {step.group(2)}; " if step else ""
+    return f"{where}{surely} of {len(found)} comparisons hold by themselves"
+
+
+def _in_words(label: str, term: Term) -> str:
+    return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
+
+
+def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
+    """Why a filter whose error is said to be smaller is not better: it loses more of the same runs."""
+    a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
+    if claim.relation != "<" or a is None or b is None or not lost.loses_more(a, b):
+        return ""
+    return f"{claim.left} loses {int((a > 0).sum())} runs, {right} {int((b > 0).sum())}"
+
+
+def no_results(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
+    """That the grid has not the point that a row names, if so."""
+    return "" if evidence is not None else f"no results at {row.point}"
+
+
+def joined(*notes: str) -> str:
+    """Those notes that say anything."""
+    return "; ".join(filter(None, notes))

@@ -1,0 +1,150 @@
+"""A measured number with its error, one influence per run where it can, and how two become one."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.intervals import (
+    FRAGILE,
+    dominance,
+    interval_of,
+    normal_of_t,
+    quantile,
+    studentised,
+)
+from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
+from trackbench.report import binomial
+from trackbench.report.lost import in_words
+
+# A filter that left the numbers has infinite statistics; they are shown, not warned about.
+quietly = np.errstate(all="ignore")
+
+
+class Term(NamedTuple):
+    """A number, its standard error, and each run's influence (M,) if it has one; runs and lost runs."""
+
+    value: float
+    stderr: float
+    influences: Array | None
+    runs: int
+    lost: int = 0
+    blocks: Array | None = None
+    """influence (B,) of each block of runs on a time"""
+    freedom: float = np.inf
+    """degrees of freedom of a standard error that no influences give"""
+
+    @property
+    def estimate(self) -> Estimate:
+        """Value and standard error."""
+        return Estimate(self.value, self.stderr)
+
+    @property
+    def splits(self) -> bool:
+        """Whether batches of runs have numbers of their own."""
+        return self.influences is not None
+
+    @property
+    def losses(self) -> str:
+        """How many runs were lost, in words; empty if none was."""
+        return in_words(self.lost, self.runs + self.lost) if self.lost else ""
+
+    @property
+    def fragile(self) -> bool:
+        """Whether one run makes a good part of the number's variance."""
+        return self.influences is not None and dominance(self.influences) > FRAGILE
+
+    def z(self, target: float = 0.0, other: float = 0.0) -> float:
+        """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
+        with np.errstate(all="ignore"):
+            if self.influences is None:
+                t = z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
+                return normal_of_t(t, self.freedom)
+            return studentised(self.value - target, self.influences, other)
+
+    def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
+        """Confidence interval, of all targets that `z` does not exclude; NaN of what has no error."""
+        with np.errstate(all="ignore"):
+            if self.influences is None:
+                width = quantile(level, self.freedom) * float(np.hypot(self.stderr, other))
+                return self.value - width, self.value + width
+            return interval_of(self.value, self.influences, level, other)
+
+
+class Share(Term):
+    """A share of runs: its z and its interval are those of the binomial distribution."""
+
+    __slots__ = ()
+
+    @property
+    def fragile(self) -> bool:
+        """No: that the other side of a rare event is rare is in the interval."""
+        return False
+
+    def z(self, target: float = 0.0, other: float = 0.0) -> float:
+        """z of the hypothesis that the event has this probability; normal beside another error."""
+        if other > 0.0 or not self.runs:
+            return super().z(target, other)
+        return binomial.z(round(self.value * self.runs), self.runs, target)
+
+    def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
+        """Interval of Clopper and Pearson; normal beside another error."""
+        if other > 0.0 or not self.runs:
+            return super().interval(level, other)
+        return binomial.interval(round(self.value * self.runs), self.runs, level)
+
+
+MISSING = Term(np.nan, np.nan, None, 0)
+
+
+@quietly
+def quotient(a: Term, b: Term) -> Term:
+    """``a / b``, paired where it can be; else by the delta method."""
+    ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
+    term, of_a, of_b = together(ratio, a, b, scale, -scale * ratio), a.influences, b.influences
+    if of_a is None or of_b is None or not term.splits:
+        return term
+    influences = influence_of_ratio(a.value, b.value, of_a, of_b)
+    stderr = mean(influences[~np.isnan(influences)]).stderr
+    return term._replace(influences=influences, stderr=stderr)
+
+
+@quietly
+def gain(ratio: Term) -> Term:
+    """Percent by which the ratio is below one."""
+    of_runs, of_blocks = (
+        None if x is None else -100.0 * x for x in (ratio.influences, ratio.blocks)
+    )
+    return ratio._replace(
+        value=100.0 * (1.0 - ratio.value),
+        stderr=100.0 * ratio.stderr,
+        influences=of_runs,
+        blocks=of_blocks,
+    )
+
+
+@quietly
+def together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
+    """What moves by ``of_a`` times a's change and ``of_b`` times b's; paired by runs, or by blocks."""
+    runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
+    if of_runs is not None:
+        there = of_runs[~np.isnan(of_runs)]
+        return Term(value, mean(there).stderr, of_runs, len(there), a.lost)
+    term = Term(value, np.nan, None, runs, a.lost, freedom=min(a.freedom, b.freedom))
+    blocks = _combined(a, b, a.blocks, b.blocks, of_a, of_b)
+    if blocks is not None and a.runs == b.runs:  # of the same runs, computed one after the other
+        return term._replace(stderr=mean(blocks).stderr, blocks=blocks)
+    return term._replace(stderr=float(np.hypot(of_a * a.stderr, of_b * b.stderr)))
+
+
+def _combined(
+    a: Term, b: Term, x: Array | None, y: Array | None, of_a: float, of_b: float
+) -> Array | None:
+    """``of_a x + of_b y`` of influences; None if a side has none and is no exact number either."""
+    if x is None and y is not None and a.stderr == 0.0:
+        return of_b * y
+    if y is None and x is not None and b.stderr == 0.0:
+        return of_a * x
+    if x is None or y is None or len(x) != len(y):
+        return None
+    return of_a * x + of_b * y
