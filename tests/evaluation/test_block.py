@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter
+from tests.papers import maneuver, merwe
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import BlockTask, run_block
 from trackbench.evaluation.metrics import FOUND
 from trackbench.evaluation.statistics import median
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 
 @pytest.mark.parametrize(
@@ -17,7 +16,7 @@ from trackbench.scenarios.merwe import Merwe
 )
 def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]) -> None:
     """Its error and its covariance are zero: nothing to judge, whatever rounding makes of 0 / 0."""
-    scenario = Merwe(R=1.0, T=20)
+    scenario = merwe(R=1.0, T=20)
     found = run_block(BlockTask(scenario, make_filter(kind, **keys), 0, 0, 40, 40))
     assert np.isfinite(found.per_run["nees"]).all()
     assert found.steps["nees"].number[0] == 0
@@ -27,7 +26,7 @@ def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]
 
 
 def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
-    scenario = Maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
+    scenario = maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
     task = BlockTask(scenario, make_filter("kf"), 1, 0, 60, 60, keep_steps=("squared_position",))
     found = run_block(task)
     lost = found.per_run["lost"] != FOUND
@@ -45,7 +44,7 @@ def test_the_median_of_mostly_infinite_values_is_infinite() -> None:
 @pytest.mark.parametrize("kind", ["kf", "alpha-beta"])
 def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
     """Fifty samples missing: error and reported deviation grow together; half a sample is none."""
-    scenario = Maneuver(duration=300.0, legs=())
+    scenario = maneuver(duration=300.0, legs=())
     data = scenario.simulate(RunStreams(1, range(500)), 500)
     z = data.measurements.copy()
     z[:, 100:150] = np.nan

@@ -230,9 +230,8 @@ def test_gamma_noise_that_the_quadrature_cannot_resolve(tmp_path: Path, shape: i
 def test_a_filter_that_cannot_run_on_the_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trackbench.models.merwe import MerweSensor
 
-    monkeypatch.delattr(MerweSensor, "jacobian")
+    monkeypatch.delattr(SquareThenLine, "jacobian")
     found = mistakes(tmp_path, GOOD.replace("kind: pf\n    N: 10", "kind: ekf"))
     assert found == [
         "6:11: filters.PF: ekf needs sensor.jacobian, which scenario merwe does not have"

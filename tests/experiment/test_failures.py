@@ -216,7 +216,7 @@ def test_a_look_at_what_a_filter_notes_does_not_end_the_program(tmp_path: Path) 
 WRITING = """
 from dataclasses import dataclass
 
-from trackbench.filters.kalman import UKF
+from trackbench.filters.sigma_points import UKF
 from trackbench.registry import register
 
 

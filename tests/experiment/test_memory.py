@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 
+from tests.papers import banana, merwe
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
 from trackbench.experiment.plan import _block_bytes, block_width
 from trackbench.registry import kinds
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.merwe import Merwe
 
-SCENARIOS = {"merwe": Merwe(T=4, R=1.0), "banana": Banana(scans=5)}
+SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
 
 
 def peak(function: Callable[..., object], *args: object) -> int:
@@ -70,4 +69,4 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
 )
 def test_a_boosted_cloud_makes_a_narrower_block(N: int, boost: int, scans: int, width: int) -> None:
     tracker = kinds("filters")["rpf"](N=N, boost=boost, boost_scans=scans)
-    assert block_width(tracker, Banana()) == width
+    assert block_width(tracker, banana()) == width

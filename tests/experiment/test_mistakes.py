@@ -26,7 +26,7 @@ class Mine:
 """
 MINE = """
 from dataclasses import dataclass
-from trackbench.filters.kalman import UKF
+from trackbench.filters.sigma_points import UKF
 from trackbench.registry import register
 
 @register("filters", "mistaken-not")

@@ -8,8 +8,8 @@ import pytest
 from tests.conftest import track
 from trackbench import api
 from trackbench.evaluation.block import simulate
-from trackbench.filters.linear import KF
-from trackbench.models.motions import ConstantVelocity
+from trackbench.filters.kalman import KF
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.report import style
 from trackbench.report.results import Results
 

@@ -7,9 +7,9 @@ import pytest
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
+from tests.papers import banana
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import TOO_FAR
-from trackbench.scenarios.banana import Banana
 
 GOOD = """name: x
 runs: 10
@@ -79,7 +79,7 @@ def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
 
 def test_the_printed_position() -> None:
     """(1050, 2500) km gives the printed range and azimuth."""
-    scenario = Banana()
+    scenario = banana()
     truth = scenario.simulate(RunStreams(0, range(3)), 3).truth
     start = scenario._start
     np.testing.assert_allclose(start[[0, 2]], [1.05e6, 2.5e6], rtol=2e-6)
@@ -89,7 +89,7 @@ def test_the_printed_position() -> None:
 
 
 def test_errors_by_name(rng: np.random.Generator) -> None:
-    scenario = Banana(azimuth_deg=180.0)
+    scenario = banana(azimuth_deg=180.0)
     truth = scenario._start[:, None]
     u = np.array([[-1.0], [0.0]])
     w = np.array([[0.0], [-1.0]])
@@ -105,7 +105,7 @@ def test_errors_by_name(rng: np.random.Generator) -> None:
 
 def test_noise_of_a_simulation_has_the_stated_size() -> None:
     runs = 400
-    scenario = Banana(scans=20)
+    scenario = banana(scans=20)
     data = scenario.simulate(RunStreams(5, range(runs)), runs)
     sensor = scenario.model.sensor
     noise = sensor.innovation(data.measurements, sensor.polar(data.truth[:, 1:]))
@@ -119,10 +119,10 @@ def test_noise_of_a_simulation_has_the_stated_size() -> None:
 
 
 def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
-    assert Banana(range_km=50.0).lost_beyond == pytest.approx(10 * 50e3 * 2e-3)
-    assert Banana(range_km=50.0, lost_sigmas=None).lost_beyond is None
-    never = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "lost")
-    lost = per_run(Banana(), make_filter("ekf"), 100, "lost")
-    far = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
+    assert banana(range_km=50.0).lost_beyond == pytest.approx(10 * 50e3 * 2e-3)
+    assert banana(range_km=50.0, lost_sigmas=None).lost_beyond is None
+    never = per_run(banana(lost_sigmas=None), make_filter("ekf"), 100, "lost")
+    lost = per_run(banana(), make_filter("ekf"), 100, "lost")
+    far = per_run(banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
     assert not never.any()
     assert 0 < far.sum() <= (lost == TOO_FAR).sum() < 100
