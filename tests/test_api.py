@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import trackbench
+from tests.papers import merwe_text
 from tests.test_cli import trackbench as command
 from trackbench import registry
 from trackbench.experiment.problems import UserError
@@ -16,9 +17,9 @@ CONFIG = """
 name: a
 runs: 8
 block: 2
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
-"""
+""".replace("MERWE", merwe_text(T=5))
 
 
 @pytest.fixture

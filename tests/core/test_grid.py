@@ -126,6 +126,6 @@ def test_a_gamma_noise_of_any_shape_and_a_falling_motion() -> None:
             nu = (
                 seen.measurements[0, i][:, None] - sensor.measurement(x[None, None], int(k)).mean[0]
             )
-            density = predicted * np.exp(-0.5 * nu**2 / scenario.R)
+            density = predicted * np.exp(-0.5 * nu**2 / scenario.sensor.R)
             density /= density.sum(axis=1, keepdims=True)
             np.testing.assert_allclose(density @ x, exact.mean[0, i + 1], atol=2e-3)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.papers import banana, merwe
+from tests.papers import banana, merwe, merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
 from trackbench.experiment.plan import _block_bytes, block_width
@@ -58,7 +58,8 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
     """Before anything is known of the memory that its own number would take."""
     config = tmp_path / "large.yaml"
     config.write_text(
-        "name: large\nscenario: {kind: merwe, T: 5}\nfilters: {UPF: {kind: upf, N: 300000}}\n"
+        f"name: large\nscenario: {merwe_text(T=5)}\n"
+        "filters: {UPF: {kind: upf, N: 300000}}\n"
         "tables: {t: {kind: metrics, columns: {d: mean(dead_steps)}}}\n"
     )
     assert peak(api.prepare, config, api.Options()) < 20_000_000

@@ -66,7 +66,7 @@ def test_vdf_is_the_adaptive_filter_with_the_window_s_start_as_onset() -> None:
 
 def test_a_filter_that_never_alarms_is_the_kalman_filter() -> None:
     never = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=1e9))
-    kf, own = track(TURN, KF(motion=CV), 5), track(TURN, never, 5)
+    kf, own = track(TURN, KF(), 5), track(TURN, never, 5)
     np.testing.assert_allclose(own.mean, kf.mean, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(own.nees, kf.nees, rtol=1e-7)
     np.testing.assert_allclose(own.diagnostics["nis"], kf.diagnostics["nis"], rtol=1e-9)
@@ -75,7 +75,7 @@ def test_a_filter_that_never_alarms_is_the_kalman_filter() -> None:
 @pytest.fixture(scope="module")
 def main_track() -> dict[str, dict[str, np.ndarray]]:
     """Numbers per run of the paper's filters at small Q on the first track."""
-    runs, filters = 30, {"kf": KF(motion=CV), "seconds": SECONDS}
+    runs, filters = 30, {"kf": KF(), "seconds": SECONDS}
     filters |= {name: adaptive(name) for name in ("paper-eta35", "paper-eta20")}
     return {
         name: run_block(BlockTask(maneuver(), tracker, 5, 0, runs, runs)).per_run
@@ -268,10 +268,10 @@ def test_zeta_of_the_oldest_onset_is_chi_square_in_straight_flight(window_s: flo
 
 def test_input_estimation_follows_the_turn_and_is_a_kalman_filter_without_alarms() -> None:
     never = InputEstimation(motion=CV, eta=1e9)
-    kf = track(TURN, KF(motion=CV), 5)
+    kf = track(TURN, KF(), 5)
     np.testing.assert_allclose(track(TURN, never, 5).mean, kf.mean, rtol=1e-9, atol=1e-6)
     corrected = per_run(TURN, InputEstimation(motion=CV), 20, "rmse_position[turns]")
-    assert corrected.mean() < 0.5 * per_run(TURN, KF(motion=CV), 20, "rmse_position[turns]").mean()
+    assert corrected.mean() < 0.5 * per_run(TURN, KF(), 20, "rmse_position[turns]").mean()
 
 
 FILTERS = {

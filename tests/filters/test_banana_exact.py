@@ -52,7 +52,7 @@ def test_quadrature_agrees_with_importance_sampling(speed: float, scans: int) ->
     exact = exact_posterior(scenario, data)
     rng = np.random.Generator(np.random.SFC64(20260101))
     x, log_w = data.prior.sample(rng, N), np.zeros((runs, N))
-    for k in range(scenario.scans - 1):
+    for k in range(scenario.last - 1):
         if k > 0:
             x = scenario.model.motion.transition(x, k).sample(rng)
             z = data.measurements[:, k - 1, :, None]

@@ -5,17 +5,18 @@ from pathlib import Path
 import numpy as np
 
 from tests.experiment.test_bad_input import mistakes
+from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian
 from trackbench.report.figures.banana import predicted_position
 
 EXPERIMENT = """name: one
 runs: 4
-scenario: {kind: banana, scans: 4}
+scenario: BANANA
 filters: {EKF: {kind: ekf}}
 tables: {}
 figures: {f: {kind: posterior, step: 3, predicted: EKF}}
-"""
+""".replace("BANANA", banana_text(scans=4))
 
 
 def test_the_prediction_against_draws(rng: np.random.Generator) -> None:

@@ -7,19 +7,19 @@ import pytest
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
-from tests.papers import banana
+from tests.papers import banana, banana_text
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import TOO_FAR
 
 GOOD = """name: x
 runs: 10
 bound: PCRLB
-scenario: {kind: banana}
+scenario: BANANA
 filters:
   RPF:
     kind: rpf
     N: 10
-"""
+""".replace("BANANA", banana_text())
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ filters:
             "kind: banana, range_km: 0",
             "4:36: scenario.range_km: 0 is not greater than 0",
         ),
-        ("kind: banana", "kind: banana, scans: 0", "4:33: scenario.scans: 0 is less than 3"),
+        ("kind: banana", "kind: banana, scans: 0", "4:33: scenario.last: 0 is less than 3"),
         (
             "kind: banana",
             "kind: banana, rmse_window: [2, 101]",
