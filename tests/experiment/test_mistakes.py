@@ -75,13 +75,13 @@ def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
     [
         (
             '{scenario.sensor.R: [1, 2], "scenario.sensor.R & scenario.target.launch.x": [3, 4]}',
-            28,
+            35,
             "scenario.sensor.R & scenario.target.launch.x",
             "scenario.sensor.R is varied by 'scenario.sensor.R', too",
         ),
         (
             '{"scenario.target.launch.x & scenario.sensor.R": [3, 4], scenario.sensor.R: [1, 2]}',
-            44,
+            64,
             "scenario.sensor.R",
             "scenario.sensor.R is varied by 'scenario.target.launch.x & scenario.sensor.R', too",
         ),
@@ -115,8 +115,9 @@ def test_axes_of_a_grid_that_overlap(
 def test_axes_of_the_command_line_that_overlap(tmp_path: Path) -> None:
     axis = "scenario.target.launch.x & scenario.sensor.R=1,2"
     found = mistakes(tmp_path, CONFIG + "grid: {scenario.sensor.R: [3, 4]}\n", grid=[axis])
-    what = "grid.scenario.target.launch.x & scenario.sensor.R: scenario.sensor.R is varied by 'scenario.sensor.R', too"
-    assert found == [f"--grid {axis}: {what}"]
+    what = "scenario.sensor.R is varied by 'scenario.sensor.R', too"
+    path = "grid.scenario.target.launch.x & scenario.sensor.R"
+    assert found == [f"--grid {axis}: {path}: {what}"]
 
 
 def test_an_axis_that_is_typed_twice(tmp_path: Path) -> None:

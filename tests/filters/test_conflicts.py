@@ -7,16 +7,25 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
+from trackbench.experiment.checks import check_fit
+from trackbench.experiment.problems import Problem
+from trackbench.experiment.source import Source
 from trackbench.scenarios.recorded import Recorded
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
-    ("cmkf", {}, ""),
     ("conversion", {}, ""),
     ("gaussian-sum", {}, ""),
     ("mpf", {}, ""),
     ("los-rbpf", {}, ""),
     ("ekf", {"start": "mucm"}, "start"),
 ]
+
+
+def refusals(tracker: Any, scenario: Any) -> list[Problem]:
+    """What a config with this filter on this scenario is told."""
+    problems: list[Problem] = []
+    check_fit(Source({"f": {}}), ("f",), tracker, scenario, problems)
+    return problems
 
 
 @pytest.mark.parametrize(("kind", "keys", "key"), FROM_TWO_SCANS)
@@ -32,8 +41,10 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
         prior_sigma=(5e3, 1e2, 5e3, 1e2),
     )
     tracker: Any = make_filter(kind, **keys)
-    assert "two scans" in tracker.conflicts(scenario)[key]
-    assert tracker.conflicts(banana(scans=4)) == {}
+    (refused,) = refusals(tracker, scenario)
+    assert "two scans" in refused.what
+    assert refused.path == ("f." + key).rstrip(".")
+    assert refusals(tracker, banana(scans=4)) == []
 
 
 @pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])

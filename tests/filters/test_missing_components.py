@@ -37,7 +37,9 @@ def test_nonlinear(tracker: Any) -> None:
     rtol = 1e-9 if tracker != UKF() else 1e-3  # its points spread with the noise of all components
     for run, expected in ((0, position), (1, bearing), (2, position)):
         np.testing.assert_allclose(found.mean[:, run], expected.mean[:, run], rtol=rtol)
-        np.testing.assert_allclose(found.cov[..., run], expected.cov[..., run], rtol=rtol, atol=1e-6)
+        np.testing.assert_allclose(
+            found.cov[..., run], expected.cov[..., run], rtol=rtol, atol=1e-6
+        )
     assert seen.nis[0] == pytest.approx(alone.nis[0], rel=rtol)
     assert seen.nis[1] == pytest.approx(single.nis[1], rel=rtol)
     assert np.isnan(seen.nis[2])

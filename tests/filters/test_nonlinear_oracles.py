@@ -53,9 +53,7 @@ def h(x: Array) -> Array:
 
 def jacobian(x: Array) -> Array:
     r = np.hypot(x[0], x[2])
-    return np.array(
-        [[x[0] / r, 0.0, x[2] / r, 0.0], [-x[2] / r**2, 0.0, x[0] / r**2, 0.0]]
-    )
+    return np.array([[x[0] / r, 0.0, x[2] / r, 0.0], [-x[2] / r**2, 0.0, x[0] / r**2, 0.0]])
 
 
 def difference(a: Array, b: Array) -> Array:

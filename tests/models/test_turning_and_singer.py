@@ -76,7 +76,9 @@ def test_axes_and_names() -> None:
     assert space.extra_std == (0.1, 0.1, 0.1)
     plane = ConstantAcceleration(q=1.0).sampled(1.0)
     np.testing.assert_array_equal(space.F[:4, :4], plane.F[:4, :4])
-    np.testing.assert_array_equal(space.Q[np.ix_([4, 5, 8], [4, 5, 8])], plane.Q[np.ix_([0, 1, 4], [0, 1, 4])])
+    np.testing.assert_array_equal(
+        space.Q[np.ix_([4, 5, 8], [4, 5, 8])], plane.Q[np.ix_([0, 1, 4], [0, 1, 4])]
+    )
     assert ConstantVelocity(q=1.0).sampled(1.0, axes=1).components == ("px", "vx")
     with pytest.raises(ValueError, match="in the plane"):
         UnknownTurn(q=0.5, turn_walk_deg_s=1.0).sampled(1.0, axes=3)

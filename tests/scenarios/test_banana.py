@@ -7,39 +7,54 @@ import pytest
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
-from tests.papers import banana, banana_text
+from tests.papers import banana, merwe_text
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import TOO_FAR
 
-GOOD = """name: x
+SCENARIO = (
+    "{kind: tracking, first: 1, last: 100, start: two-scan, score: {lost_sigmas: 10}, target: {"
+    "kind: driven, motion: {kind: cwna, q: 1e-3}, polar: {range_km: 2711, azimuth_deg: 67}}, "
+    "sensor: {kind: range-azimuth, sigma_range: 0.2, sigma_azimuth_mrad: 2}}"
+)
+GOOD = f"""name: x
 runs: 10
 bound: PCRLB
-scenario: BANANA
+scenario: {SCENARIO}
 filters:
   RPF:
     kind: rpf
     N: 10
-""".replace("BANANA", banana_text())
+"""
 
 
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
         (
-            "kind: banana",
-            "kind: banana, sigma_azimuth_mrad: 0",
-            "4:46: scenario.sigma_azimuth_mrad: 0 is not greater than 0",
+            "azimuth_mrad: 2",
+            "azimuth_mrad: 0",
+            "4:257: scenario.sensor.sigma_azimuth_mrad: 0 is not greater than 0",
         ),
         (
-            "kind: banana",
-            "kind: banana, range_km: 0",
-            "4:36: scenario.range_km: 0 is not greater than 0",
+            "range_km: 2711",
+            "range_km: 0",
+            "4:164: scenario.target.polar.range_km: 0 is not greater than 0",
         ),
-        ("kind: banana", "kind: banana, scans: 0", "4:33: scenario.last: 0 is less than 3"),
+        ("last: 100", "last: 2", "4:44: scenario.last: 2 leaves no step to measure after step 2"),
         (
-            "kind: banana",
-            "kind: banana, rmse_window: [2, 101]",
-            "4:11: scenario: rmse_window [2, 101] is not within scans 2 to 100",
+            "lost_sigmas: 10",
+            "since: 90, until: 80",
+            "4:92: scenario.score.until: no step of 2 to 100 is scored",
+        ),
+        (
+            "lost_sigmas: 10",
+            "since: 101",
+            "4:81: scenario.score.since: no step of 2 to 100 is scored",
+        ),
+        (
+            "lost_sigmas: 10",
+            "lost_sigmas: 10, lost_beyond: 1",
+            "4:73: scenario.score: give one of lost_beyond and lost_sigmas",
         ),
         ("N: 10", "N: 1", "8:8: filters.RPF.N: 1 is less than 2"),
         (
@@ -53,21 +68,21 @@ filters:
             "8:12: filters.RPF.start: 'foo' is not one of ccm, ucm, mucm or ducm",
         ),
         (
-            "kind: banana",
-            "kind: banana, lost_sigmas: 0",
-            "4:39: scenario.lost_sigmas: 0 is not greater than 0",
+            "lost_sigmas: 10",
+            "lost_sigmas: 0",
+            "4:87: scenario.score.lost_sigmas: 0 is not greater than 0",
         ),
         ("bound: PCRLB", "bound: RPF", "3:8: bound: 'RPF' is already the label of a filter"),
-        ("kind: banana", "kind: merwe", "3:8: bound: scenario merwe has no lower bounds"),
         (
-            "kind: banana}\nfilters:\n  RPF:\n    kind: rpf",
-            "kind: banana, q: 0}\nfilters:\n  RPF:\n    kind: mpf",
-            "7:5: filters.RPF: mpf needs process noise: q must be greater than 0",
+            SCENARIO,
+            merwe_text(),
+            "3:8: bound: scenario tracking has no lower bounds: "
+            "the target is driven by a motion that is not linear",
         ),
         (
-            "PCRLB\nscenario: {kind: banana}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
-            "~\nscenario: {kind: merwe}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
-            "8:12: filters.RPF.start: scenario merwe has no range and azimuth to convert",
+            f"PCRLB\nscenario: {SCENARIO}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
+            f"~\nscenario: {merwe_text()}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
+            "8:12: filters.RPF.start: there are no two scans of range and azimuth to start from",
         ),
     ],
 )
@@ -77,11 +92,17 @@ def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert mistakes(tmp_path, text) == [expected]
 
 
+def test_a_marginalised_filter_needs_process_noise(tmp_path: Path) -> None:
+    text = GOOD.replace("q: 1e-3", "q: 0").replace("kind: rpf", "kind: mpf")
+    expected = "7:5: filters.RPF: mpf needs process noise: q must be greater than 0"
+    assert mistakes(tmp_path, text) == [expected]
+
+
 def test_the_printed_position() -> None:
     """(1050, 2500) km gives the printed range and azimuth."""
     scenario = banana()
     truth = scenario.simulate(RunStreams(0, range(3)), 3).truth
-    start = scenario._start
+    start = scenario.target.start(scenario._timeline)
     np.testing.assert_allclose(start[[0, 2]], [1.05e6, 2.5e6], rtol=2e-6)
     assert start[[1, 3]] @ start[[0, 2]] == pytest.approx(0.0, abs=1e-3 * 2.7e6)
     assert np.hypot(*start[[1, 3]]) == pytest.approx(5000.0)
@@ -90,7 +111,7 @@ def test_the_printed_position() -> None:
 
 def test_errors_by_name(rng: np.random.Generator) -> None:
     scenario = banana(azimuth_deg=180.0)
-    truth = scenario._start[:, None]
+    truth = scenario.target.start(scenario._timeline)[:, None]
     u = np.array([[-1.0], [0.0]])
     w = np.array([[0.0], [-1.0]])
     mean = truth.copy()

@@ -5,7 +5,7 @@ import pytest
 
 from tests.papers import maneuver
 from trackbench.core.streams import RunStreams
-from trackbench.keys import MistakenKeyError
+from trackbench.experiment.problems import UserError
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.targets.onsets import Onsets
@@ -14,14 +14,14 @@ from trackbench.scenarios.targets.onsets import Onsets
 def test_corrected_track_turns_by_ninety_degrees_each_time() -> None:
     """Section 4: from -y to +x, +y, -x, -y, +x, at 15 m/s."""
     t = np.array([0.0, 400.0, 600.0, 670.0, 1200.0, 1255.0, 1655.0, 1700.0])
-    _, vx, _, vy = maneuver().path(t)
+    _, vx, _, vy = maneuver().target.states(t)
     directions = [(0, -1), (0, -1), (1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (1, 0)]
     np.testing.assert_allclose(np.stack([vx, vy], axis=1), 15.0 * np.array(directions), atol=1e-9)
 
 
 def test_as_printed_track_does_not() -> None:
     t = np.array([0.0, 1255.0])
-    _, vx, _, vy = maneuver(truth="as-printed").path(t)
+    _, vx, _, vy = maneuver(truth="as-printed").target.states(t)
     assert (vx[0], vy[0]) == (-15.0, 0.0)
     assert np.hypot(vx[1], vy[1]) > 20.0
 
@@ -31,13 +31,13 @@ def test_path_agrees_with_step_by_step_integration() -> None:
     dt = 0.01
     t = np.arange(0.0, 1700.0, dt)
     a = np.zeros((2, len(t)))
-    for leg in scenario.turns:
+    for leg in scenario.target.legs:
         during = (t >= leg.start - 1e-9) & (t < leg.end - 1e-9)
         a[:, during] += np.array([[leg.ax], [leg.ay]])
     v = np.array([[0.0], [-15.0]]) + np.cumsum(a, axis=1) * dt
     v = np.hstack([[[0.0], [-15.0]], v])
     p = np.array([[2000.0], [10_000.0]]) + np.cumsum((v[:, :-1] + v[:, 1:]) / 2, axis=1) * dt
-    end = scenario.path(np.array([1700.0]))
+    end = scenario.target.states(np.array([1700.0]))
     np.testing.assert_allclose(end[[0, 2], 0], p[:, -1], rtol=1e-6)
     np.testing.assert_allclose(end[[1, 3], 0], v[:, -1], atol=1e-8)
 
@@ -67,7 +67,9 @@ def test_windows_cover_turns_and_settled_flight() -> None:
 
 def test_a_longer_sampling_time_flies_the_same_path() -> None:
     fine, coarse = maneuver(), maneuver(T=10.0)
-    np.testing.assert_allclose(coarse.path(coarse.times), fine.path(fine.times)[:, 9::10])
+    np.testing.assert_allclose(
+        coarse.target.states(coarse.times), fine.target.states(fine.times)[:, 9::10]
+    )
     assert len(coarse.steps) == 170
 
 
@@ -159,10 +161,10 @@ def test_a_delay_counts_from_the_onset_between_two_samples() -> None:
     assert got["delay_s[leg 1]"][0] == 21.0
 
 
-def test_the_last_sample_may_come_before_the_end() -> None:
-    maneuver(duration=20.5, score_from=20.0, legs=())
-    with pytest.raises(MistakenKeyError, match=r"no sample after 20\.2 s"):
-        maneuver(duration=20.5, score_from=20.2, legs=())
+def test_the_last_scored_step_is_the_last_there_is() -> None:
+    maneuver(duration=20.0, score_from=20.0, legs=())
+    with pytest.raises(UserError, match="no step of 1 to 20 is scored"):
+        maneuver(duration=20.0, score_from=21.0, legs=())
 
 
 def test_alarms_are_counted_where_the_filter_reports_them() -> None:

@@ -31,6 +31,7 @@ from trackbench.evaluation.metrics import (
 )
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
+from trackbench.models.base import extra_std
 from trackbench.models.extended import extended
 from trackbench.scenarios.base import Scenario, Simulation
 
@@ -196,7 +197,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     every = len(model.motion.components)
     prior = data.prior
     if every > n:
-        prior = frozen(extended(prior, model.motion.extra_std))
+        prior = frozen(extended(prior, extra_std(model.motion)))
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []

@@ -107,6 +107,8 @@ def build(
     except ValidationError as error:
         seen = set()
         for item in error.errors(include_url=False):
+            if None in parts and item["type"] == "value_error":  # what is said without a part
+                continue
             for problem in _problems(item, source, keys, cls, also):
                 if problem not in seen:
                     problems.append(problem)

@@ -46,9 +46,7 @@ def read_recording(path: str, components: Sequence[str], steps: Sequence[int]) -
     return Recording(values, runs)
 
 
-def read_columns(
-    path: str, wanted: Sequence[str], optional: Sequence[str]
-) -> dict[str, Array]:
+def read_columns(path: str, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, Array]:
     """Columns of finite numbers by name, in this order: those that are wanted, and others if there.
 
     Raises DataError with the line of every mistake.
