@@ -194,9 +194,8 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     """
     scenario, tracker, n = task.scenario, task.filter, len(data.truth)
     model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
-    every = len(model.motion.components)
     prior = data.prior
-    if every > n:
+    if len(model.motion.components) > n:
         prior = frozen(extended(prior, extra_std(model.motion)))
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))

@@ -66,8 +66,10 @@ def locating(sensor: Measuring | Several) -> tuple[LocatingSensor, slice] | None
     """The first sensor that tells a position, and where its components stand."""
     every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
     rows = sensor.rows if isinstance(sensor, Several) else [slice(None)]
-    found = [pair for pair in zip(every, rows, strict=True) if isinstance(pair[0], LocatingSensor)]
-    return found[0] if found else None
+    for one, where in zip(every, rows, strict=True):
+        if isinstance(one, LocatingSensor):
+            return one, where
+    return None
 
 
 def repeated(state: Array, runs: int) -> Array:
