@@ -105,7 +105,7 @@ filters:
     "axis",
     [
         "filters.A.preset: [paper-eta20, seconds, paper-eta35]",
-        "filters.C.preset: [merwe-demo]",
+        "filters.C.noise: [additive, augmented]",
         "filters.C.kind: [ukf, pf, ekf]",
         "filters.A.kind: [adaptive-kf]",
         "filters.B.assume.motion.kind: [cv, cwna]",
@@ -113,7 +113,7 @@ filters:
         "filters.B.assume.motion: [{kind: cv, q: 0.1}, {kind: cwna, q: 0.2}]",
         "scenario.assume.motion: [{kind: cv, q: 0.1}, {kind: ca, q: 0.2}]",
         "scenario.sensor.kind: [position]",
-        "filters.C: [{kind: ukf}, {kind: pf, N: 50}, {kind: ukf, preset: merwe-demo}]",
+        "filters.C: [{kind: ukf}, {kind: pf, N: 50}, {kind: ukf, noise: additive}]",
         "scenario.kind: [tracking]",
         "scenario.target.legs: [[], [{start: 20, end: 60, ax: 0.1, ay: 0}]]",
     ],
