@@ -74,9 +74,9 @@ class GaussianSum:
             -0.5 * np.square(nodes) / (1.0 - width * width)
         )  # the mixture has the azimuth's variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
-        narrow = np.square(model.sensor.sigma_range), np.square(width * s)
-        shifted = _shifted(prior.first, s * one), _shifted(prior.second, s * two)
-        first, second = (ccm(Polar(r, a, *narrow)) for r, a in shifted)
+        of_range, of_azimuth = np.square(model.sensor.sigma_range), np.square(width * s)
+        scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
+        first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
         start = differenced(first, second, prior.T, prior.q)
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         shape = (runs, self.N)
