@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import trackbench
+from tests.papers import merwe_text
 from tests.test_cli import trackbench as command
 from trackbench import registry
 from trackbench.experiment.problems import UserError
@@ -16,9 +17,9 @@ CONFIG = """
 name: a
 runs: 8
 block: 2
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
-"""
+""".replace("MERWE", merwe_text(T=5))
 
 
 @pytest.fixture
@@ -67,7 +68,7 @@ def test_a_script_without_its_guard_is_told_so(config: Path, tmp_path: Path) -> 
 def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "my_package.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trackbench.filters.kalman import UKF\n"
+        "from trackbench.filters.sigma_points import UKF\n"
         "from trackbench.registry import register\n\n\n"
         '@register("filters", "from-a-package")\n'
         "@dataclass(frozen=True, kw_only=True)\n"

@@ -82,7 +82,7 @@ def test_resolved_config_has_every_key(hdepf: Path) -> None:
 def test_overrides_and_only(tmp_path: Path) -> None:
     done = trackbench(
         *("run", str(EXPERIMENTS / "hdepf.yaml"), "--runs", "5", "--out", str(tmp_path / "o")),
-        *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.R=0.1"),
+        *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.sensor.R=0.1"),
     )
     assert done.returncode == 0, done.stderr
     config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())
@@ -104,19 +104,23 @@ def test_dry_run_writes_nothing(tmp_path: Path) -> None:
 
 def test_list_and_describe() -> None:
     listed = trackbench("list").stdout
-    for kind in ("hdepf", "merwe", "metrics", "rmse-vs-time"):
+    for kind in ("hdepf", "tracking", "metrics", "rmse-vs-time"):
         assert kind in listed
+    for group, kind in (("targets", "legs"), ("motions", "cwna"), ("sensors", "bearing")):
+        assert f"\n{group}:\n" in listed
+        assert f"  {kind} " in trackbench("list", group).stdout
+    assert "  two-scan " in trackbench("list", "starts").stdout
     described = trackbench("describe", "hdepf").stdout
     for word in ("number of particles", "0.9", "preset literal", "crossover probability"):
         assert word in described
-    for kind, state, seen in (
-        ("merwe", "x", "z"),
-        ("maneuver", "px,vx,py,vy", "x,y"),
-        ("banana", "px,vx,py,vy", "range,azimuth"),
-    ):
+    assert "assume.motion" in described
+    for kind, seen in (("square-then-line", "z"), ("range-azimuth", "range,azimuth")):
         described = trackbench("describe", kind).stdout
-        assert f"components of the state:       {state}\n" in described
         assert f"components of the measurement: {seen}\n" in described
+        assert "sigma_range" not in described or "standard deviation of the range, m" in described
+    described = trackbench("describe", "tracking").stdout
+    assert "{kind: two-scan} (see `trackbench list starts`)" in described
+    assert "score.windows.name" in described
     assert trackbench("describe", "recorded").returncode == 0
     wrong = trackbench("describe", "hdpf")
     assert wrong.returncode == 2

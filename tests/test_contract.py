@@ -12,7 +12,8 @@ from tests.test_cli import trackbench
 from trackbench.contract import check_filter
 from trackbench.experiment.config import load
 from trackbench.filters.bootstrap import PF
-from trackbench.filters.kalman import EKF, Tracked
+from trackbench.filters.extended import EKF
+from trackbench.filters.gaussian import Tracked
 from trackbench.registry import kinds
 
 
@@ -154,7 +155,7 @@ def test_a_breach_is_noticed(cls: type, check: str, why: str) -> None:
 def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trackbench.filters.kalman import EKF\n"
+        "from trackbench.filters.extended import EKF\n"
         "from trackbench.registry import register\n\n\n"
         '@register("filters", "mine")\n'
         "@dataclass(frozen=True, kw_only=True)\n"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 
 CONFIG = """
@@ -13,7 +14,7 @@ name: small
 seed: 5
 runs: {runs}
 block: 7
-scenario: {{kind: merwe, T: 12}}
+scenario: {scenario}
 reference: Exact
 filters:
 {filters}
@@ -35,7 +36,11 @@ def _run(
     **options: object,
 ) -> Path:
     chosen = labels or list(FILTERS)
-    text = CONFIG.format(runs=runs, filters="\n".join(f"  {b}: {FILTERS[b]}" for b in chosen))
+    text = CONFIG.format(
+        scenario=merwe_text(T=12),
+        runs=runs,
+        filters="\n".join(f"  {b}: {FILTERS[b]}" for b in chosen),
+    )
     folder.mkdir()
     (folder / "small.yaml").write_text(text)
     options = {"workers": 1, "quiet": True, "formats": (), **options}

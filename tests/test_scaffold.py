@@ -10,7 +10,14 @@ from tests.test_cli import trackbench
 
 
 @pytest.mark.parametrize(
-    ("what", "name"), [("filter", "my-filter"), ("scenario", "My_Radar"), ("experiment", "first")]
+    ("what", "name"),
+    [
+        ("filter", "my-filter"),
+        ("sensor", "my-sensor"),
+        ("motion", "my-motion"),
+        ("scenario", "My_Radar"),
+        ("experiment", "first"),
+    ],
 )
 def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
     made = trackbench("new", what, name, cwd=tmp_path)
@@ -41,7 +48,7 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
     assert "there is a file" in again.stderr
 
 
-@pytest.mark.parametrize("path", ["filter.py", "scenario.py"])
+@pytest.mark.parametrize("path", ["filter.py", "sensor.py", "motion.py", "scenario.py"])
 def test_it_keeps_the_house_style(tmp_path: Path, path: str) -> None:
     what = path.removesuffix(".py")
     trackbench("new", what, "mine", cwd=tmp_path)
@@ -68,6 +75,6 @@ def test_names_that_are_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_an_unknown_thing(tmp_path: Path) -> None:
-    done = trackbench("new", "sensor", "x", cwd=tmp_path)
+    done = trackbench("new", "table", "x", cwd=tmp_path)
     assert done.returncode == 2
-    assert "'sensor' is not one of filter, scenario, experiment" in done.stderr
+    assert "'table' is not one of filter, sensor, motion, scenario, experiment" in done.stderr

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from tests.conftest import EXPERIMENTS
 from tests.test_cli import trackbench
 from trackbench.experiment.source import read
-from trackbench.registry import kinds
+from trackbench.registry import Group, kinds
 from trackbench.schema import schema
 
 
@@ -26,9 +26,16 @@ def test_shipped_experiments_agree_with_it(validator: Draft202012Validator, path
     assert [e.message for e in validator.iter_errors(read(path).data)] == []
 
 
+SENSOR = {"kind": "square-then-line", "R": 1.0}
 GOOD: dict[str, Any] = {
     "name": "x",
-    "scenario": {"kind": "merwe", "T": 5},
+    "scenario": {
+        "kind": "tracking",
+        "last": 5,
+        "target": {"kind": "driven", "motion": {"kind": "sine-gamma"}},
+        "sensor": SENSOR,
+        "start": "known",
+    },
     "filters": {"PF": {"kind": "pf", "N": 10}, "H": {"kind": "hdepf", "preset": "literal"}},
 }
 
@@ -40,7 +47,12 @@ GOOD: dict[str, Any] = {
         {"filters": {"PF": {"kind": "pf", "NN": 1}}},
         {"filters": {"PF": {"kind": "nothing"}}},
         {"filters": {"PF": {"kind": "hdepf", "preset": "nothing"}}},
-        {"scenario": {"kind": "merwe", "R": -1}},
+        {"scenario": {"kind": "merwe", "T": 5}},
+        {"scenario": {"sensor": SENSOR | {"R": -1}}},
+        {"scenario": {"sensor": SENSOR | {"r": 1}}},
+        {"scenario": {"target": {"kind": "driven", "motion": {"kind": "cv"}}}},
+        {"filters": {"EKF": {"kind": "ekf", "assume": {"motion": {"kind": "cv", "Q": 1}}}}},
+        {"filters": {"EKF": {"kind": "ekf", "assume": {"motions": "cv"}}}},
         {"scenario": {"kind": "recorded", "measurements": "m.csv"}},
         {"scenario": 3},
         {"runs": "many"},
@@ -49,12 +61,14 @@ GOOD: dict[str, Any] = {
 )
 def test_mistakes_do_not(validator: Draft202012Validator, change: dict[str, Any]) -> None:
     assert not list(validator.iter_errors(GOOD))
+    if isinstance(change.get("scenario"), dict) and "kind" not in change["scenario"]:
+        change = {"scenario": GOOD["scenario"] | change["scenario"]}
     assert list(validator.iter_errors(GOOD | change))
 
 
 def test_every_key_has_a_description_and_every_kind_is_there() -> None:
     found = schema()["$defs"]
-    for group in ("filters", "scenarios", "tables", "figures"):
+    for group in get_args(Group):
         for kind in kinds(group):
             for key, keys in found[f"{group}.{kind}"]["properties"].items():
                 assert key == "kind" or keys.get("description"), f"{group}.{kind}.{key}"

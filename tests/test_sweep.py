@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench import api
 from trackbench.experiment.axes import axis_values
@@ -16,11 +17,11 @@ CONFIG = """
 name: s
 runs: 12
 block: 6
-scenario: {kind: merwe, T: 8, R: 0.1}
+scenario: MERWE
 filters:
   PF: {kind: pf, N: 20}
   PF (N=5): {kind: pf, N: 5}
-"""
+""".replace("MERWE", merwe_text(T=8, R=0.1))
 
 
 @pytest.fixture
@@ -102,13 +103,27 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
 
 def test_a_point_of_a_sweep_equals_a_run_of_its_own(config: Path, tmp_path: Path) -> None:
     sweep = api.sweep(
-        config, grid=("scenario.R=0.1,1.0",), out=tmp_path / "a", workers=1, quiet=True, formats=()
+        config,
+        grid=("scenario.sensor.R=0.1,1.0",),
+        out=tmp_path / "a",
+        workers=1,
+        quiet=True,
+        formats=(),
     )
     run = api.run(
-        config, set=("scenario.R=1.0",), out=tmp_path / "b", workers=1, quiet=True, formats=()
+        config,
+        set=("scenario.sensor.R=1.0",),
+        out=tmp_path / "b",
+        workers=1,
+        quiet=True,
+        formats=(),
     )
     frame = sweep.per_run
-    mine = frame[frame["scenario.R"] == 1.0].drop(columns="scenario.R").reset_index(drop=True)
+    mine = (
+        frame[frame["scenario.sensor.R"] == 1.0]
+        .drop(columns="scenario.sensor.R")
+        .reset_index(drop=True)
+    )
     pd.testing.assert_frame_equal(mine, run.per_run)
     resolved = api.run(
         tmp_path / "a" / "config.yaml", out=tmp_path / "c", workers=1, quiet=True, formats=()

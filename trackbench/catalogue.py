@@ -8,7 +8,9 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args, get_type_hints
 
-from trackbench.registry import Group, documentation, kinds
+from trackbench.keys import part_group
+from trackbench.models.assumed import Assume
+from trackbench.registry import GROUPS, Group, documentation, kinds
 
 
 def listing(groups: Sequence[str]) -> str:
@@ -27,10 +29,9 @@ def description(kind: str) -> str:
     from trackbench.experiment.problems import Mark, Problem, UserError
     from trackbench.experiment.validate import unknown
 
-    groups: tuple[Group, ...] = ("filters", "scenarios", "tables", "figures")
-    found = [(g, kinds(g)[kind]) for g in groups if kind in kinds(g)]
+    found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not found:
-        known = [k for g in groups for k in kinds(g)]
+        known = [k for g in GROUPS for k in kinds(g)]
         raise UserError(
             Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
         )
@@ -41,6 +42,8 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     rows = list(_key_rows(cls, ""))
+    if group == "filters":
+        rows += _key_rows(Assume, "assume.")
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
     for name, keys in getattr(cls, "presets", {}).items():
@@ -48,6 +51,8 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
         lines.append(f"\n  preset {name}: {given}")
     if group == "scenarios":
         lines += _component_rows(cls)
+    if group == "sensors":
+        lines.append(f"\n  components of the measurement: {','.join(cls.components)}")
     explain = getattr(cls, "explain", None)
     if explain is not None:
         lines.append("\n" + explain())
@@ -66,11 +71,16 @@ def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Key, default and text of each field; those of a mapping follow it, indented by their path."""
     from trackbench.experiment.validate import adapter, help_texts
 
-    schema, texts, hints = adapter(cls).json_schema(), help_texts(cls), get_type_hints(cls)
+    schema, texts = adapter(cls).json_schema(), help_texts(cls)
+    hints = get_type_hints(cls, include_extras=True)
     for field in dataclasses.fields(cls):
         choices = schema["properties"][field.name].get("enum")
         text = texts.get(field.name, "")
         text = f"{text} ({' | '.join(map(str, choices))})" if choices else text
+        group = part_group(hints[field.name])
+        if group is not None:
+            yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
+            continue
         yield prefix + field.name, _default(field), text
         nested = _mappings(hints[field.name])
         for one in nested:

@@ -13,11 +13,12 @@ from dataclasses import is_dataclass
 from importlib.metadata import EntryPoints, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
 ]
+GROUPS: tuple[Group, ...] = get_args(Group)
 T = TypeVar("T", bound=type)
 
 _PACKAGES: dict[Group, str] = {

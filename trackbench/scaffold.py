@@ -1,4 +1,4 @@
-"""Starting files for filters, scenarios and experiments of one's own: they run as they are."""
+"""Starting files for filters, sensors, motions, scenarios and experiments: they run as they are."""
 
 import re
 from importlib.resources import files
@@ -6,10 +6,12 @@ from pathlib import Path
 
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.registry import Group, kinds
+from trackbench.registry import GROUPS, kinds
 
 _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),
+    "sensor": ("sensor.py", "sensor.yaml", "test_sensor.py"),
+    "motion": ("motion.py", "motion.yaml", "test_motion.py"),
     "scenario": ("scenario.py", "scenario.yaml", "test_scenario.py"),
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
@@ -18,7 +20,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
 def write_new(what: str, name: str, folder: Path) -> list[Path]:
-    """Write the files of a new filter, scenario or experiment; never over an existing one."""
+    """Write the files of a new filter, sensor, experiment, ...; never over an existing one."""
     words = _words(what, name)
     module = "_".join(words)
     filled = {
@@ -39,8 +41,8 @@ def _words(what: str, name: str) -> list[str]:
         rule = "a name starts with a letter and holds letters, digits, - and _"
         raise UserError(Problem(mark, "", rule))
     words = [word.lower() for word in re.split(r"[-_ ]", name)]
-    groups: dict[str, Group] = {"filter": "filters", "scenario": "scenarios"}
-    if what in groups and "-".join(words) in kinds(groups[what]):
+    group = next((g for g in GROUPS if g == f"{what}s"), None)
+    if group is not None and "-".join(words) in kinds(group):
         raise UserError(Problem(mark, "", f"there is a {what} of this kind already"))
     return words
 

@@ -1,16 +1,20 @@
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
 
 from tests.conftest import random_covariance
+from tests.papers import banana
 from trackbench.core import kalman
 from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
-from trackbench.models.linear import CWNA
+from trackbench.models.motions.kinematic import WhiteAcceleration
 
 
 def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Generator) -> None:
-    motion, H, R = CWNA(0.5, 0.3), rng.standard_normal((2, 4)), random_covariance(rng, 2)
+    motion, H, R = (
+        WhiteAcceleration(q=0.3).sampled(0.5),
+        rng.standard_normal((2, 4)),
+        random_covariance(rng, 2),
+    )
     P = random_covariance(rng, 4)
     information = [H.T @ np.linalg.inv(R) @ H] * 20
     bounds = posterior_cramer_rao(P, motion.F, motion.Q, information)
@@ -23,8 +27,8 @@ def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Gener
 
 def test_bound_without_process_noise_is_least_squares() -> None:
     """Without noise the bound is the inverse of the summed information, carried along."""
-    scenario = Banana(q=0.0, scans=30, range_km=100.0)
-    x, F = scenario._path(), scenario.model.motion.F
+    scenario = banana(q=0.0, scans=30, range_km=100.0)
+    x, F = scenario.target.path(scenario._timeline), scenario.model.motion.F
     R_inverse = np.diag([1 / 0.2**2, 1 / 2e-3**2])
     J = np.zeros((4, 4))
     for k in range(30):

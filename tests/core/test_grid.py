@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run, track
+from tests.papers import merwe
 from trackbench.core.grid import weights_up_to
 from trackbench.evaluation.block import simulate
 from trackbench.models.base import log_likelihood
+from trackbench.scenarios.tracking import Tracking
 
 
 @pytest.mark.parametrize(("R", "tolerance"), [(1e-5, 1e-9), (0.1, 1e-6), (1.0, 1e-6)])
 def test_halving_the_default_grid_changes_nothing(R: float, tolerance: float) -> None:
     """In posterior standard deviations, at the worst step of the worst run."""
-    scenario = Merwe(R=R)
+    scenario = merwe(R=R)
     fine = track(scenario, make_filter("grid"), runs=12)
     coarse = track(scenario, make_filter("grid", nodes=make_filter("grid").nodes // 2), runs=12)
     nees = fine.nees[1:]
@@ -25,14 +26,14 @@ def test_halving_the_default_grid_changes_nothing(R: float, tolerance: float) ->
 
 def test_posterior_is_consistent() -> None:
     """NEES of an exact posterior has mean one."""
-    nees = track(Merwe(R=0.1), make_filter("grid"), runs=400).nees[1:]
+    nees = track(merwe(R=0.1), make_filter("grid"), runs=400).nees[1:]
     per_run_mean = nees.mean(axis=0)
     assert abs(per_run_mean.mean() - 1) < 4 * per_run_mean.std() / 20
 
 
 def test_equals_importance_sampling_of_the_joint_posterior() -> None:
     """Three steps, two million draws of the whole path from the prior, weighted by the likelihood."""
-    scenario = Merwe(R=1.0, T=4)
+    scenario = merwe(R=1.0, T=4)
     seen = _simulated(scenario, 3)
     exact = track(scenario, make_filter("grid", nodes=128), runs=3)
     rng = np.random.Generator(np.random.SFC64(5))
@@ -58,7 +59,7 @@ def test_particle_filters_tend_to_it(kind: str, lowest: float) -> None:
     The rms is owned by the few steps where the truth is far in the prior's tail. The second-stage
     weights p(z|x) / p(z|mu) of the APF are unbounded where p(z|mu) is small: it is slower.
     """
-    scenario, runs = Merwe(R=0.1), 24
+    scenario, runs = merwe(R=0.1), 24
     exact = track(scenario, make_filter("grid", nodes=128), runs).mean
     few, many = (
         np.median(np.abs(track(scenario, make_filter(kind, N=N), runs).mean - exact)[0, 1:])
@@ -70,7 +71,7 @@ def test_particle_filters_tend_to_it(kind: str, lowest: float) -> None:
 
 @pytest.mark.parametrize("R", [1e-5, 0.1])
 def test_no_filter_beats_it(R: float) -> None:
-    scenario, runs = Merwe(R=R), 100
+    scenario, runs = merwe(R=R), 100
     floor = np.square(per_run(scenario, make_filter("grid"), runs))
     others = {
         "pf": {"N": 100},
@@ -89,11 +90,11 @@ def test_no_filter_beats_it(R: float) -> None:
         assert gap.mean() > -3 * gap.std(ddof=1) / np.sqrt(runs), kind
 
 
-def _simulated(scenario: Merwe, runs: int):
+def _simulated(scenario: Tracking, runs: int):
     return simulate(scenario, 1, 0, runs)
 
 
-def _truth(scenario: Merwe, runs: int) -> np.ndarray:
+def _truth(scenario: Tracking, runs: int) -> np.ndarray:
     return _simulated(scenario, runs).truth
 
 
@@ -110,7 +111,7 @@ def test_partial_weights_integrate_polynomials_exactly() -> None:
 def test_a_gamma_noise_of_any_shape_and_a_falling_motion() -> None:
     """Against a brute-force sum on a dense grid, two steps after a known state."""
     for keys in ({"gamma_shape": 2.5}, {"phi1": -0.5}, {"phi1": 0.0}):
-        scenario = Merwe(R=0.5, T=3, **keys)
+        scenario = merwe(R=0.5, T=3, **keys)
         seen, exact = _simulated(scenario, 2), track(scenario, make_filter("grid"), 2)
         x = np.linspace(-12, 14, 6001)
         density = None
@@ -125,6 +126,6 @@ def test_a_gamma_noise_of_any_shape_and_a_falling_motion() -> None:
             nu = (
                 seen.measurements[0, i][:, None] - sensor.measurement(x[None, None], int(k)).mean[0]
             )
-            density = predicted * np.exp(-0.5 * nu**2 / scenario.R)
+            density = predicted * np.exp(-0.5 * nu**2 / scenario.sensor.R)
             density /= density.sum(axis=1, keepdims=True)
             np.testing.assert_allclose(density @ x, exact.mean[0, i + 1], atol=2e-3)

@@ -59,10 +59,12 @@ def test_combined_moments_are_the_mixture_s(rng: np.random.Generator) -> None:
 def test_padding_fills_with_the_longer_state_or_with_zeros(unbiased: bool) -> None:
     short = Gaussian(np.ones((2, 1)), np.eye(2))
     long = Gaussian(np.full((3, 1), 5.0), np.full((3, 3), 1.0) + np.eye(3))
-    got = padded(short, long, unbiased)
+    got = padded(short, long, ((0, 1), (0, 1)), unbiased)
     np.testing.assert_array_equal(got.mean[:, 0], [1.0, 1.0, 5.0 if unbiased else 0.0])
     np.testing.assert_array_equal(np.diag(got.cov[:, :, 0]), [1.0, 1.0, 2.0 if unbiased else 0.0])
-    np.testing.assert_array_equal(padded(long, short, unbiased).mean[:, 0], [5.0, 5.0])
+    np.testing.assert_array_equal(
+        padded(long, short, ((0, 1), (0, 1)), unbiased).mean[:, 0], [5.0, 5.0]
+    )
 
 
 def test_weights_stay_as_predicted_where_no_model_explains_the_data() -> None:

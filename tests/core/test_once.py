@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from trackbench.filters.linear import KF
-from trackbench.scenarios.maneuver import Maneuver
 
+from tests.papers import maneuver, seen_as
 from trackbench.core import kalman
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.once import forget, once
 from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.models.motions import WhiteAcceleration
+from trackbench.filters.kalman import KF
+from trackbench.models.motions.kinematic import WhiteAcceleration
 
 
 def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:
@@ -41,7 +41,7 @@ def test_a_second_block_computes_no_gain(monkeypatch: pytest.MonkeyPatch) -> Non
     gains = []
     inverse = kalman.linalg.inverse
     monkeypatch.setattr(kalman.linalg, "inverse", lambda S: gains.append(S) or inverse(S))
-    scenario, tracker = Maneuver(), KF(motion=WhiteAcceleration(q=0.01))
+    scenario, tracker = seen_as(maneuver(), WhiteAcceleration(q=0.01)), KF()
     steps = len(scenario.steps) - 1
     run_block(BlockTask(scenario, tracker, seed=1, index=0, width=3, used=3))
     first = len(gains)

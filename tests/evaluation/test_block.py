@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
+from tests.papers import maneuver, merwe
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import BlockTask, run_block
 from trackbench.evaluation.metrics import FOUND
@@ -17,7 +16,7 @@ from trackbench.evaluation.statistics import median
 )
 def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]) -> None:
     """Its error and its covariance are zero: nothing to judge, whatever rounding makes of 0 / 0."""
-    scenario = Merwe(R=1.0, T=20)
+    scenario = merwe(R=1.0, T=20)
     found = run_block(BlockTask(scenario, make_filter(kind, **keys), 0, 0, 40, 40))
     assert np.isfinite(found.per_run["nees"]).all()
     assert found.steps["nees"].number[0] == 0
@@ -27,7 +26,7 @@ def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]
 
 
 def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
-    scenario = Maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
+    scenario = maneuver(duration=200.0, legs=(), score_from=100.0, lost_beyond=150.0)
     task = BlockTask(scenario, make_filter("kf"), 1, 0, 60, 60, keep_steps=("squared_position",))
     found = run_block(task)
     lost = found.per_run["lost"] != FOUND
@@ -44,8 +43,11 @@ def test_the_median_of_mostly_infinite_values_is_infinite() -> None:
 
 @pytest.mark.parametrize("kind", ["kf", "alpha-beta"])
 def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
-    """Fifty samples missing: error and reported deviation grow together; half a sample is none."""
-    scenario = Maneuver(duration=300.0, legs=())
+    """Fifty samples missing: error and reported deviation grow together.
+
+    Half a sample is one of the other axis to a Kalman filter, and none to fixed gains.
+    """
+    scenario = maneuver(duration=300.0, legs=())
     data = scenario.simulate(RunStreams(1, range(500)), 500)
     z = data.measurements.copy()
     z[:, 100:150] = np.nan
@@ -65,5 +67,7 @@ def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
         again = tracker.step(scenario.model, again, z[:, i], i + 2, rng)
         if i == 99:
             before = tracker.estimate(again)
-    x, v = before.mean[:2]
-    np.testing.assert_allclose(tracker.estimate(again).mean[0], x + v, rtol=1e-12)
+    x, vx, y, vy = before.mean
+    after = tracker.estimate(again).mean
+    np.testing.assert_allclose(after[2], y + vy, rtol=1e-12)
+    assert np.allclose(after[0], x + vx, rtol=1e-12) == (kind == "alpha-beta")

@@ -6,25 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, track
+from tests.papers import banana, maneuver, merwe
 from trackbench.core.arrays import frozen
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, run_block, simulate
-from trackbench.filters.kalman import UKF
+from trackbench.filters.sigma_points import UKF
+from trackbench.scenarios.tracking import Tracking
 
-SCENARIO = Merwe(T=5, R=0.1)
-MANEUVER = Maneuver(duration=60.0, legs=())
+SCENARIO = merwe(T=5, R=0.1)
+MANEUVER = maneuver(duration=60.0, legs=())
 
 
 def block(tracker: Any, scenario: Any = SCENARIO, **keys: Any) -> Any:
     return run_block(BlockTask(scenario, tracker, 1, 0, 4, 4, **keys))
 
 
-@pytest.mark.parametrize("scenario", [SCENARIO, MANEUVER, Banana(scans=4)])
+@pytest.mark.parametrize("scenario", [SCENARIO, MANEUVER, banana(scans=4)])
 def test_what_filters_share_is_read_only(scenario: Any) -> None:
     data = simulate(scenario, 1, 0, 3)
     inside = [value for value in vars(data.prior).values() if isinstance(value, np.ndarray)]
@@ -52,7 +51,7 @@ def test_every_array_at_any_depth_is_frozen() -> None:
     assert frozen((pair, 1.0)) == (pair, 1.0)
     assert not a.flags.writeable
     assert not b.flags.writeable
-    prior: Any = simulate(Banana(scans=4), 1, 0, 3).prior
+    prior: Any = simulate(banana(scans=4), 1, 0, 3).prior
     assert not prior.sensor.R.flags.writeable
 
 
@@ -87,7 +86,7 @@ class WritesModel(UKF):
         (WritesMeasurement, SCENARIO),
         (WritesPrior, SCENARIO),
         (WritesPriorLater, SCENARIO),
-        (WritesModel, Banana(scans=4)),
+        (WritesModel, banana(scans=4)),
     ],
 )
 def test_a_filter_that_writes_to_its_input_fails_alone(cls: Any, scenario: Any) -> None:
@@ -194,7 +193,7 @@ def test_a_diagnostic_cannot_look_like_an_expression(name: str) -> None:
 @pytest.mark.parametrize("name", ["peak_position", "delay_s", "false_alarms_per_1000"])
 def test_a_diagnostic_cannot_have_the_name_of_a_metric_of_the_scenario(name: str) -> None:
     with pytest.raises(ValueError, match=rf"'{name}.*' is a metric of the scenario"):
-        block(noting(**{name: np.zeros(4), "mode": np.zeros(4)}), Maneuver())
+        block(noting(**{name: np.zeros(4), "mode": np.zeros(4)}), maneuver())
 
 
 def test_errors_cannot_be_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,8 +218,8 @@ def test_a_diagnostic_of_whole_numbers_has_no_value_before_the_first_step(value:
 
 def test_the_mean_of_the_reference_is_read_only(monkeypatch: pytest.MonkeyPatch) -> None:
     given = []
-    errors = Merwe.errors
-    monkeypatch.setattr(Merwe, "errors", lambda s, m, x: given.append(x) or errors(s, m, x))
+    errors = Tracking.errors
+    monkeypatch.setattr(Tracking, "errors", lambda s, m, x: given.append(x) or errors(s, m, x))
     block(make_filter("ukf"), reference=make_filter("prior-mean"))
     assert [x.flags.writeable for x in given] == [False, False]  # the truth, and the reference
 
@@ -230,4 +229,4 @@ def test_an_expectation_is_a_number_per_run(monkeypatch: pytest.MonkeyPatch) -> 
     mean = {"mean_range": np.ones(1)}
     monkeypatch.setattr(type(tracker), "expectation", lambda self, state, g: mean)
     with pytest.raises(ValueError, match=r"expectation 'mean_range' is an array \(1,\)"):
-        block(tracker, Banana(scans=4))
+        block(tracker, banana(scans=4))

@@ -4,8 +4,8 @@ import pickle
 from dataclasses import dataclass
 
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
+from tests.papers import merwe
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment import arithmetic, digest, worker
 from trackbench.filters.bootstrap import PF
@@ -16,9 +16,9 @@ class Mine(PF):
     """A filter of one's own."""
 
 
-OWN = BlockTask(Merwe(T=3), PF(N=4), seed=1, index=0, width=2, used=2)
-FOREIGN = BlockTask(Merwe(T=3), Mine(N=4), seed=1, index=0, width=2, used=2)
-NUMPYS = BlockTask(Merwe(T=3, gamma_shape=0.5), PF(N=4), seed=1, index=0, width=2, used=2)
+OWN = BlockTask(merwe(T=3), PF(N=4), seed=1, index=0, width=2, used=2)
+FOREIGN = BlockTask(merwe(T=3), Mine(N=4), seed=1, index=0, width=2, used=2)
+NUMPYS = BlockTask(merwe(T=3, gamma_shape=0.5), PF(N=4), seed=1, index=0, width=2, used=2)
 
 
 @pytest.mark.parametrize(("task", "apart"), [(OWN, False), (FOREIGN, True), (NUMPYS, True)])

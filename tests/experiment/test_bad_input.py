@@ -4,12 +4,18 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import banana_text
 from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
+from trackbench.models.motions.scalar import MerweMotion
 
-GOOD = """name: x
+SCENARIO = (
+    "{kind: tracking, first: 1, last: 50, start: known, sensor: {kind: square-then-line, R: 1}, "
+    "target: {kind: driven, motion: {kind: sine-gamma, phi1: 0.5}}}"
+)
+GOOD = f"""name: x
 runs: 10
-scenario: {kind: merwe}
+scenario: {SCENARIO}
 filters:
   PF:
     kind: pf
@@ -55,11 +61,11 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
             "kind: fp",
             "6:11: filters.PF.kind: 'fp' is not a kind of filter; did you mean pf?",
         ),
-        ("kind: merwe", "kind: merwe, R: -1", "3:28: scenario.R: -1 is not greater than 0"),
+        ("R: 1}", "R: -1}", "3:98: scenario.sensor.R: -1 is not greater than 0"),
         (
-            "kind: merwe",
-            "kind: merwe, T: 1",
-            "3:11: scenario: T = 1 leaves no step to measure after step 1",
+            "last: 50",
+            "last: 1",
+            "3:44: scenario.last: 1 leaves no step to measure after step 1",
         ),
         (
             "kind: pf\n    N: 10",
@@ -85,7 +91,7 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         (
             "kind: pf\n    N: 10",
             "kind: ukf\n    start: mucm",
-            "7:12: filters.PF.start: scenario merwe has no range and azimuth to convert",
+            "7:12: filters.PF.start: there are no two scans of range and azimuth to start from",
         ),
         (
             "kind: pf\n    N: 10",
@@ -102,18 +108,22 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         ("runs: 10", "runs: 0", "2:7: runs: 0 is less than 1"),
         ("runs: 10", "rnus: 10", "2:1: rnus: unknown key; did you mean runs?"),
         ("name: x\n", "", "1:1: name: this key is required"),
-        ("scenario: {kind: merwe}", "scenario: nowhere.yaml", "3:11: scenario: cannot read"),
-        ("scenario: {kind: merwe}", "scenario: {T: 3}", "3:11: scenario: needs a kind"),
+        (f"scenario: {SCENARIO}", "scenario: nowhere.yaml", "3:11: scenario: cannot read"),
+        (f"scenario: {SCENARIO}", "scenario: {T: 3}", "3:11: scenario: needs a kind"),
         (
-            "scenario: {kind: merwe}",
+            f"scenario: {SCENARIO}",
             "scenario: 3",
             "3:11: scenario: is neither a mapping nor a path",
         ),
-        ("scenario: {kind: merwe}", "scenario: !!python/name:os.system", "3:11: scenario: the tag"),
+        (f"scenario: {SCENARIO}", "scenario: !!python/name:os.system", "3:11: scenario: the tag"),
         ("runs: 10", "runs: {{", "not valid YAML"),
         ("runs: 10", "reference: Exact", "2:12: reference: 'Exact' is not a filter here"),
         ("runs: 10", "grid: {runs: [1, 2]}", "2:8: grid.runs: a grid varies scenario.KEY"),
-        ("runs: 10", "grid: {scenario.R: [1, -1]}", "2:24: scenario.R: -1 is not greater than 0"),
+        (
+            "runs: 10",
+            "grid: {scenario.sensor.R: [1, -1]}",
+            "2:31: scenario.sensor.R: -1 is not greater than 0",
+        ),
         (
             "runs: 10",
             "tables: {t: {kind: metrics, columns: {a: mean(rmse)}, filters: [QF]}}",
@@ -141,9 +151,10 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         ),
         (
             "runs: 10",
-            "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse), parameter: scenario.Q}}\n"
-            "grid: {scenario.R: [1, 2]}",
-            "2:71: figures.f.parameter: 'scenario.Q' is no path of the grid; did you mean scenario.R?",
+            "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse), parameter: scenario.sensor.Q}}\n"
+            "grid: {scenario.sensor.R: [1, 2]}",
+            "2:71: figures.f.parameter: 'scenario.sensor.Q' is no path of the grid; "
+            "did you mean scenario.sensor.R?",
         ),
         (
             "runs: 10",
@@ -159,16 +170,16 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         (
             "runs: 10",
             "figures: {f: {kind: posterior}}",
-            "2:14: figures.f: scenario merwe has no range and azimuth to show",
+            "2:14: figures.f: there is no range and azimuth to show",
         ),
         (
-            "scenario: {kind: merwe}",
-            "scenario: {kind: banana}\nfigures: {f: {kind: posterior, point: 2}}",
+            f"scenario: {SCENARIO}",
+            f"scenario: {banana_text()}\nfigures: {{f: {{kind: posterior, point: 2}}}}",
             "4:39: figures.f.point: 2 is more than the number of points, 1",
         ),
         (
-            "scenario: {kind: merwe}",
-            "scenario: {kind: banana}\nfigures: {f: {kind: posterior, step: 2}}",
+            f"scenario: {SCENARIO}",
+            f"scenario: {banana_text()}\nfigures: {{f: {{kind: posterior, step: 2}}}}",
             "4:38: figures.f.step: 2 is not one of the steps 3 to 100",
         ),
         (
@@ -179,7 +190,7 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         (
             "runs: 10",
             "figures: {f: {kind: mean-and-std}}",
-            "2:14: figures.f: scenario merwe has no errors in x and y",
+            "2:14: figures.f: there are no errors in x and y to show",
         ),
         (
             "runs: 10",
@@ -197,7 +208,7 @@ def test_one_mistake(tmp_path: Path, old: str, new: str, expected: str) -> None:
 
 def test_all_mistakes_at_once(tmp_path: Path) -> None:
     text = GOOD.replace("N: 10", "N: 0\n    bogus: 1").replace("runs: 10", "runs: x")
-    found = mistakes(tmp_path, text.replace("kind: merwe", "kind: merwe, phi2: -1"))
+    found = mistakes(tmp_path, text.replace("R: 1}", "phi2: -1}"))
     assert len(found) == 4
     assert [line.split(":")[0] for line in found] == ["2", "3", "7", "8"]
 
@@ -222,7 +233,7 @@ def test_a_mistake_in_an_override_names_the_option(tmp_path: Path) -> None:
 @pytest.mark.parametrize("shape", [30, 200])
 def test_gamma_noise_that_the_quadrature_cannot_resolve(tmp_path: Path, shape: int) -> None:
     text = GOOD.replace("kind: pf\n    N: 10", "kind: grid")
-    text = text.replace("kind: merwe", f"kind: merwe, gamma_shape: {shape}")
+    text = text.replace("phi1: 0.5", f"gamma_shape: {shape}")
     what = "6:5: filters.PF: grid is exact for gamma noise of a shape up to 20 only"
     assert mistakes(tmp_path, text) == [what]
 
@@ -230,12 +241,11 @@ def test_gamma_noise_that_the_quadrature_cannot_resolve(tmp_path: Path, shape: i
 def test_a_filter_that_cannot_run_on_the_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trackbench.models.merwe import MerweSensor
 
-    monkeypatch.delattr(MerweSensor, "jacobian")
+    monkeypatch.delattr(MerweMotion, "jacobian")
     found = mistakes(tmp_path, GOOD.replace("kind: pf\n    N: 10", "kind: ekf"))
     assert found == [
-        "6:11: filters.PF: ekf needs sensor.jacobian, which scenario merwe does not have"
+        "6:11: filters.PF: ekf needs a motion with a Jacobian, which there is not here"
     ]
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
@@ -44,7 +45,7 @@ CONFIG = """
 name: failing
 runs: 20
 block: 10
-scenario: {kind: merwe, T: 10}
+scenario: MERWE
 plugins: [bad.py]
 filters:
   PF: {kind: pf, N: 20}
@@ -54,7 +55,7 @@ filters:
   UKF: {kind: ukf}
 tables:
   t: {kind: metrics, columns: {RMSE: rms(rmse)}}
-"""
+""".replace("MERWE", merwe_text(T=10))
 
 
 @pytest.mark.parametrize("engine", ["serial", "processes"])
@@ -94,7 +95,7 @@ def test_every_filter_fails(tmp_path: Path) -> None:
     kinds = ("rmse-vs-time", "rmse-per-run", "bars", "critical-difference", "heat-map", "estimates")
     text += "figures:\n" + "".join(f"  f{i}: {{kind: {k}}}\n" for i, k in enumerate(kinds))
     text += "  g: {kind: rmse-vs-parameter, metric: mean(rmse)}\n"
-    text += "grid: {scenario.R: [0.1, 1.0]}\n"
+    text += "grid: {scenario.sensor.R: [0.1, 1.0]}\n"
     (tmp_path / "c.yaml").write_text(text)
     done = trackbench("run", "c.yaml", "--allow-plugins", "--format", "svg", cwd=tmp_path)
     assert done.returncode == 1
@@ -106,13 +107,21 @@ def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(PLUGIN)
     (tmp_path / "c.yaml").write_text(CONFIG.replace("filters:", "only: [Raises]\nfilters:"))
     done = trackbench(
-        *("sweep", "c.yaml", "--allow-plugins", "--grid", "scenario.R=0.1,1", "--format", "svg"),
+        *(
+            "sweep",
+            "c.yaml",
+            "--allow-plugins",
+            "--grid",
+            "scenario.sensor.R=0.1,1",
+            "--format",
+            "svg",
+        ),
         cwd=tmp_path,
     )
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     (header,) = (tmp_path / "results" / "failing-sweep" / "sweep.csv").read_text().splitlines()
-    assert header.startswith("scenario.R,filter,metric")
+    assert header.startswith("scenario.sensor.R,filter,metric")
 
 
 LEAVING = """
@@ -167,7 +176,7 @@ LEFT = """
 name: left
 runs: 20
 block: 10
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 plugins: [leaving.py]
 filters:
   UKF: {kind: ukf}
@@ -178,7 +187,7 @@ filters:
   Interrupt: {kind: leaves, how: interrupt}
   Close: {kind: leaves, how: close}
   Own: {kind: leaves, how: own}
-"""
+""".replace("MERWE", merwe_text(T=5))
 
 
 @pytest.mark.parametrize("engine", ["serial", "processes"])
@@ -216,7 +225,7 @@ def test_a_look_at_what_a_filter_notes_does_not_end_the_program(tmp_path: Path) 
 WRITING = """
 from dataclasses import dataclass
 
-from trackbench.filters.kalman import UKF
+from trackbench.filters.sigma_points import UKF
 from trackbench.registry import register
 
 
@@ -231,7 +240,7 @@ class Writes(UKF):
 
 def test_a_filter_that_writes_to_the_measurements_spoils_no_other(tmp_path: Path) -> None:
     (tmp_path / "writing.py").write_text(WRITING)
-    config = "name: w\nruns: 4\nscenario: {kind: merwe, T: 5}\nplugins: [writing.py]\n"
+    config = f"name: w\nruns: 4\nscenario: {merwe_text(T=5)}\nplugins: [writing.py]\n"
     config += "filters: {Writes: {kind: writes}, UKF: {kind: ukf}}\n"
     (tmp_path / "c.yaml").write_text(config)
     options = ("run", "c.yaml", "--allow-plugins", "--engine", "serial", "--fresh")

@@ -14,11 +14,16 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from tests.conftest import EXPERIMENTS
+from tests.papers import banana_text, maneuver_text
 from trackbench import cli
 
 PLACE = re.compile(r"^\S.*:\d+:\d+: .", re.MULTILINE)
 SHIPPED = {path.stem: path.read_text() for path in sorted(EXPERIMENTS.glob("*.yaml"))}
-MINIMAL = "name: x\nscenario: {kind: merwe}\nfilters:\n  PF: {kind: pf, N: 10}\n"
+SCENARIO = (
+    "{kind: tracking, T: 1, last: 50, start: known, sensor: {kind: square-then-line, R: 1}, "
+    "target: {kind: driven, motion: sine-gamma, launch: {x: 1}}}"
+)
+MINIMAL = f"name: x\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 10}}\n"
 
 
 def check(path: Path, *words: str) -> tuple[int, str, str]:
@@ -199,18 +204,19 @@ HANDMADE = {
     "runs of 90 digits": MINIMAL + "runs: " + "9" * 90 + "\nblock: fit\n",
     "a trillion runs": MINIMAL + "runs: 1000000000000\n",
     "a block of a trillion runs": MINIMAL + "block: 1000000000000\n",
-    "a trillion steps": MINIMAL.replace("kind: merwe", "kind: merwe, T: 1000000000000"),
-    "a trillion scans": MINIMAL.replace("kind: merwe", "kind: banana, scans: 1000000000000"),
-    "a million years": MINIMAL.replace("kind: merwe", "kind: maneuver, duration: 3e13"),
-    "a sample a picosecond": MINIMAL.replace("kind: merwe", "kind: maneuver, T: 1e-12"),
+    "a trillion steps": MINIMAL.replace("last: 50", "last: 1000000000000"),
+    "a trillion scans": MINIMAL.replace(SCENARIO, banana_text(scans=1_000_000_000_000)),
+    "a million years": MINIMAL.replace(SCENARIO, maneuver_text(duration=3e13)),
+    "a sample a picosecond": MINIMAL.replace(SCENARIO, maneuver_text(T=1e-12)),
     "a seed below zero": MINIMAL + "seed: -1\n",
     "a huge grid": MINIMAL
     + "grid:\n"
     + "".join(
-        f"  scenario.{k}: [{', '.join(['1.0'] * 99)}]\n" for k in ("R", "phi2", "phi3", "x1")
+        f"  scenario.{k}: [{', '.join(['1.0'] * 99)}]\n"
+        for k in ("sensor.R", "sensor.phi2", "sensor.phi3", "T")
     ),
-    "an empty axis": MINIMAL + "grid: {scenario.R: []}\n",
-    "an axis that is no list": MINIMAL + "grid: {scenario.R: 3}\n",
+    "an empty axis": MINIMAL + "grid: {scenario.sensor.R: []}\n",
+    "an axis that is no list": MINIMAL + "grid: {scenario.sensor.R: 3}\n",
     "a name with dots": MINIMAL.replace("name: x", "name: ../../x"),
     "a name that is dots": MINIMAL.replace("name: x", "name: .."),
     "an absolute name": MINIMAL.replace("name: x", "name: /tmp/x"),
@@ -226,10 +232,10 @@ HANDMADE = {
     + "tables: {t: {kind: metrics, digits: 1000000000, columns: {a: rms(rmse)}}}\n",
     "a figure of a run that is not there": MINIMAL + "figures: {f: {kind: estimates, run: 101}}\n",
     "a figure of another component": MINIMAL + "figures: {f: {kind: estimates, component: 2}}\n",
-    "not a number": MINIMAL.replace("kind: merwe", "kind: merwe, R: .nan"),
-    "infinity": MINIMAL.replace("kind: merwe", "kind: merwe, R: .inf"),
-    "minus infinity": MINIMAL.replace("kind: merwe", "kind: merwe, x1: -.inf"),
-    "overflow": MINIMAL.replace("kind: merwe", "kind: merwe, R: 1e999"),
+    "not a number": MINIMAL.replace("R: 1", "R: .nan"),
+    "infinity": MINIMAL.replace("R: 1", "R: .inf"),
+    "minus infinity": MINIMAL.replace("x: 1", "x: -.inf"),
+    "overflow": MINIMAL.replace("R: 1", "R: 1e999"),
     "empty": "",
     "only a comment": "# nothing\n",
     "only dashes": "---\n",
@@ -265,7 +271,7 @@ HANDMADE = {
     "a use of a folder": MINIMAL.replace("{kind: pf, N: 10}", "{use: .}"),
     "a use of a name too long": MINIMAL.replace("{kind: pf, N: 10}", "{use: %s}" % ("a" * 300)),
     "data of a name too long": MINIMAL.replace(
-        "{kind: merwe}", "{kind: recorded, like: {kind: merwe}, measurements: %s}" % ("a" * 300)
+        SCENARIO, f"{{kind: recorded, like: {SCENARIO}, measurements: {'a' * 300}}}"
     ),
     "a null in the name of a published file": MINIMAL + 'published: ["a\\0b.csv"]\n',
     "a use of a device": MINIMAL.replace("{kind: pf, N: 10}", "{use: /dev/zero}"),

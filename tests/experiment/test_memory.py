@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.merwe import Merwe
 
+from tests.papers import banana, merwe, merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
 from trackbench.experiment.plan import _block_bytes, block_width
 from trackbench.registry import kinds
 
-SCENARIOS = {"merwe": Merwe(T=4, R=1.0), "banana": Banana(scans=5)}
+SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
 
 
 def peak(function: Callable[..., object], *args: object) -> int:
@@ -59,7 +58,8 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
     """Before anything is known of the memory that its own number would take."""
     config = tmp_path / "large.yaml"
     config.write_text(
-        "name: large\nscenario: {kind: merwe, T: 5}\nfilters: {UPF: {kind: upf, N: 300000}}\n"
+        f"name: large\nscenario: {merwe_text(T=5)}\n"
+        "filters: {UPF: {kind: upf, N: 300000}}\n"
         "tables: {t: {kind: metrics, columns: {d: mean(dead_steps)}}}\n"
     )
     assert peak(api.prepare, config, api.Options()) < 20_000_000
@@ -70,4 +70,4 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
 )
 def test_a_boosted_cloud_makes_a_narrower_block(N: int, boost: int, scans: int, width: int) -> None:
     tracker = kinds("filters")["rpf"](N=N, boost=boost, boost_scans=scans)
-    assert block_width(tracker, Banana()) == width
+    assert block_width(tracker, banana()) == width

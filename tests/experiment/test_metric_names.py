@@ -6,17 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.problems import UserError
 
 CONFIG = """\
 name: small
 runs: 3
-scenario: {kind: merwe, T: 8}
+scenario: MERWE
 filters:
   PF: {kind: pf, N: 10}
   EKF: {kind: ekf}
-"""
+""".replace("MERWE", merwe_text(T=8))
 
 
 def prepared(folder: Path, more: str) -> list[str]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.config import load
 from trackbench.experiment.engines import engine
@@ -14,9 +15,9 @@ from trackbench.verification import verify
 CONFIG = """
 name: a
 runs: 4
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
-"""
+""".replace("MERWE", merwe_text(T=5))
 PLAIN = """
 from trackbench.registry import register
 
@@ -26,7 +27,7 @@ class Mine:
 """
 MINE = """
 from dataclasses import dataclass
-from trackbench.filters.kalman import UKF
+from trackbench.filters.sigma_points import UKF
 from trackbench.registry import register
 
 @register("filters", "mistaken-not")
@@ -53,7 +54,7 @@ def mistakes(folder: Path, text: str = CONFIG, **changes: object) -> list[str]:
         ("runs=1,2", "grid.runs: a grid varies scenario.KEY or filters.LABEL.KEY"),
         ("scenario=1,2", "grid.scenario: a grid varies scenario.KEY or filters.LABEL.KEY"),
         ("filters.PF=1", "filters.PF: is not a mapping with a kind"),
-        ("scenario.R=.inf", "scenario.R: Infinity is not a finite number"),
+        ("scenario.sensor.R=.inf", "scenario.sensor.R: Infinity is not a finite number"),
     ],
 )
 def test_a_grid_over_nothing(tmp_path: Path, axis: str, what: str) -> None:
@@ -73,16 +74,16 @@ def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
     ("axes", "column", "where", "what"),
     [
         (
-            '{scenario.R: [1, 2], "scenario.R & scenario.x1": [3, 4]}',
-            28,
-            "scenario.R & scenario.x1",
-            "scenario.R is varied by 'scenario.R', too",
+            '{scenario.sensor.R: [1, 2], "scenario.sensor.R & scenario.target.launch.x": [3, 4]}',
+            35,
+            "scenario.sensor.R & scenario.target.launch.x",
+            "scenario.sensor.R is varied by 'scenario.sensor.R', too",
         ),
         (
-            '{"scenario.x1 & scenario.R": [3, 4], scenario.R: [1, 2]}',
-            44,
-            "scenario.R",
-            "scenario.R is varied by 'scenario.x1 & scenario.R', too",
+            '{"scenario.target.launch.x & scenario.sensor.R": [3, 4], scenario.sensor.R: [1, 2]}',
+            64,
+            "scenario.sensor.R",
+            "scenario.sensor.R is varied by 'scenario.target.launch.x & scenario.sensor.R', too",
         ),
         (
             "{filters.PF: [{kind: pf}, {kind: apf}], filters.PF.N: [5, 9]}",
@@ -97,10 +98,10 @@ def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
             "filters.PF.N is varied by 'filters.PF.N', too",
         ),
         (
-            '{"scenario.R & scenario.R": [3, 4]}',
+            '{"scenario.sensor.R & scenario.sensor.R": [3, 4]}',
             8,
-            "scenario.R & scenario.R",
-            "scenario.R is varied by 'scenario.R & scenario.R', too",
+            "scenario.sensor.R & scenario.sensor.R",
+            "scenario.sensor.R is varied by 'scenario.sensor.R & scenario.sensor.R', too",
         ),
     ],
 )
@@ -112,18 +113,21 @@ def test_axes_of_a_grid_that_overlap(
 
 
 def test_axes_of_the_command_line_that_overlap(tmp_path: Path) -> None:
-    axis = "scenario.x1 & scenario.R=1,2"
-    found = mistakes(tmp_path, CONFIG + "grid: {scenario.R: [3, 4]}\n", grid=[axis])
-    what = "grid.scenario.x1 & scenario.R: scenario.R is varied by 'scenario.R', too"
-    assert found == [f"--grid {axis}: {what}"]
+    axis = "scenario.target.launch.x & scenario.sensor.R=1,2"
+    found = mistakes(tmp_path, CONFIG + "grid: {scenario.sensor.R: [3, 4]}\n", grid=[axis])
+    what = "scenario.sensor.R is varied by 'scenario.sensor.R', too"
+    path = "grid.scenario.target.launch.x & scenario.sensor.R"
+    assert found == [f"--grid {axis}: {path}: {what}"]
 
 
 def test_an_axis_that_is_typed_twice(tmp_path: Path) -> None:
-    found = mistakes(tmp_path, grid=["scenario.R=1,2", "scenario.R=3,4"])
-    assert found == ["--grid scenario.R=3,4: grid.scenario.R: is given twice"]
-    (tmp_path / "a.yaml").write_text(CONFIG + "grid: {scenario.R: [1, 2]}\n")
-    (point,) = load(tmp_path / "a.yaml", grid=["scenario.R=3"]).points  # the file's is replaced
-    assert point.values == {"scenario.R": 3}
+    found = mistakes(tmp_path, grid=["scenario.sensor.R=1,2", "scenario.sensor.R=3,4"])
+    assert found == ["--grid scenario.sensor.R=3,4: grid.scenario.sensor.R: is given twice"]
+    (tmp_path / "a.yaml").write_text(CONFIG + "grid: {scenario.sensor.R: [1, 2]}\n")
+    (point,) = load(
+        tmp_path / "a.yaml", grid=["scenario.sensor.R=3"]
+    ).points  # the file's is replaced
+    assert point.values == {"scenario.sensor.R": 3}
 
 
 def test_a_preset_that_is_overruled_by_all_keys(tmp_path: Path) -> None:

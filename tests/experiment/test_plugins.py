@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench import api
 from trackbench.experiment.config import load
@@ -44,12 +45,12 @@ CONFIG = """
 name: own
 runs: 8
 block: 2
-scenario: {kind: merwe, T: 4}
+scenario: MERWE
 plugins: [half.py]
 filters:
   Half: {kind: half}
   PF: {kind: pf, N: 5}
-"""
+""".replace("MERWE", merwe_text(T=4))
 
 
 @pytest.fixture

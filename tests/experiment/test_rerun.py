@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from tests.conftest import EXPERIMENTS
+from tests.papers import maneuver_text, merwe_text
 from trackbench import api
 from trackbench.experiment.config import load
 from trackbench.experiment.definition import Experiment
@@ -19,7 +20,7 @@ CONFIG = """
 name: a
 runs: 6
 block: 4
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 published: [numbers.csv]
 reference: 1e5
 filters:
@@ -34,11 +35,11 @@ tables:
     gain: {of: HDEPF, over: PF}
 figures:
   f: {kind: rmse-vs-time, filters: [PF, HDEPF], baseline: HDEPF}
-"""
+""".replace("MERWE", merwe_text(T=5))
 NUMBERS = """paper,table,filter,metric,value,digits,label,expression
 p,Table 1,HDEPF,mean,0.3,1,HDEPF,mean(rmse)
 """
-GRID = ["filters.HDEPF.F=0.5,0.9", "scenario.R=log:1e-5..1e-3:2"]
+GRID = ["filters.HDEPF.F=0.5,0.9", "scenario.sensor.R=log:1e-5..1e-3:2"]
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ GRID = ["filters.HDEPF.F=0.5,0.9", "scenario.R=log:1e-5..1e-3:2"]
     [
         {},
         {"only": ["PF"]},
-        {"set": ["filters.PF.N=9", "scenario.R=1e-3", "title=a: b"], "runs": 5, "seed": 3},
+        {"set": ["filters.PF.N=9", "scenario.sensor.R=1e-3", "title=a: b"], "runs": 5, "seed": 3},
         {"grid": GRID},
         {"grid": GRID, "only": ["PF"]},
         {"grid": ["filters.PF.N & filters.HDEPF.N=4,6"]},
@@ -90,13 +91,13 @@ def test_the_resolved_config_is_the_same_experiment(tmp_path: Path, path: Path) 
 VARIED = """
 name: varied
 runs: 4
-scenario: {kind: maneuver, duration: 100, legs: []}
+scenario: MANEUVER
 filters:
   A: {nmf: {q: 0}, mf: {q: 0}, kind: adaptive-kf, preset: seconds, exit: {p: 3}}
-  B: {kind: kf, motion: {kind: cwna, q: 0.01}}
+  B: {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}
   C: {kind: ukf}
   D: {kind: imm, motions: [{kind: cv, q: 0.1}, {kind: cv, q: 1}], transition: [[0.9, 0.1], [0.1, 0.9]]}
-"""
+""".replace("MANEUVER", maneuver_text(duration=100, legs=()))
 
 
 @pytest.mark.parametrize("only", [[], ["C"]])
@@ -104,15 +105,17 @@ filters:
     "axis",
     [
         "filters.A.preset: [paper-eta20, seconds, paper-eta35]",
-        "filters.C.preset: [merwe-demo]",
+        "filters.C.noise: [additive, augmented]",
         "filters.C.kind: [ukf, pf, ekf]",
         "filters.A.kind: [adaptive-kf]",
-        "filters.B.motion.kind: [cv, cwna]",
+        "filters.B.assume.motion.kind: [cv, cwna]",
         "filters.D.motions.0.kind: [cv, cwna, ca]",
-        "filters.B.motion: [{kind: cv, q: 0.1}, {kind: cwna, q: 0.2}]",
-        "filters.C: [{kind: ukf}, {kind: pf, N: 50}, {kind: ukf, preset: merwe-demo}]",
-        "scenario.kind: [maneuver]",
-        "scenario.legs: [[], [{start: 20, end: 60, ax: 0.1, ay: 0}]]",
+        "filters.B.assume.motion: [{kind: cv, q: 0.1}, {kind: cwna, q: 0.2}]",
+        "scenario.assume.motion: [{kind: cv, q: 0.1}, {kind: ca, q: 0.2}]",
+        "scenario.sensor.kind: [position]",
+        "filters.C: [{kind: ukf}, {kind: pf, N: 50}, {kind: ukf, noise: additive}]",
+        "scenario.kind: [tracking]",
+        "scenario.target.legs: [[], [{start: 20, end: 60, ax: 0.1, ay: 0}]]",
     ],
 )
 def test_each_point_of_a_grid_has_the_defaults_of_its_own_kind_and_preset(

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.engines import cpu_count
 
@@ -24,11 +25,11 @@ name: long
 seed: 3
 runs: 200
 block: 10
-scenario: {kind: merwe, T: 20}
+scenario: MERWE
 filters:
   PF: {kind: pf, N: 20}
   HDEPF: {kind: hdepf, G: 40}
-"""
+""".replace("MERWE", merwe_text(T=20))
 
 
 def write(folder: Path, text: str = CONFIG) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.cache import BlockStore
@@ -19,7 +20,7 @@ name: {name}
 seed: 3
 runs: 30
 block: 10
-scenario: {{kind: merwe, T: 20}}
+scenario: {scenario}
 filters:
   PF: {{kind: pf, N: 20}}
   Other: {{kind: {kind}, N: {N}}}
@@ -31,7 +32,7 @@ FILES = ("per_run.csv", "per_step.csv", "summary.csv", "tables/rmse.csv")
 
 def write(folder: Path, name: str, kind: str = "apf", N: int = 10) -> Path:
     path = folder / f"{name}.yaml"
-    path.write_text(CONFIG.format(name=name, kind=kind, N=N))
+    path.write_text(CONFIG.format(name=name, scenario=merwe_text(T=20), kind=kind, N=N))
     return path
 
 

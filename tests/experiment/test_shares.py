@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.statistics import mean
 from trackbench.report.expressions import Expressions
@@ -14,9 +15,9 @@ CONFIG = """
 name: shares
 runs: 40
 block: 16
-scenario: {kind: merwe, T: 10}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 20}, UKF: {kind: ukf}}
-"""
+""".replace("MERWE", merwe_text(T=10))
 TABLE = """
 tables:
   t:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from trackbench.scenarios.banana import Banana
 
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.tracking import Tracking
 
 Array = NDArray[np.float64]
 
@@ -36,15 +36,16 @@ class _Bank(NamedTuple):
     log_w: Array
 
 
-def exact_posterior(scenario: Banana, data: Simulation, spacing: float = 0.15) -> Posterior:
+def exact_posterior(scenario: Tracking, data: Simulation, spacing: float = 0.15) -> Posterior:
     """The posterior at every scan, of a target whose velocity is not known beforehand."""
     motion, sensor = scenario.model.motion, scenario.model.sensor
-    assert scenario.velocity_radial == 0.0
+    polar = scenario.target.polar
+    assert polar.velocity_radial == 0.0
     F, Q = np.eye(5), np.zeros((5, 5))
     F[:4, :4], Q[:4, :4] = motion.F, motion.Q
     R = np.diag([sensor.sigma_range**2, sensor.sigma_azimuth**2])
     prior = data.prior
-    speed, weight = _nodes(scenario.velocity_cross, spacing)
+    speed, weight = _nodes(polar.velocity_cross, spacing)
     first = prior.first
     mean = np.zeros((5, first.shape[1], len(speed)))
     mean[0], mean[3], mean[4] = first[0][:, None], speed, first[1][:, None]
@@ -55,7 +56,7 @@ def exact_posterior(scenario: Banana, data: Simulation, spacing: float = 0.15) -
     means, covs = [], []
     for k in range(scans.shape[1]):
         across = (k + 1) * scenario.T * speed
-        H = _jacobian(1e3 * scenario.range_km, across)
+        H = _jacobian(1e3 * polar.range_km, across)
         bank = _conditioned(bank, F, Q, H, R, scans[:, k])
         w = np.exp(bank.log_w)
         kept = (w > _FORGOTTEN).any(axis=0)

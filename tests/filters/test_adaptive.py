@@ -4,24 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trackbench.filters.linear import KF
-from trackbench.scenarios.legs import Leg
-from trackbench.scenarios.maneuver import Maneuver
 
 from tests.conftest import make_filter, per_run, track
+from tests.papers import maneuver
 from trackbench.core.fading import tail
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, run_block
 from trackbench.filters.adaptive import BOTH, AdaptiveKF
 from trackbench.filters.axes import axis_step
 from trackbench.filters.input_estimation import VDF, InputEstimation
+from trackbench.filters.kalman import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
-from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.scenarios.targets.legs import Leg
 
 QUIET_CV, STILL_CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=0.0)
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)
-TURN = Maneuver(duration=260.0, legs=(Leg(start=100, end=160, ax=0.3, ay=-0.3),), settle=40.0)
-STRAIGHT = Maneuver(duration=800.0, legs=())
+TURN = maneuver(duration=260.0, legs=(Leg(start=100, end=160, ax=0.3, ay=-0.3),), settle=40.0)
+STRAIGHT = maneuver(duration=800.0, legs=())
 SECONDS = AdaptiveKF(
     nmf=CV,
     mf=CA,
@@ -66,7 +66,7 @@ def test_vdf_is_the_adaptive_filter_with_the_window_s_start_as_onset() -> None:
 
 def test_a_filter_that_never_alarms_is_the_kalman_filter() -> None:
     never = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=1e9))
-    kf, own = track(TURN, KF(motion=CV), 5), track(TURN, never, 5)
+    kf, own = track(TURN, KF(), 5), track(TURN, never, 5)
     np.testing.assert_allclose(own.mean, kf.mean, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(own.nees, kf.nees, rtol=1e-7)
     np.testing.assert_allclose(own.diagnostics["nis"], kf.diagnostics["nis"], rtol=1e-9)
@@ -75,10 +75,10 @@ def test_a_filter_that_never_alarms_is_the_kalman_filter() -> None:
 @pytest.fixture(scope="module")
 def main_track() -> dict[str, dict[str, np.ndarray]]:
     """Numbers per run of the paper's filters at small Q on the first track."""
-    runs, filters = 30, {"kf": KF(motion=CV), "seconds": SECONDS}
+    runs, filters = 30, {"kf": KF(), "seconds": SECONDS}
     filters |= {name: adaptive(name) for name in ("paper-eta35", "paper-eta20")}
     return {
-        name: run_block(BlockTask(Maneuver(), tracker, 5, 0, runs, runs)).per_run
+        name: run_block(BlockTask(maneuver(), tracker, 5, 0, runs, runs)).per_run
         for name, tracker in filters.items()
     }
 
@@ -114,15 +114,15 @@ def test_maneuvering_mode_is_left_in_quiet_flight(
 def test_a_filter_without_noise_of_its_own_is_latched() -> None:
     """mf.q = 0: it never comes back from its first turn, and says so before."""
     latched = replace(adaptive("paper-eta35"), mf=STILL_CA)
-    assert per_run(Maneuver(), latched, 5, "mode[quiet]").mean() > 0.4
-    assert any("mf.q = 0" in text for text in latched.cautions(Maneuver()))
+    assert per_run(maneuver(), latched, 5, "mode[quiet]").mean() > 0.4
+    assert any("mf.q = 0" in text for text in latched.cautions(maneuver()))
 
 
 def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() -> None:
     slow = replace(SECONDS, mf=ConstantAcceleration(q=1e-6))
     quick = replace(SECONDS, mf=ConstantAcceleration(q=1e-2))
-    assert not slow.cautions(Maneuver())
-    assert any("0.106" in text for text in quick.cautions(Maneuver()))
+    assert not slow.cautions(maneuver())
+    assert any("0.106" in text for text in quick.cautions(maneuver()))
 
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
@@ -154,7 +154,7 @@ def test_false_alarm_rate_of_rho_is_the_tail_s() -> None:
 
 def test_rho_itself_has_the_hypo_exponential_tail() -> None:
     runs, eta = 3000, 15.0
-    scenario = Maneuver(duration=80.0, legs=())
+    scenario = maneuver(duration=80.0, legs=())
     tracker = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(kind="fading", eta=1e9))
     data = scenario.simulate(RunStreams(2, range(runs)), runs)
     rng = block_stream(2, 0)
@@ -229,7 +229,7 @@ def test_the_least_onset_postpones_the_switch() -> None:
 
 def test_onset_is_estimated_near_the_truth() -> None:
     """A strong turn: the first alarm's onset is within ten seconds of it on average."""
-    strong = Maneuver(duration=160.0, legs=(Leg(start=100, end=150, ax=2.0, ay=2.0),))
+    strong = maneuver(duration=160.0, legs=(Leg(start=100, end=150, ax=2.0, ay=2.0),))
     detector = Detector(eta=30.0, window_s=40.0, min_window_s=15.0)
     for tracker in (
         AdaptiveKF(nmf=CV, mf=CA, detector=detector),
@@ -257,7 +257,7 @@ def test_the_variable_dimension_filter_takes_the_window_for_the_onset() -> None:
 @pytest.mark.parametrize("window_s", [5.0, 40.0])
 def test_zeta_of_the_oldest_onset_is_chi_square_in_straight_flight(window_s: float) -> None:
     """Independent runs at the last of 90 steps: mean 2, variance 4, a tenth above the 10 % point."""
-    runs, straight = 3000, Maneuver(duration=90.0, legs=())
+    runs, straight = 3000, maneuver(duration=90.0, legs=())
     never = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=1e9, window_s=window_s))
     found = track(straight, never, runs).diagnostics
     zeta, beyond = found["zeta"][-1], found["zeta_beyond"][-1]
@@ -268,10 +268,10 @@ def test_zeta_of_the_oldest_onset_is_chi_square_in_straight_flight(window_s: flo
 
 def test_input_estimation_follows_the_turn_and_is_a_kalman_filter_without_alarms() -> None:
     never = InputEstimation(motion=CV, eta=1e9)
-    kf = track(TURN, KF(motion=CV), 5)
+    kf = track(TURN, KF(), 5)
     np.testing.assert_allclose(track(TURN, never, 5).mean, kf.mean, rtol=1e-9, atol=1e-6)
     corrected = per_run(TURN, InputEstimation(motion=CV), 20, "rmse_position[turns]")
-    assert corrected.mean() < 0.5 * per_run(TURN, KF(motion=CV), 20, "rmse_position[turns]").mean()
+    assert corrected.mean() < 0.5 * per_run(TURN, KF(), 20, "rmse_position[turns]").mean()
 
 
 FILTERS = {

@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run, track
+from tests.papers import banana
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.derived import normalised_error
+from trackbench.scenarios.tracking import Tracking
 
-FAR = Banana(velocity_cross=1000.0)
+FAR = banana(velocity_cross=1000.0)
 GAUSSIAN: list[tuple[str, dict[str, Any]]] = [
     ("cmkf", {"conversion": "ccm"}),
     ("cmkf", {"conversion": "ucm"}),
@@ -36,7 +37,7 @@ CLOUDS: list[tuple[str, dict[str, Any]]] = [
 GATE = 33.4  # of the chi-square of four degrees, once in a million
 
 
-def anees(kind: str, runs: int = 200, scenario: Banana = FAR, **keys: Any) -> np.ndarray:
+def anees(kind: str, runs: int = 200, scenario: Tracking = FAR, **keys: Any) -> np.ndarray:
     """ANEES per scan, from the second on."""
     return track(scenario, make_filter(kind, **keys), runs).nees.mean(axis=1) / 4
 
@@ -120,15 +121,15 @@ def test_the_azimuth_cut_is_nowhere(kind: str, keys: dict[str, Any]) -> None:
     """The same runs turned by 130 degrees, across +-180, give the same errors."""
     scenario = {"range_km": 500.0, "velocity_cross": 3000.0, "scans": 20, "q": 1e-9}
     tracker = make_filter(kind, **keys)
-    here = per_run(Banana(azimuth_deg=50.0, **scenario), tracker, 20, "rmse_azimuth_deg")
-    there = per_run(Banana(azimuth_deg=179.95, **scenario), tracker, 20, "rmse_azimuth_deg")
+    here = per_run(banana(azimuth_deg=50.0, **scenario), tracker, 20, "rmse_azimuth_deg")
+    there = per_run(banana(azimuth_deg=179.95, **scenario), tracker, 20, "rmse_azimuth_deg")
     tolerance = 1e-3 if kind in ("cmkf", "ekf", "iekf", "mcaekf") else 0.5
     np.testing.assert_allclose(there, here, rtol=tolerance)
 
 
 @pytest.mark.parametrize(("kind", "keys"), [GAUSSIAN[3], *GAUSSIAN[6:], *CLOUDS])
 def test_a_target_at_ten_thousand_kilometres(kind: str, keys: dict[str, Any]) -> None:
-    scenario = Banana(range_km=1e4, velocity_cross=1000.0, scans=30)
+    scenario = banana(range_km=1e4, velocity_cross=1000.0, scans=30)
     found = per_run(scenario, make_filter(kind, **keys), 20, "rmse_position")
     assert np.isfinite(found).all()
     assert np.sqrt(np.square(found).mean()) < 1e7 * 2e-3  # better than a single azimuth
@@ -136,7 +137,7 @@ def test_a_target_at_ten_thousand_kilometres(kind: str, keys: dict[str, Any]) ->
 
 @pytest.mark.parametrize(("kind", "keys"), [*GAUSSIAN, *CLOUDS])
 def test_a_gap_is_predicted_over(kind: str, keys: dict[str, Any]) -> None:
-    scenario = Banana(range_km=100.0, velocity_cross=100.0, scans=10)
+    scenario = banana(range_km=100.0, velocity_cross=100.0, scans=10)
     data, tracker = simulate(scenario, 3, 0, 4), make_filter(kind, **keys)
     z = data.measurements.copy()
     z[:, 4, :2] = np.nan
@@ -186,11 +187,14 @@ def test_los_rbpf_keeps_enough_particles_in_the_sense_that_the_first_azimuths_de
 
 def _after_bad_azimuths(
     tracker: Any, off: tuple[float, float, float], runs: int = 40
-) -> tuple[Banana, Array, Gaussian]:
+) -> tuple[Tracking, Array, Gaussian]:
     """Truth (4, M) and estimate after twelve scans whose first azimuths are off by so many sigma."""
-    scenario = Banana(velocity_cross=5000.0, scans=12)
+    scenario = banana(velocity_cross=5000.0, scans=12)
     data, sensor = simulate(scenario, 3, 0, runs), scenario.model.sensor
-    start, error = scenario._start[:, None], sensor.sigma_azimuth * np.array(off)
+    start, error = (
+        scenario.target.start(scenario._timeline)[:, None],
+        sensor.sigma_azimuth * np.array(off),
+    )
     first, second = data.prior.first.copy(), data.prior.second.copy()
     z, seen = data.measurements.copy(), sensor.polar(data.truth)[1]
     first[1], second[1] = sensor.polar(start)[1] + error[0], seen[0] + error[1]
@@ -207,7 +211,7 @@ def test_readings_that_make_another_filter() -> None:
     ekf = track(FAR, make_filter("ekf"), 20).mean
     once = track(FAR, make_filter("iekf", iterations=1), 20).mean
     np.testing.assert_allclose(once, ekf, rtol=1e-9)
-    near = Banana(range_km=50.0, velocity_cross=300.0)
+    near = banana(range_km=50.0, velocity_cross=300.0)
     sharp = track(near, make_filter("mcaekf", kappa=1e9), 20).mean
     np.testing.assert_allclose(
         sharp, track(near, make_filter("ekf"), 20).mean, rtol=1e-9, atol=1e-8
@@ -216,7 +220,7 @@ def test_readings_that_make_another_filter() -> None:
 
 def test_every_filter_agrees_where_nothing_is_curved() -> None:
     """Close by with a sharp azimuth all are the Kalman filter, and the bound."""
-    scenario = Banana(range_km=10.0, velocity_cross=20.0, sigma_azimuth_mrad=0.02, scans=30)
+    scenario = banana(range_km=10.0, velocity_cross=20.0, sigma_azimuth_mrad=0.02, scans=30)
     runs, last = 100, {}
     for kind, keys in [*GAUSSIAN[1:], *CLOUDS]:
         mean = track(scenario, make_filter(kind, **keys), runs).mean[..., -1, :]
@@ -233,7 +237,7 @@ def test_every_filter_agrees_where_nothing_is_curved() -> None:
 
 def test_shrinking_a_boosted_cloud_keeps_its_law() -> None:
     """Boosted or not, the filter estimates the same posterior."""
-    near = Banana(range_km=50.0, velocity_cross=100.0, scans=15)
+    near = banana(range_km=50.0, velocity_cross=100.0, scans=15)
     a = track(near, make_filter("rpf", N=2000), 20).mean[..., -1, :]
     b = track(near, make_filter("rpf", N=2000, boost=4, boost_scans=5), 20)
     spread = np.abs(a - b.mean[..., -1, :])[::2]

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, track
 from tests.filters.cross_speed import Posterior, exact_posterior
+from tests.papers import banana
 from trackbench.core import linalg
 from trackbench.evaluation.block import Estimates, simulate
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.tracking import Tracking
 
 RUNS = 60
 RIVALS: list[tuple[str, dict[str, Any]]] = [
@@ -27,15 +28,15 @@ RIVALS: list[tuple[str, dict[str, Any]]] = [
 
 
 @cache
-def solved(speed: float, runs: int = RUNS) -> tuple[Banana, Simulation, Posterior]:
-    scenario = Banana(velocity_cross=speed)
+def solved(speed: float, runs: int = RUNS) -> tuple[Tracking, Simulation, Posterior]:
+    scenario = banana(velocity_cross=speed)
     data = simulate(scenario, 1, 0, runs)
     return scenario, data, exact_posterior(scenario, data)
 
 
 @cache
 def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> Estimates:
-    return track(Banana(velocity_cross=speed), make_filter(kind, **dict(keys)), RUNS)
+    return track(banana(velocity_cross=speed), make_filter(kind, **dict(keys)), RUNS)
 
 
 def squared_position_error(mean: np.ndarray, data: Simulation) -> np.ndarray:
@@ -46,12 +47,12 @@ def squared_position_error(mean: np.ndarray, data: Simulation) -> np.ndarray:
 @pytest.mark.parametrize(("speed", "scans"), [(0.0, 5), (1000.0, 5), (5000.0, 3)])
 def test_quadrature_agrees_with_importance_sampling(speed: float, scans: int) -> None:
     """Paths drawn from the model and weighted by every scan: nothing is linearised or marginalised."""
-    scenario, runs, N = Banana(velocity_cross=speed, scans=scans), 2, 500_000
+    scenario, runs, N = banana(velocity_cross=speed, scans=scans), 2, 500_000
     data = simulate(scenario, 4, 0, runs)
     exact = exact_posterior(scenario, data)
     rng = np.random.Generator(np.random.SFC64(20260101))
     x, log_w = data.prior.sample(rng, N), np.zeros((runs, N))
-    for k in range(scenario.scans - 1):
+    for k in range(scenario.last - 1):
         if k > 0:
             x = scenario.model.motion.transition(x, k).sample(rng)
             z = data.measurements[:, k - 1, :, None]
@@ -88,7 +89,7 @@ def test_the_posterior_is_consistent_on_average_over_speeds() -> None:
     """
     nees = []
     for i, speed in enumerate(np.arange(-10_000.0, 10_001.0, 500.0)):
-        scenario = Banana(velocity_cross=speed, scans=6)
+        scenario = banana(velocity_cross=speed, scans=6)
         data = simulate(scenario, 3 + i, 0, 100)
         exact = exact_posterior(scenario, data)
         nees.append(linalg.mahalanobis(exact.mean - data.truth, exact.cov) / 4.0)
@@ -145,7 +146,7 @@ def median_rank(runs: int) -> int:
 @cache
 def ranked_nees_of_the_posterior() -> np.ndarray:
     """NEES / n_x per scan in ascending order, at the cross speed of the paper's reading."""
-    scenario, runs = Banana(velocity_cross=5000.0, scans=4), 2000
+    scenario, runs = banana(velocity_cross=5000.0, scans=4), 2000
     data = simulate(scenario, 1, 0, runs)
     exact = exact_posterior(scenario, data)
     return np.sort(linalg.mahalanobis(exact.mean - data.truth, exact.cov) / 4.0, axis=1)

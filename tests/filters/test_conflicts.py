@@ -4,22 +4,28 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
-from trackbench.models.motions import ConstantVelocity
+from tests.papers import banana, maneuver, merwe
+from trackbench.experiment.checks import check_fit
+from trackbench.experiment.problems import Problem
+from trackbench.experiment.source import Source
 from trackbench.scenarios.recorded import Recorded
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
-    ("cmkf", {}, ""),
     ("conversion", {}, ""),
     ("gaussian-sum", {}, ""),
     ("mpf", {}, ""),
     ("los-rbpf", {}, ""),
     ("ekf", {"start": "mucm"}, "start"),
 ]
+
+
+def refusals(tracker: Any, scenario: Any) -> list[Problem]:
+    """What a config with this filter on this scenario is told."""
+    problems: list[Problem] = []
+    check_fit(Source({"f": {}}), ("f",), tracker, scenario, problems)
+    return problems
 
 
 @pytest.mark.parametrize(("kind", "keys", "key"), FROM_TWO_SCANS)
@@ -29,22 +35,24 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
     seen = tmp_path / "m.csv"
     seen.write_text("run,step,range,azimuth\n0,3,2700000,1.2\n")
     scenario = Recorded(
-        like=Banana(scans=4),
+        like=banana(scans=4),
         measurements=str(seen),
         prior_mean=(1.0e6, 0.0, 2.5e6, 0.0),
         prior_sigma=(5e3, 1e2, 5e3, 1e2),
     )
     tracker: Any = make_filter(kind, **keys)
-    assert "two scans" in tracker.conflicts(scenario)[key]
-    assert tracker.conflicts(Banana(scans=4)) == {}
+    (refused,) = refusals(tracker, scenario)
+    assert "two scans" in refused.what
+    assert refused.path == ("f." + key).rstrip(".")
+    assert refusals(tracker, banana(scans=4)) == []
 
 
 @pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])
 def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
-    scenario = Maneuver(motion=ConstantVelocity(q=1.0))
+    scenario = maneuver()
     tracker: Any = make_filter(kind)
     assert "singular" in tracker.conflicts(scenario)[""]
-    assert tracker.conflicts(Merwe()) == {}
+    assert tracker.conflicts(merwe()) == {}
 
 
 @pytest.mark.parametrize(
@@ -57,4 +65,4 @@ def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
 )
 def test_keys_that_mean_nothing_here_are_refused(kind: str, keys: dict[str, Any], key: str) -> None:
     tracker: Any = make_filter(kind, **keys)
-    assert key in tracker.conflicts(Banana(scans=4))
+    assert key in tracker.conflicts(banana(scans=4))

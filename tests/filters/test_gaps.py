@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
+from tests.papers import merwe
 from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
 from trackbench.experiment.checks import has
 from trackbench.registry import kinds
 
-SCENARIO = Merwe(T=6, R=0.1)
+SCENARIO = merwe(T=6, R=0.1)
 RUNS = 400
 # A cloud bred towards high fitness is no sample of the prediction.
 BRED = {"pfde", "hdepf"}

@@ -5,21 +5,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trackbench.filters.linear import KF, AlphaBeta
-from trackbench.scenarios.legs import Leg
-from trackbench.scenarios.maneuver import Maneuver
 
 from tests.conftest import track
+from tests.papers import maneuver, seen_as
 from trackbench.core.streams import RunStreams
+from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.imm import IMM
-from trackbench.models.motions import (
+from trackbench.filters.kalman import KF
+from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
-    CoordinatedTurn,
     WhiteAcceleration,
 )
+from trackbench.models.motions.turn import CoordinatedTurn
+from trackbench.scenarios.targets.legs import Leg
 
-SCENARIO = Maneuver(duration=120.0, legs=(Leg(start=40, end=80, ax=0.3, ay=-0.2),), score_from=0.0)
+SCENARIO = maneuver(duration=120.0, legs=(Leg(start=40, end=80, ax=0.3, ay=-0.2),), score_from=0.0)
 RUNS = 2
 CV, CA = ConstantVelocity(q=0.02), ConstantAcceleration(q=1e-3, initial_std=0.3)
 MOTIONS = [CV, CA, WhiteAcceleration(q=0.1), CoordinatedTurn(turn_rate_deg_s=1.0, q=0.01)]
@@ -61,7 +62,7 @@ def filterpy_filter(motion: Any, run: int, size: int | None = None) -> Any:
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: m.kind)
 def test_kf_agrees_with_filterpy(motion: Any) -> None:
-    ours, z = track(SCENARIO, KF(motion=motion), RUNS), data().measurements
+    ours, z = track(seen_as(SCENARIO, motion), KF(), RUNS), data().measurements
     for run in range(RUNS):
         other = filterpy_filter(motion, run)
         means, nis = [], []
@@ -90,7 +91,7 @@ def test_kf_agrees_with_stone_soup(motion: Any) -> None:
     )
     sensor = LinearGaussian(ndim_state=len(sampled.F), mapping=(0, 2), noise_covar=1e4 * np.eye(2))
     predictor, updater = KalmanPredictor(transition), KalmanUpdater(sensor)
-    ours, z = track(SCENARIO, KF(motion=motion), RUNS), data().measurements
+    ours, z = track(seen_as(SCENARIO, motion), KF(), RUNS), data().measurements
     now = datetime.datetime(2000, 1, 1)
     mean, cov = start(motion, 0)
     state = GaussianState(mean, cov, timestamp=now)
@@ -126,7 +127,7 @@ def test_imm_agrees_with_filterpy(motions: tuple[Any, ...]) -> None:
 
 def test_imm_of_equal_models_is_the_kalman_filter() -> None:
     tracker = IMM(motions=(CA, CA), transition=((0.9, 0.1), (0.4, 0.6)), initial=(1.0, 0.0))
-    ours, alone = track(SCENARIO, tracker, RUNS), track(SCENARIO, KF(motion=CA), RUNS)
+    ours, alone = track(SCENARIO, tracker, RUNS), track(seen_as(SCENARIO, CA), KF(), RUNS)
     close(ours.mean, alone.mean)
     w = np.array([1.0, 0.0])
     for mode in ours.diagnostics["mode"][1:, 0]:
@@ -136,9 +137,10 @@ def test_imm_of_equal_models_is_the_kalman_filter() -> None:
 
 def test_alpha_beta_is_the_steady_state_of_the_kalman_filter() -> None:
     """Kalata's gains are the Riccati equation's, and so is the covariance that is reported."""
-    long = Maneuver(duration=400.0, legs=(), score_from=0.0)
+    long = maneuver(duration=400.0, legs=(), score_from=0.0)
     tracker = AlphaBeta(q=0.3)
-    ab, kf = track(long, tracker, RUNS), track(long, KF(motion=ConstantVelocity(q=0.3)), RUNS)
+    assumed = seen_as(long, ConstantVelocity(q=0.3))
+    ab, kf = track(long, tracker, RUNS), track(assumed, KF(), RUNS)
     np.testing.assert_allclose(ab.mean[:, -1], kf.mean[:, -1], rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(ab.nees[-1], kf.nees[-1], rtol=1e-6)
 

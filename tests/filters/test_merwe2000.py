@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run
+from tests.papers import merwe
 from trackbench.evaluation.statistics import mean, variance
 
 PUBLISHED = {  # RMSE mean and variance over 100 runs
@@ -35,7 +35,7 @@ FILTERS = {
 def test_table_1_reproduces(label: str) -> None:
     """Mean and variance within three standard errors, ours (400 runs) and theirs (100) combined."""
     kind, keys = FILTERS[label]
-    rmse = per_run(Merwe(T=60, lost_beyond=None), make_filter(kind, **keys), runs=400)
+    rmse = per_run(merwe(T=60, lost_beyond=None), make_filter(kind, **keys), runs=400)
     for statistic, published in zip((mean, variance), PUBLISHED[label], strict=True):
         ours = statistic(rmse)
         # Their standard error from our spread, over a quarter of our runs.

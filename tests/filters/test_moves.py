@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, track
+from tests.papers import merwe
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.filters import bootstrap, proposal
@@ -69,7 +69,7 @@ def test_ratio_and_proposal_are_those_of_each_particles_parent(
     """Parents all different, most particles resampled: a scalar program finds the same ratios."""
     keys: dict[str, Any] = {} if kind == "pf" else {"P0": P0}
     runs, N, k = 3, 6, 2
-    scenario = Merwe(R=R, P1=0.5)
+    scenario = merwe(R=R, P1=0.5)
     tracker = make_filter(kind, N=N, moves=2, resampling="multinomial", **keys)
     calls: list[Any] = []
     module = bootstrap if kind == "pf" else proposal
@@ -117,7 +117,7 @@ def distances(tracker: Any, runs: int = 40) -> tuple[np.ndarray, float]:
 
     That is the square without moves, and the posterior variance over N for the particles drawn anew.
     """
-    scenario = Merwe(T=14, switch=7, R=0.1)
+    scenario = merwe(T=14, switch=7, R=0.1)
     exact = track(scenario, make_filter("grid"), runs).mean[0, 1:]
     still = track(scenario, replace(tracker, moves=0), runs).mean[0, 1:]
     truth = simulate(scenario, 1, 0, runs).truth[0, 1:]
@@ -135,7 +135,7 @@ def test_the_posterior_stays_what_it_is(kind: str) -> None:
 
 
 def test_moves_part_copies() -> None:
-    scenario = Merwe(R=0.1)
+    scenario = merwe(R=0.1)
     data = scenario.simulate(RunStreams(1, range(20)), 20)
     number = {}
     for moves in (0, 1):

@@ -2,51 +2,51 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter, per_run, track
+from tests.papers import merwe
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 
 
 def test_literal_hdepf_is_lost_and_says_why() -> None:
-    lost = per_run(Merwe(), make_filter("hdepf", preset="literal"), 40, "lost")
-    rmse = per_run(Merwe(), make_filter("hdepf", preset="literal"), 40)
+    lost = per_run(merwe(), make_filter("hdepf", preset="literal"), 40, "lost")
+    rmse = per_run(merwe(), make_filter("hdepf", preset="literal"), 40)
     assert (lost > 0).mean() > 0.9
     np.testing.assert_array_equal(np.isnan(rmse), lost > 0)
 
 
 def test_half_of_all_steps_have_no_float64_likelihood_at_ten_particles() -> None:
-    dead = per_run(Merwe(), make_filter("pf", N=10, weights="naive"), 100, "dead_steps")
+    dead = per_run(merwe(), make_filter("pf", N=10, weights="naive"), 100, "dead_steps")
     assert 0.4 < dead.mean() / 49 < 0.6
-    assert not per_run(Merwe(), make_filter("pf", N=10), 100, "dead_steps").any()
+    assert not per_run(merwe(), make_filter("pf", N=10), 100, "dead_steps").any()
 
 
 def test_selection_on_a_normalised_fitness_accepts_nearly_everything() -> None:
     accepted = per_run(
-        Merwe(), make_filter("hdepf", preset="published-level"), 20, "acceptance"
+        merwe(), make_filter("hdepf", preset="published-level"), 20, "acceptance"
     ).mean()
     assert accepted > 0.92
 
 
 def test_gamma_scale_would_triple_every_error() -> None:
     """Why the second parameter is read as a rate."""
-    rate = per_run(Merwe(), make_filter("prior-mean"), 100).mean()
-    scale = per_run(Merwe(gamma_rate=0.5, lost_beyond=None), make_filter("prior-mean"), 100).mean()
+    rate = per_run(merwe(), make_filter("prior-mean"), 100).mean()
+    scale = per_run(merwe(gamma_rate=0.5, lost_beyond=None), make_filter("prior-mean"), 100).mean()
     assert scale > 3 * rate
 
 
 @pytest.mark.parametrize("keys", [{"sine_index": "old"}, {"first": 0}])
 def test_index_readings_are_negligible(keys: dict) -> None:
-    base = per_run(Merwe(), make_filter("pf", N=10), 300)
-    other = per_run(Merwe(**keys), make_filter("pf", N=10), 300)
+    base = per_run(merwe(), make_filter("pf", N=10), 300)
+    other = per_run(merwe(**keys), make_filter("pf", N=10), 300)
     stderr = np.hypot(base.std(), other.std()) / np.sqrt(300)
     assert abs(base.mean() - other.mean()) < 4 * stderr + 0.02 * base.mean()
 
 
 def test_a_first_state_that_nobody_knows() -> None:
     """The truth is drawn from the prior, and the grid's posterior is a large cloud's."""
-    scenario = Merwe(x1=0.0, P1=1.0, T=6, R=0.1)
+    scenario = merwe(x1=0.0, P1=1.0, T=6, R=0.1)
     first = simulate(scenario, 1, 0, 400).truth[0, 0]
     assert abs(first.mean()) < 4.0 / np.sqrt(400)
     assert abs(first.var() - 1.0) < 4.0 * np.sqrt(2.0 / 400)
@@ -61,7 +61,7 @@ def test_a_first_state_that_nobody_knows() -> None:
 
 def test_weights_and_copies_are_counted() -> None:
     """One measurement: all N weights and particles can be looked at."""
-    scenario = Merwe(R=0.1)
+    scenario = merwe(R=0.1)
     data = scenario.simulate(RunStreams(1, range(5)), 5)
     for kind in ("pf", "apf", "rpf", "epf", "upf", "hdepf"):
         tracker = make_filter(kind, N=12)
@@ -83,7 +83,7 @@ def test_weights_and_copies_are_counted() -> None:
 
 
 def test_resampling_schemes_and_threshold_agree_on_the_level() -> None:
-    scenario = Merwe(R=0.1)
+    scenario = merwe(R=0.1)
     floor = per_run(scenario, make_filter("grid"), 60).mean()
     for keys in (
         {"resampling": "stratified"},
@@ -97,7 +97,7 @@ def test_resampling_schemes_and_threshold_agree_on_the_level() -> None:
 
 def test_defensive_proposal_bounds_what_a_bad_one_costs() -> None:
     """A proposal without the noise's mean misses; prior draws in it keep the filter alive."""
-    scenario = Merwe(R=0.1)
+    scenario = merwe(R=0.1)
     bad = {"N": 200, "noise_mean": False, "Q": 0.01, "R": 10.0}
     alone = per_run(scenario, make_filter("upf", **bad), 60).mean()
     mixed = per_run(scenario, make_filter("upf", **bad, defensive=0.3), 60).mean()
@@ -106,7 +106,7 @@ def test_defensive_proposal_bounds_what_a_bad_one_costs() -> None:
 
 def test_steps_are_pure() -> None:
     """The same state stepped twice gives the same result: nothing is changed in place."""
-    scenario = Merwe(T=5)
+    scenario = merwe(T=5)
     data = scenario.simulate(RunStreams(1, range(3)), 3)
     for kind in ("pf", "rpf", "apf", "ekf", "ukf", "epf", "upf", "pfde", "hdepf", "grid"):
         tracker = make_filter(kind)
@@ -119,7 +119,7 @@ def test_steps_are_pure() -> None:
 
 def test_missing_measurements_are_predicted_over() -> None:
     """Without any measurement every filter follows the prior's mean."""
-    scenario = Merwe(T=8, R=0.1)
+    scenario = merwe(T=8, R=0.1)
     data = scenario.simulate(RunStreams(1, range(4)), 4)
     nothing = np.full((1, 4), np.nan)
     expected = None

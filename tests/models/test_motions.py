@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from trackbench.models.linear import PositionSensor
-from trackbench.models.motions import (
+from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
-    CoordinatedTurn,
-    MotionKey,
+    PerAxis,
     WhiteAcceleration,
 )
+from trackbench.models.motions.turn import CoordinatedTurn
+from trackbench.models.sensors.position import PositionSensor
 
 
 def test_printed_matrices_of_the_adaptive_kf_paper() -> None:
@@ -83,10 +83,10 @@ def test_position_sensor_sees_both_positions() -> None:
         CoordinatedTurn(q=2.0, turn_rate_deg_s=3.0),
     ],
 )
-def test_matrices_are_built_once_and_cannot_be_written(motion: MotionKey) -> None:
+def test_matrices_are_built_once_and_cannot_be_written(motion: PerAxis | CoordinatedTurn) -> None:
     first = motion.sampled(2.0)
     assert motion.sampled(2.0) is first
     assert motion.sampled(1.0).F[0, 1] != first.F[0, 1]
-    for matrix in (first.F, first.Q, PositionSensor(2.0).R, PositionSensor(2.0).H()):
+    for matrix in (first.F, first.Q, PositionSensor(sigma=2.0).R, PositionSensor(sigma=2.0).H()):
         with pytest.raises(ValueError, match="read-only"):
             matrix[0, 0] = 9.0

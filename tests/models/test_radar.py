@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from trackbench.models.radar import RangeAzimuth, wrapped
 
 from trackbench.core.conversions import position
+from trackbench.models.looking import wrapped
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import TwoPoint
 
-SENSOR = RangeAzimuth(0.2, 2e-3)
+SENSOR = RangeAzimuth(sigma_range=0.2, sigma_azimuth_mrad=2.0)
 
 
 def test_jacobian_against_central_differences(rng: np.random.Generator) -> None:

@@ -7,25 +7,24 @@ collapse. The tolerances are rounding, as the matrices' condition and the evolut
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
-from trackbench.scenarios.maneuver import Leg, Maneuver
-from trackbench.scenarios.merwe import Merwe
 
 from tests.conftest import make_filter
+from tests.papers import banana, maneuver, merwe
 from tests.reference import Draws
 from tests.reference.maneuver import adaptive
 from tests.reference.particles import apf, hdepf, upf
 from tests.reference.radar import cmkf, mcaekf, mpf
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.filters.switching import Detector, Exit, SecondDecision
-from trackbench.models.motions import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.scenarios.targets.legs import Leg
 
 RUNS, SEED = 3, 20261122
-LONG, MERWE = Maneuver(), Merwe()
+LONG, MERWE = maneuver(), merwe()
 TURNS = (Leg(start=60, end=110, ax=1.0, ay=-2.0), Leg(start=170, end=200, ax=-3.0, ay=1.0))
-SHORT = Maneuver(duration=260.0, legs=TURNS)
-FAR, CURVED = Banana(velocity_cross=1000.0, scans=40), Banana(range_km=250.0, scans=15)
-NEAR = Banana(velocity_cross=0.1, scans=20, range_km=0.1, azimuth_deg=179.6)  # turns past 180
+SHORT = maneuver(duration=260.0, legs=TURNS)
+FAR, CURVED = banana(velocity_cross=1000.0, scans=40), banana(range_km=250.0, scans=15)
+NEAR = banana(velocity_cross=0.1, scans=20, range_km=0.1, azimuth_deg=179.6)  # turns past 180
 
 
 def switching(q, q_m, n, hold_s, **detector):
@@ -51,7 +50,7 @@ CASES = {
     "mpf": (1e-9, NEAR, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
     "mpf, curved": (1e-6, CURVED, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
     "apf": (1e-9, MERWE, make_filter("apf", N=20), apf, (20, 1e-5)),
-    "apf, noisy": (1e-9, Merwe(R=1.0), make_filter("apf", N=20), apf, (20, 1.0)),
+    "apf, noisy": (1e-9, merwe(R=1.0), make_filter("apf", N=20), apf, (20, 1.0)),
     "upf": (1e-9, MERWE, make_filter("upf", N=20), upf, (20, False)),
     "upf, demo": (1e-9, MERWE, make_filter("upf", "merwe-demo", N=20), upf, (20, True)),
     "hdepf": (1e-7, MERWE, make_filter("hdepf", N=10), hdepf, (10, False)),

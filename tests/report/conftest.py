@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 
 HOSTILE = """<script>document.title='x'</script><img src=x onerror="throw 1"> 'a' & b"""
@@ -14,7 +15,7 @@ title: A small & <b>quick</b> experiment
 seed: 7
 runs: 400
 block: 200
-scenario: {kind: merwe, T: 12, switch: 6}
+scenario: MERWE
 reference: Exact
 published: [numbers.csv, claims.csv]
 filters:
@@ -35,7 +36,7 @@ figures:
   bars: {kind: bars, title: "Means", floor: Exact, baseline: No data}
   ranks: {kind: critical-difference}
   pairs: {kind: heat-map}
-"""
+""".replace("MERWE", merwe_text(T=12, switch=6))
 
 NUMBERS = """\
 paper,table,filter,metric,value,digits,runs,experiment,label,expression,source,note

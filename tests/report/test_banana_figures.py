@@ -5,24 +5,25 @@ from pathlib import Path
 import numpy as np
 
 from tests.experiment.test_bad_input import mistakes
+from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian
 from trackbench.report.figures.banana import predicted_position
 
 EXPERIMENT = """name: one
 runs: 4
-scenario: {kind: banana, scans: 4}
+scenario: BANANA
 filters: {EKF: {kind: ekf}}
 tables: {}
 figures: {f: {kind: posterior, step: 3, predicted: EKF}}
-"""
+""".replace("BANANA", banana_text(scans=4))
 
 
 def test_the_prediction_against_draws(rng: np.random.Generator) -> None:
     """A state one step on, under white noise acceleration written out as two integrals of one noise."""
     mean, A = np.array([1.0, -2.0, 3.0, 0.5]), rng.standard_normal((4, 4))
     T, q, n = 2.0, 0.7, 400_000
-    found = predicted_position(Gaussian(mean, A @ A.T), {"T": T, "q": q})
+    found = predicted_position(Gaussian(mean, A @ A.T), {"T": T, "target": {"motion": {"q": q}}})
     x = mean[:, None] + A @ rng.standard_normal((4, n))
     walked = np.sqrt(q * T**3 / 3.0) * rng.standard_normal((2, n))
     moved = x[0::2] + T * x[1::2] + walked

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.problems import UserError
 from trackbench.report import style
@@ -15,11 +16,11 @@ from trackbench.report.terms import Term
 GRID = """
 name: g
 runs: 4
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 5}}
-grid: {scenario.R: [1, 2]}
+grid: {scenario.sensor.R: [1, 2]}
 published: [n.csv]
-"""
+""".replace("MERWE", merwe_text(T=5))
 
 
 def test_mean_ranks_share_ties_and_put_lost_runs_last():
@@ -77,8 +78,8 @@ def test_a_published_number_stands_at_its_point(tmp_path):
     (tmp_path / "c.yaml").write_text(GRID)
     (tmp_path / "n.csv").write_text(
         "paper,table,filter,metric,value,label,expression,point\n"
-        "p,t,f,m,1.5,PF,mean(rmse),scenario.R=2\n"
-        "p,t,f,m,2.5,PF,mean(rmse),scenario.R=3\n"
+        "p,t,f,m,1.5,PF,mean(rmse),scenario.sensor.R=2\n"
+        "p,t,f,m,2.5,PF,mean(rmse),scenario.sensor.R=3\n"
         "p,t,f,m,3.5,PF,mean(rmse),\n"
     )
     options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())
@@ -93,7 +94,7 @@ def test_a_published_number_stands_at_its_point(tmp_path):
 
 
 def test_a_point_in_words():
-    point = {"scenario.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
+    point = {"scenario.sensor.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
     assert style.heading(point) == "R = 0.1, q = low, fast = True"
 
 

@@ -49,7 +49,7 @@ BAD = {
     "edited versions": (manifest_with(packages=3), "manifest.json cannot be read"),
     "cut xz": (cut_packed, "per_run.csv was changed after the run"),
     "another grid": (
-        lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.R: [0.1]}"),
+        lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.sensor.R: [0.1]}"),
         "the results were computed over another grid",
     ),
     "no manifest": (

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api, verification
 from trackbench.experiment.packing import pack
@@ -143,11 +144,11 @@ def test_another_order_of_sums_is_rounding(folder):
 CONFIG = """
 name: all
 runs: 12
-scenario: {kind: merwe, T: 6}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 50}, UKF: {kind: ukf}}
 medians: [nees]
 figures: {t: {kind: estimates, run: 2}}
-"""
+""".replace("MERWE", merwe_text(T=6))
 WHOLE = {
     "an error": (["UKF", "anees", "5"], "stderr"),
     "a spread": (["UKF", "std", "5"], "value"),

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trackbench.filters.linear import KF
 
 from tests.conftest import track
 from trackbench import api
 from trackbench.evaluation.block import simulate
-from trackbench.models.motions import ConstantVelocity
+from trackbench.filters.kalman import KF
 from trackbench.report import style
 from trackbench.report.results import Results
 
@@ -19,19 +18,26 @@ seed: 3
 runs: 12
 verdict_seeds: 1
 scenario:
-  kind: maneuver
-  duration: 200
-  settle: 20
-  legs: [{start: 80, end: 120, ax: 0.4, ay: -0.3}]
+  kind: tracking
+  last: 200
+  target:
+    kind: legs
+    launch: {x: 2000, y: 10000, vy: -15}
+    settle: 20
+    legs: [{start: 80, end: 120, ax: 0.4, ay: -0.3}]
+  sensor: {kind: position, sigma: 100}
+  start: two-scan
+  assume: {motion: {kind: cv, q: 0}}
+  score: {since: 20}
 filters:
-  KF: {kind: kf, motion: {kind: cv, q: 0}}
+  KF: {kind: kf, assume: {motion: {kind: cv, q: 0}}}
   Adaptive: {kind: adaptive-kf, preset: seconds, nmf: {q: 0}, mf: {q: 1e-4}}
   Never: {kind: adaptive-kf, detector: {eta: 1e9}, nmf: {q: 0}, mf: {q: 1e-4}}
   IMM:
     kind: imm
     motions: [{kind: cv, q: 0}, {kind: ca, q: 1e-4}]
     transition: [[0.99, 0.01], [0.01, 0.99]]
-grid: {"filters.KF.motion.q & filters.Adaptive.nmf.q & filters.Never.nmf.q": [0, 0.01, 1]}
+grid: {"filters.KF.assume.motion.q & filters.Adaptive.nmf.q & filters.Never.nmf.q": [0, 0.01, 1]}
 tables:
   differences:
     kind: differences
@@ -93,7 +99,7 @@ def test_sweep_draws_the_summary_and_marks_the_least(results: Results) -> None:
 def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
     """Recomputed from the tracks of the same twelve runs."""
     data = simulate(results.scenario, 3, 0, 12)
-    found = track(results.scenario, KF(motion=ConstantVelocity(q=0.0)), 12, seed=3)
+    found = track(results.scenario, KF(), 12, seed=3)
     e = (data.truth - found.mean)[[0, 2]]
     mean = e.mean(axis=2)
     std = np.sqrt(np.square(e).mean(axis=2) - mean**2)
@@ -119,7 +125,7 @@ def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
 
 
 def test_the_kept_tracks_are_the_estimates_to_a_dot_of_the_page(results: Results) -> None:
-    found = track(results.scenario, KF(motion=ConstantVelocity(q=0.0)), 12, seed=3)
+    found = track(results.scenario, KF(), 12, seed=3)
     kept = results.shown["point0/mean/KF"]
     positions = [0, 2]
     assert kept.dtype == np.float32

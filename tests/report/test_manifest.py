@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
 from trackbench.report.opening import changed_since, open_results
@@ -18,12 +19,12 @@ CONFIG = """
 name: kept
 runs: 12
 verdict_seeds: 1
-scenario: {kind: merwe, T: 6}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 9}, UKF: {kind: ukf}}
 published: [claims.csv]
 tables: {TABLE: {kind: metrics, columns: {Mean: mean(rmse)}}}
 figures: {FIGURE: {kind: rmse-vs-time}}
-"""
+""".replace("MERWE", merwe_text(T=6))
 CLAIMS = "paper,claim,experiment,left,expression,relation,factor\np,PF errs,,PF,mean(rmse),>,0\n"
 OWN = (
     "notes.txt",

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.papers import banana_text, merwe_text
 from trackbench import api
 from trackbench.report import style
 from trackbench.report.given import keys_at
@@ -36,10 +37,10 @@ class Offset(PriorMean):
 CONFIG = """
 name: points
 runs: 3
-scenario: {kind: merwe, T: 5}
+scenario: MERWE
 plugins: [own.py]
 figures: {f: {kind: estimates}}
-"""
+""".replace("MERWE", merwe_text(T=5))
 
 
 OFFSET = "filters: {A: {kind: offset, off: 1.0}}\n"
@@ -82,7 +83,8 @@ def test_a_grid_of_one_value_shows_its_tracks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "values"), [("scenario.lost_beyond", "[null, 5]"), ("scenario.R", "[1, 0.5]")]
+    ("path", "values"),
+    [("scenario.score.lost_beyond", "[null, 5]"), ("scenario.sensor.R", "[1, 0.5]")],
 )
 def test_points_are_found_as_they_are_written(tmp_path: Path, path: str, values: str) -> None:
     results = ran(tmp_path, OFFSET + f"grid: {{{path}: {values}}}\n")
@@ -96,7 +98,7 @@ def test_points_are_found_as_they_are_written(tmp_path: Path, path: str, values:
     [
         ("filters.A.N: [5, 9]", [5.0, 9.0]),
         ("filters.A.N & filters.B.off: [5, 9]", [5.0, 9.0]),
-        ("scenario.R: [1, 2]", [7.0, 7.0]),
+        ("scenario.sensor.R: [1, 2]", [7.0, 7.0]),
         ("filters.A: [{kind: pf}, {kind: pf, N: 6}]", [100.0, 6.0]),
         ("filters.A.kind: [pf, apf]", [7.0, 7.0]),
     ],
@@ -123,8 +125,8 @@ def test_a_key_of_a_plugin_that_is_not_loaded_is_the_given_one(tmp_path: Path) -
 
 def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
     """Two standard deviations of range to either side, so twice as thick with twice the noise."""
-    more = "filters: {A: {kind: cmkf}}\ngrid: {scenario.sigma_range: [10, 20]}\n"
-    text = (CONFIG + more).replace("{kind: merwe, T: 5}", "{kind: banana, scans: 4}")
+    more = "filters: {A: {kind: cmkf}}\ngrid: {scenario.sensor.sigma_range: [10, 20]}\n"
+    text = (CONFIG + more).replace(merwe_text(T=5), banana_text(scans=4))
     figure = "{kind: posterior, half_height_m: 1000, point: %d}"
     (tmp_path / "own.py").write_text(PLUGIN)
     heights = []

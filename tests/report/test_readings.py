@@ -5,6 +5,7 @@ from math import log, sqrt
 import numpy as np
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.published import PublishedNumber
 from trackbench.report.results import Results
@@ -15,7 +16,7 @@ CONFIG = """
 name: search
 seed: 3
 runs: 40
-scenario: {kind: merwe, T: 12, switch: 6}
+scenario: MERWE
 published: [numbers.csv, claims.csv]
 filters:
   PF: {kind: pf, N: 10}
@@ -37,7 +38,7 @@ tables:
     filters: [PF]
     columns: {Mean: mean(rmse), Rms: rms(rmse)}
     gain: {of: APF, over: PF}
-"""
+""".replace("MERWE", merwe_text(T=12, switch=6))
 
 NUMBERS = """\
 paper,table,filter,metric,value,digits,runs,experiment,label,expression,source,note

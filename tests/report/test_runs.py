@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.experiment.test_memory import peak
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.metric_names import number_per_run
 from trackbench.experiment.packing import pack
@@ -16,10 +17,10 @@ from trackbench.report.results import Results
 CONFIG = """
 name: pieces
 runs: 9
-scenario: {kind: merwe, T: 8, lost_beyond: 1.5}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, "10": {kind: ukf}, None: {kind: prior-mean}}
 reference: "10"
-"""
+""".replace("MERWE", merwe_text(T=8, lost_beyond=1.5))
 
 
 def made(folder: Path, *grid: str) -> Path:
@@ -32,9 +33,9 @@ def made(folder: Path, *grid: str) -> Path:
     "grid",
     [
         (),
-        ("scenario.R=1,0.5",),
+        ("scenario.sensor.R=1,0.5",),
         ("filters.PF.resampling=systematic,residual", "filters.PF.N=4,6"),
-        ("scenario.lost_beyond=null,1.5",),
+        ("scenario.score.lost_beyond=null,1.5",),
     ],
     ids=["plain", "numbers", "words", "nothing"],
 )

@@ -303,13 +303,13 @@ def test_a_point_that_the_grid_does_not_have_is_not_measured(folder):
     for name in ("numbers.csv", "claims.csv"):
         path = folder / "published" / name
         head, *rows = path.read_text().splitlines()
-        points = ["scenario.R=5" if i == 1 else "" for i in range(len(rows))]
+        points = ["scenario.sensor.R=5" if i == 1 else "" for i in range(len(rows))]
         lines = [f"{head},point", *(f"{r},{p}" for r, p in zip(rows, points, strict=True))]
         path.write_text("\n".join(lines) + "\n")
     found = api.compare(folder)
     for judged in (found.rows[1], found.claims[1]):
         assert judged.verdict.word == "not measured"
-        assert judged.note.startswith("no results at scenario.R=5")
+        assert judged.note.startswith("no results at scenario.sensor.R=5")
     assert found.rows[0].verdict.word == "agrees"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.experiment.packing import PACKED, pack
@@ -19,10 +20,10 @@ from trackbench.verification import verdict, verify
 CONFIG = """
 name: small
 runs: 20
-scenario: {kind: merwe, T: 6}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 50}, UKF: {kind: ukf}, No data: {kind: prior-mean}}
 tables: {t: {kind: metrics, columns: {Mean: mean(rmse), "At 5": rmse@5}}}
-"""
+""".replace("MERWE", merwe_text(T=6))
 SAME, ROUNDING, CHANGED = "the same bytes", "the same but for rounding", "changed"
 
 
@@ -55,7 +56,7 @@ def test_what_was_stored_comes_out_again_even_packed(folder):
 def test_blocks_that_fit_come_out_again_of_fewer_runs(tmp_path):
     config = tmp_path / "fitted.yaml"
     config.write_text(
-        "name: fitted\nruns: 20\nblock: fit\nscenario: {kind: merwe, T: 4}\n"
+        f"name: fitted\nruns: 20\nblock: fit\nscenario: {merwe_text(T=4)}\n"
         "filters: {PF: {kind: pf, N: 2000}}\n"
         "figures: {last: {kind: estimates, run: 20}}\n"
     )
@@ -134,10 +135,10 @@ ODD = {
     "nothing kept": "metrics: []\nper_step: []\ntables: {}",
     "steps kept only": "metrics: [nees]\nper_step: [rmse, bias]\nmedians: [nees]\ntables: {}",
     "words in a grid": "grid: {filters.PF.resampling: [systematic, residual], "
-    "scenario.lost_beyond: [null, 0.4]}",
+    "scenario.score.lost_beyond: [null, 0.4]}",
     "every filter fails": "plugins: [own.py]\nfilters: {A: {kind: raises}}\n"
-    "grid: {scenario.R: [1, 2]}",
-    "a bound": "bound: PCRLB\ntables: {}\nscenario: {kind: banana, scans: 4}\n"
+    "grid: {scenario.sensor.R: [1, 2]}",
+    "a bound": f"bound: PCRLB\ntables: {{}}\nscenario: {banana_text(scans=4)}\n"
     "filters: {EKF: {kind: ekf, start: mucm}}",
 }
 
@@ -173,7 +174,7 @@ def test_another_processor_gives_no_change(tmp_path):
     """Whatever it does to the bytes: perhaps nothing."""
     config = tmp_path / "c.yaml"
     config.write_text(
-        "name: cloud\nruns: 20\nscenario: {kind: banana, scans: 12}\n"
+        f"name: cloud\nruns: 20\nscenario: {banana_text(scans=12)}\n"
         "filters: {RPF: {kind: rpf, N: 200}, EKF: {kind: ekf, start: mucm}}\n"
     )
     old = {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "X86_V4"}

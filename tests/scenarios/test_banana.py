@@ -4,17 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
+from tests.papers import banana, merwe_text
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import TOO_FAR
 
-GOOD = """name: x
+SCENARIO = (
+    "{kind: tracking, first: 1, last: 100, start: two-scan, score: {lost_sigmas: 10}, target: {"
+    "kind: driven, motion: {kind: cwna, q: 1e-3}, polar: {range_km: 2711, azimuth_deg: 67}}, "
+    "sensor: {kind: range-azimuth, sigma_range: 0.2, sigma_azimuth_mrad: 2}}"
+)
+GOOD = f"""name: x
 runs: 10
 bound: PCRLB
-scenario: {kind: banana}
+scenario: {SCENARIO}
 filters:
   RPF:
     kind: rpf
@@ -26,20 +31,30 @@ filters:
     ("old", "new", "expected"),
     [
         (
-            "kind: banana",
-            "kind: banana, sigma_azimuth_mrad: 0",
-            "4:46: scenario.sigma_azimuth_mrad: 0 is not greater than 0",
+            "azimuth_mrad: 2",
+            "azimuth_mrad: 0",
+            "4:257: scenario.sensor.sigma_azimuth_mrad: 0 is not greater than 0",
         ),
         (
-            "kind: banana",
-            "kind: banana, range_km: 0",
-            "4:36: scenario.range_km: 0 is not greater than 0",
+            "range_km: 2711",
+            "range_km: 0",
+            "4:164: scenario.target.polar.range_km: 0 is not greater than 0",
         ),
-        ("kind: banana", "kind: banana, scans: 0", "4:33: scenario.scans: 0 is less than 3"),
+        ("last: 100", "last: 2", "4:44: scenario.last: 2 leaves no step to measure after step 2"),
         (
-            "kind: banana",
-            "kind: banana, rmse_window: [2, 101]",
-            "4:11: scenario: rmse_window [2, 101] is not within scans 2 to 100",
+            "lost_sigmas: 10",
+            "since: 90, until: 80",
+            "4:92: scenario.score.until: no step of 2 to 100 is scored",
+        ),
+        (
+            "lost_sigmas: 10",
+            "since: 101",
+            "4:81: scenario.score.since: no step of 2 to 100 is scored",
+        ),
+        (
+            "lost_sigmas: 10",
+            "lost_sigmas: 10, lost_beyond: 1",
+            "4:73: scenario.score: give one of lost_beyond and lost_sigmas",
         ),
         ("N: 10", "N: 1", "8:8: filters.RPF.N: 1 is less than 2"),
         (
@@ -53,21 +68,21 @@ filters:
             "8:12: filters.RPF.start: 'foo' is not one of ccm, ucm, mucm or ducm",
         ),
         (
-            "kind: banana",
-            "kind: banana, lost_sigmas: 0",
-            "4:39: scenario.lost_sigmas: 0 is not greater than 0",
+            "lost_sigmas: 10",
+            "lost_sigmas: 0",
+            "4:87: scenario.score.lost_sigmas: 0 is not greater than 0",
         ),
         ("bound: PCRLB", "bound: RPF", "3:8: bound: 'RPF' is already the label of a filter"),
-        ("kind: banana", "kind: merwe", "3:8: bound: scenario merwe has no lower bounds"),
         (
-            "kind: banana}\nfilters:\n  RPF:\n    kind: rpf",
-            "kind: banana, q: 0}\nfilters:\n  RPF:\n    kind: mpf",
-            "7:5: filters.RPF: mpf needs process noise: q must be greater than 0",
+            SCENARIO,
+            merwe_text(),
+            "3:8: bound: scenario tracking has no lower bounds: "
+            "the target is driven by a motion that is not linear",
         ),
         (
-            "PCRLB\nscenario: {kind: banana}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
-            "~\nscenario: {kind: merwe}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
-            "8:12: filters.RPF.start: scenario merwe has no range and azimuth to convert",
+            f"PCRLB\nscenario: {SCENARIO}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
+            f"~\nscenario: {merwe_text()}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
+            "8:12: filters.RPF.start: there are no two scans of range and azimuth to start from",
         ),
     ],
 )
@@ -77,11 +92,17 @@ def test_mistakes(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert mistakes(tmp_path, text) == [expected]
 
 
+def test_a_marginalised_filter_needs_process_noise(tmp_path: Path) -> None:
+    text = GOOD.replace("q: 1e-3", "q: 0").replace("kind: rpf", "kind: mpf")
+    expected = "7:5: filters.RPF: mpf needs process noise: q must be greater than 0"
+    assert mistakes(tmp_path, text) == [expected]
+
+
 def test_the_printed_position() -> None:
     """(1050, 2500) km gives the printed range and azimuth."""
-    scenario = Banana()
+    scenario = banana()
     truth = scenario.simulate(RunStreams(0, range(3)), 3).truth
-    start = scenario._start
+    start = scenario.target.start(scenario._timeline)
     np.testing.assert_allclose(start[[0, 2]], [1.05e6, 2.5e6], rtol=2e-6)
     assert start[[1, 3]] @ start[[0, 2]] == pytest.approx(0.0, abs=1e-3 * 2.7e6)
     assert np.hypot(*start[[1, 3]]) == pytest.approx(5000.0)
@@ -89,8 +110,8 @@ def test_the_printed_position() -> None:
 
 
 def test_errors_by_name(rng: np.random.Generator) -> None:
-    scenario = Banana(azimuth_deg=180.0)
-    truth = scenario._start[:, None]
+    scenario = banana(azimuth_deg=180.0)
+    truth = scenario.target.start(scenario._timeline)[:, None]
     u = np.array([[-1.0], [0.0]])
     w = np.array([[0.0], [-1.0]])
     mean = truth.copy()
@@ -105,7 +126,7 @@ def test_errors_by_name(rng: np.random.Generator) -> None:
 
 def test_noise_of_a_simulation_has_the_stated_size() -> None:
     runs = 400
-    scenario = Banana(scans=20)
+    scenario = banana(scans=20)
     data = scenario.simulate(RunStreams(5, range(runs)), runs)
     sensor = scenario.model.sensor
     noise = sensor.innovation(data.measurements, sensor.polar(data.truth[:, 1:]))
@@ -119,18 +140,18 @@ def test_noise_of_a_simulation_has_the_stated_size() -> None:
 
 
 def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
-    assert Banana(range_km=50.0).lost_beyond == pytest.approx(10 * 50e3 * 2e-3)
-    assert Banana(range_km=50.0, lost_sigmas=None).lost_beyond is None
-    never = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "lost")
-    lost = per_run(Banana(), make_filter("ekf"), 100, "lost")
-    far = per_run(Banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
+    assert banana(range_km=50.0).lost_beyond == pytest.approx(10 * 50e3 * 2e-3)
+    assert banana(range_km=50.0, lost_sigmas=None).lost_beyond is None
+    never = per_run(banana(lost_sigmas=None), make_filter("ekf"), 100, "lost")
+    lost = per_run(banana(), make_filter("ekf"), 100, "lost")
+    far = per_run(banana(lost_sigmas=None), make_filter("ekf"), 100, "rmse_position") > 54_231
     assert not never.any()
     assert 0 < far.sum() <= (lost == TOO_FAR).sum() < 100
 
 
 def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None:
     """Plain resampling leaves the target within some twenty scans and says that it has not."""
-    scenario = Banana(velocity_cross=1000.0, scans=40)
+    scenario = banana(velocity_cross=1000.0, scans=40)
     share = per_run(scenario, make_filter("pf", N=1000), 40, "diverged")
     assert np.nanmean(share) > 0.8  # of those that are not lost
     assert not per_run(scenario, make_filter("gaussian-sum"), 40, "diverged").any()
@@ -140,10 +161,10 @@ def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None
 
 
 def test_a_window_of_earlier_scans_is_what_fewer_scans_give() -> None:
-    fewer = per_run(Banana(scans=30), make_filter("mcaekf"), 8, "rmse_position")
-    more = Banana(scans=50, until=(30,))
+    fewer = per_run(banana(scans=30), make_filter("mcaekf"), 8, "rmse_position")
+    more = banana(scans=50, until=(30,))
     np.testing.assert_array_equal(
         per_run(more, make_filter("mcaekf"), 8, "rmse_position[k<=30]"), fewer
     )
     with pytest.raises(ValueError, match="until"):
-        Banana(scans=50, until=(60,))
+        banana(scans=50, until=(60,))

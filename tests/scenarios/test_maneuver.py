@@ -2,48 +2,49 @@
 
 import numpy as np
 import pytest
-from trackbench.scenarios.legs import Launch, Leg
-from trackbench.scenarios.maneuver import Maneuver
-from trackbench.scenarios.onsets import Onsets
 
+from tests.papers import maneuver
 from trackbench.core.streams import RunStreams
-from trackbench.keys import MistakenKeyError
+from trackbench.experiment.problems import UserError
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.legs import Leg
+from trackbench.scenarios.targets.onsets import Onsets
 
 
 def test_corrected_track_turns_by_ninety_degrees_each_time() -> None:
     """Section 4: from -y to +x, +y, -x, -y, +x, at 15 m/s."""
     t = np.array([0.0, 400.0, 600.0, 670.0, 1200.0, 1255.0, 1655.0, 1700.0])
-    _, vx, _, vy = Maneuver().path(t)
+    _, vx, _, vy = maneuver().target.states(t)
     directions = [(0, -1), (0, -1), (1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (1, 0)]
     np.testing.assert_allclose(np.stack([vx, vy], axis=1), 15.0 * np.array(directions), atol=1e-9)
 
 
 def test_as_printed_track_does_not() -> None:
     t = np.array([0.0, 1255.0])
-    _, vx, _, vy = Maneuver(truth="as-printed").path(t)
+    _, vx, _, vy = maneuver(truth="as-printed").target.states(t)
     assert (vx[0], vy[0]) == (-15.0, 0.0)
     assert np.hypot(vx[1], vy[1]) > 20.0
 
 
 def test_path_agrees_with_step_by_step_integration() -> None:
-    scenario = Maneuver()
+    scenario = maneuver()
     dt = 0.01
     t = np.arange(0.0, 1700.0, dt)
     a = np.zeros((2, len(t)))
-    for leg in scenario.turns:
+    for leg in scenario.target.legs:
         during = (t >= leg.start - 1e-9) & (t < leg.end - 1e-9)
         a[:, during] += np.array([[leg.ax], [leg.ay]])
     v = np.array([[0.0], [-15.0]]) + np.cumsum(a, axis=1) * dt
     v = np.hstack([[[0.0], [-15.0]], v])
     p = np.array([[2000.0], [10_000.0]]) + np.cumsum((v[:, :-1] + v[:, 1:]) / 2, axis=1) * dt
-    end = scenario.path(np.array([1700.0]))
+    end = scenario.target.states(np.array([1700.0]))
     np.testing.assert_allclose(end[[0, 2], 0], p[:, -1], rtol=1e-6)
     np.testing.assert_allclose(end[[1, 3], 0], v[:, -1], atol=1e-8)
 
 
 def test_prior_is_the_two_point_difference_and_consistent() -> None:
     """NEES of the prior is chi-square with four degrees of freedom."""
-    scenario, runs = Maneuver(duration=10.0, legs=(), score_from=0.0), 4000
+    scenario, runs = maneuver(duration=10.0, legs=(), score_from=0.0), 4000
     data = scenario.simulate(RunStreams(3, range(runs)), runs)
     assert data.truth.shape == (4, 10, runs)
     assert data.measurements.shape == (2, 9, runs)
@@ -55,7 +56,7 @@ def test_prior_is_the_two_point_difference_and_consistent() -> None:
 
 
 def test_windows_cover_turns_and_settled_flight() -> None:
-    windows, t = Maneuver().windows, Maneuver().times
+    windows, t = maneuver().windows, maneuver().times
     assert t[windows[""]].min() == 20.0
     np.testing.assert_array_equal(t[windows["leg 2"]][[0, -1]], [621.0, 670.0])
     assert windows["turns"].sum() == 200 + 50 + 200 + 50 + 200
@@ -65,24 +66,26 @@ def test_windows_cover_turns_and_settled_flight() -> None:
 
 
 def test_a_longer_sampling_time_flies_the_same_path() -> None:
-    fine, coarse = Maneuver(), Maneuver(T=10.0)
-    np.testing.assert_allclose(coarse.path(coarse.times), fine.path(fine.times)[:, 9::10])
+    fine, coarse = maneuver(), maneuver(T=10.0)
+    np.testing.assert_allclose(
+        coarse.target.states(coarse.times), fine.target.states(fine.times)[:, 9::10]
+    )
     assert len(coarse.steps) == 170
 
 
 def test_starts_of_turns_and_the_flight_before_them() -> None:
-    windows, t = Maneuver().windows, Maneuver().times
+    windows, t = maneuver().windows, maneuver().times
     np.testing.assert_array_equal(t[windows["before"]][[0, -1]], [20.0, 400.0])
     np.testing.assert_array_equal(t[windows["start 1"]][[0, -1]], [401.0, 450.0])
     np.testing.assert_array_equal(windows["start 2"], windows["leg 2"])  # 50 s long
-    short = Maneuver(edge=10.0).windows
+    short = maneuver(edge=10.0).windows
     np.testing.assert_array_equal(t[short["start 4"]], np.arange(1206.0, 1216.0))
     assert short["starts"].sum() == 5 * 10
-    assert not {"before", "starts", "turns"} & set(Maneuver(legs=()).windows)
+    assert not {"before", "starts", "turns"} & set(maneuver(legs=()).windows)
 
 
 def test_peaks_of_windows_and_runs_that_strayed() -> None:
-    scenario = Maneuver(sigma=10.0)
+    scenario = maneuver(sigma=10.0)
     error = np.ones((1700, 2))
     error[630, :] = 30.0  # in the second leg
     error[1300, :] = 100.0, 100.5  # between turns: at the limit, and beyond it
@@ -99,7 +102,7 @@ def test_overshoot_is_along_the_acceleration_until_the_next_turn() -> None:
     """A filter that goes on turning for ever is ahead by a t^2 / 2 after so many seconds."""
     first = Leg(start=100, end=150, ax=0.3, ay=-0.4)
     second = Leg(start=160, end=200, ax=-1.0, ay=0.0)
-    scenario = Maneuver(duration=300.0, legs=(first, second), edge=20.0)
+    scenario = maneuver(duration=300.0, legs=(first, second), edge=20.0)
     since = np.maximum(scenario.times - first.end, 0.0)
     ahead = 0.5 * np.square(since)[:, None]  # its acceleration is 0.5 m/s^2
     x, y = 0.6 * ahead * 0.5, -0.8 * ahead * 0.5
@@ -152,16 +155,16 @@ def test_onset_errors_by_hand() -> None:
 
 def test_a_delay_counts_from_the_onset_between_two_samples() -> None:
     leg = Leg(start=409.0, end=800.0, ax=0.1, ay=0.0)
-    scenario = Maneuver(T=10.0, launch=Launch(), legs=(leg,))
+    scenario = maneuver(T=10.0, launch=Launch(), legs=(leg,))
     mode = np.where(scenario.times == 430.0, 1.0, 0.0)[:, None]
     got = scenario.run_metrics({"squared_position": np.ones_like(mode), "mode": mode})
     assert got["delay_s[leg 1]"][0] == 21.0
 
 
-def test_the_last_sample_may_come_before_the_end() -> None:
-    Maneuver(duration=20.5, score_from=20.0, legs=())
-    with pytest.raises(MistakenKeyError, match=r"no sample after 20\.2 s"):
-        Maneuver(duration=20.5, score_from=20.2, legs=())
+def test_the_last_scored_step_is_the_last_there_is() -> None:
+    maneuver(duration=20.0, score_from=20.0, legs=())
+    with pytest.raises(UserError, match="no step of 1 to 20 is scored"):
+        maneuver(duration=20.0, score_from=21.0, legs=())
 
 
 def test_alarms_are_counted_where_the_filter_reports_them() -> None:
@@ -174,7 +177,7 @@ def test_alarms_are_counted_where_the_filter_reports_them() -> None:
 
 
 def test_a_leg_shorter_than_the_sampling_time_is_not_scored() -> None:
-    scenario = Maneuver(
+    scenario = maneuver(
         T=10.0, duration=100.0, launch=Launch(), legs=(Leg(start=42, end=44, ax=1.0, ay=0.0),)
     )
     assert "leg 1" not in scenario.windows

@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.config import load
 from trackbench.experiment.digest import block_key
 from trackbench.experiment.plan import make_plan
 from trackbench.experiment.problems import UserError
 
-LIKE = "{kind: merwe, T: 12, R: 0.1}"
+LIKE = merwe_text(T=12, R=0.1)
 CONFIG = """
 name: mine
 seed: 4
@@ -194,8 +195,8 @@ def test_every_mistake_in_a_file_is_said(tmp_path: Path) -> None:
     [
         ("measurements: data/m.csv", "measurements: data/no.csv", "no.csv:1:1: scenario: no such"),
         (f"like: {LIKE}", "", "scenario.like: this key is required"),
-        ("R: 0.1}", "R: -1}", "8:33: scenario.like.R: -1 is not greater than 0"),
-        ("kind: merwe,", "kind: merve,", "did you mean merwe?"),
+        ('"R": 0.1', '"R": -1', "scenario.like.sensor.R: -1 is not greater than 0"),
+        ('"tracking"', '"traking"', "did you mean tracking?"),
         ("truth: data/t.csv", "truth: data/t.csv\n  prior_mean: [1.0]", "go together"),
         (
             "truth: data/t.csv",
@@ -250,7 +251,7 @@ def test_data_edited_after_they_were_read_do_not_name_the_block(
 
 
 def test_like_from_a_file(simulated: Path, tmp_path: Path) -> None:
-    (tmp_path / "data" / "like.yaml").write_text("kind: merwe\nT: 12\nR: 0.1\n")
+    (tmp_path / "data" / "like.yaml").write_text(LIKE)
     one = run(write(tmp_path, like="data/like.yaml"), tmp_path / "one").per_run
     two = run(write(tmp_path), tmp_path / "two").per_run
     pd.testing.assert_frame_equal(one, two)

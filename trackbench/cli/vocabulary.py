@@ -10,14 +10,14 @@ from trackbench.cli.options import one_of
 
 def list_(
     group: Annotated[
-        str | None, typer.Argument(help="filters, scenarios, tables or figures")
+        str | None, typer.Argument(help="filters, motions, sensors, ...; default: all groups")
     ] = None,
 ) -> None:
     """List what a config may name."""
     from trackbench.catalogue import listing
+    from trackbench.registry import GROUPS
 
-    groups = ("filters", "scenarios", "tables", "figures")
-    chosen = groups if group is None else (one_of("list", group, groups),)
+    chosen = GROUPS if group is None else (one_of("list", group, GROUPS),)
     typer.echo(listing(chosen))
 
 
@@ -29,8 +29,8 @@ def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench l
 
 
 def new(
-    what: Annotated[str, typer.Argument(help="filter, scenario or experiment")],
-    name: Annotated[str, typer.Argument(help="its name, such as my-filter")],
+    what: Annotated[str, typer.Argument(help="filter, sensor, motion, scenario or experiment")],
+    name: Annotated[str, typer.Argument(help="its name, such as my-sensor")],
 ) -> None:
     """Write a commented starting file that runs as it is, and its test."""
     from trackbench.scaffold import WHAT, write_new

@@ -31,6 +31,7 @@ from trackbench.evaluation.metrics import (
 )
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
+from trackbench.models.base import extra_std
 from trackbench.models.extended import extended
 from trackbench.scenarios.base import Scenario, Simulation
 
@@ -195,7 +196,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
     prior = data.prior
     if len(model.motion.components) > n:
-        prior = frozen(extended(prior, model.motion.extra_std))
+        prior = frozen(extended(prior, extra_std(model.motion)))
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []

@@ -27,7 +27,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
         try:
             _inline(source, keys, folder, depth=0)
             if isinstance(at(source, keys), dict):
-                _inline_nested(source, keys)
+                _inline_nested(source, keys, depth=0)
         except UserError as error:
             found = [p for p in error.problems if isinstance(p, Problem)]
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
@@ -35,7 +35,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     return unread
 
 
-def _inline_nested(source: Source, keys: Keys) -> None:
+def _inline_nested(source: Source, keys: Keys, depth: int) -> None:
     """The parts of a part, such as a target's motion; a path counts from the file it stands in."""
     data = at(source, keys)
     inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
@@ -43,9 +43,10 @@ def _inline_nested(source: Source, keys: Keys) -> None:
         value, place = data[key], (*keys, key)
         is_file = isinstance(value, str) and key != "use" and value.endswith((".yaml", ".yml"))
         if is_file or (isinstance(value, dict) and "use" in value):
-            _inline(source, place, Path(source.mark(place).file).parent, depth=1)
-        if isinstance(data[key], dict | list):
-            _inline_nested(source, place)
+            _inline(source, place, Path(source.mark(place).file).parent, depth + 1)
+            _inline_nested(source, place, depth + 1)
+        elif isinstance(value, dict | list):
+            _inline_nested(source, place, depth)
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:

@@ -1,5 +1,6 @@
 """The parts of a config that name a ``kind``: a mapping into the registered dataclass."""
 
+from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
@@ -29,9 +30,11 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         return None
     cls = known[kind]
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
-    if group == "filters":
-        own.pop("assume", None)  # of every filter: see `trackbench.experiment.assuming`
-    return _built(cls, own, source, keys, problems)
+    also = ["preset"] if getattr(cls, "presets", {}) else []
+    if group == "filters":  # of every filter: see `trackbench.experiment.assuming`
+        own.pop("assume", None)
+        also.append("assume")
+    return _built(cls, own, source, keys, problems, also)
 
 
 def build_plain(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
@@ -44,7 +47,12 @@ def build_plain(cls: type[T], source: Source, keys: Keys, problems: list[Problem
 
 
 def _built(
-    cls: type[T], own: dict[str, Any], source: Source, keys: Keys, problems: list[Problem]
+    cls: type[T],
+    own: dict[str, Any],
+    source: Source,
+    keys: Keys,
+    problems: list[Problem],
+    also: Sequence[str] = (),
 ) -> T | None:
     inner = _Inner(source, problems, [])
     own = inner.numbered(cls, own, keys)
@@ -52,7 +60,7 @@ def _built(
     for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
         mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
     found: list[Problem] = []
-    built = build(cls, part, (), found, inner.made)
+    built = build(cls, part, (), found, inner.made, also)
     problems += [replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in found]
     return None if None in inner.made else built
 

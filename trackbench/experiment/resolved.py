@@ -46,8 +46,11 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     for group, built in parts.items():
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
     for label, assume in first.assumed.items():
-        assumed = as_config(assume, relative)
-        out["filters"][label]["assume"] = {k: v for k, v in assumed.items() if v is not None}
+        keys = ("filters", label, "assume")
+        assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}
+        if keys[:2] in unfilled:
+            assumed = _only_given(assumed, at(experiment.source, keys))
+        out["filters"][label]["assume"] = assumed
     return out
 
 

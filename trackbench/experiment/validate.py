@@ -86,10 +86,12 @@ def build(
     keys: Keys,
     problems: list[Problem],
     parts: Sequence[Any] = (),
+    also: Sequence[str] = (),
 ) -> T | None:
     """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``.
 
     A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
+    ``also`` names keys that stand beside the dataclass's own.
     """
     data = at(source, keys)
     if not isinstance(data, dict):
@@ -105,7 +107,9 @@ def build(
     except ValidationError as error:
         seen = set()
         for item in error.errors(include_url=False):
-            for problem in _problems(item, source, keys, cls):
+            if None in parts and item["type"] == "value_error":  # what is said without a part
+                continue
+            for problem in _problems(item, source, keys, cls, also):
                 if problem not in seen:
                     problems.append(problem)
                 seen.add(problem)
@@ -126,24 +130,48 @@ def unknown(word: str, known: list[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
 
 
-def _problems(item: Any, source: Source, keys: Keys, cls: type[Any]) -> list[Problem]:
+def _problems(
+    item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]
+) -> list[Problem]:
     raised = item.get("ctx", {}).get("error")
     if isinstance(raised, DataError):
         return [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in raised.places]
-    return [_problem(item, source, keys, cls)]
+    return [_problem(item, source, keys, cls, also)]
 
 
-def _problem(item: Any, source: Source, keys: Keys, cls: type[Any]) -> Problem:
+def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]) -> Problem:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
     where = _existing(source, keys, item["loc"] + getattr(ctx.get("error"), "path", ()))
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        known = [f.name for f in fields(cls)] if len(where) == len(keys) + 1 else []
+        inner = _within(cls, where[len(keys) : -1])
+        known = [f.name for f in fields(inner)] if inner is not None else []
+        if inner is cls:
+            known += also
         what = f"unknown key; {unknown(str(where[-1]), known)}" if known else "unknown key"
         return Problem(source.key_mark(where), dotted(where), what)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
         return Problem(source.key_mark(where), path, "this key is required")
     return Problem(source.mark(where), dotted(where), _words(kind, ctx, value, item["msg"]))
+
+
+def _within(cls: type[Any], path: Keys) -> type[Any] | None:
+    """The dataclass of the mapping that stands so far within one of ``cls``, if it can be but one."""
+    found: type[Any] = cls
+    for key in path:
+        if isinstance(key, int):
+            continue
+        inner = _dataclasses(get_type_hints(found).get(key))
+        if len(inner) != 1:
+            return None
+        found = inner[0]
+    return found
+
+
+def _dataclasses(hint: Any) -> list[type[Any]]:
+    if isinstance(hint, type) and is_dataclass(hint):
+        return [hint]
+    return [cls for option in get_args(hint) for cls in _dataclasses(option)]
 
 
 def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:

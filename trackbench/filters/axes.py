@@ -70,7 +70,8 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> tuple[Gaussi
         nu = np.where(missing.any(axis=1), np.nan, nu)
     posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
     shared = state.cov.shape[2]  # a missing measurement leaves the axes alike
-    return Gaussian(posterior.mean, posterior.cov[:, :, :shared]), innovation
+    alike = innovation._replace(S=innovation.S[:, :, :shared])
+    return Gaussian(posterior.mean, posterior.cov[:, :, :shared]), alike
 
 
 @cache

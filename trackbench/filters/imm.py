@@ -13,7 +13,7 @@ from trackbench.core.sums import total
 from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.keys import MistakenKeyError, PartOf, Share
-from trackbench.models.base import Model, Motion
+from trackbench.models.base import Model, Motion, extra_std
 from trackbench.models.extended import extended_gaussian
 from trackbench.registry import register
 
@@ -75,11 +75,11 @@ class IMM:
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
         """The prior in every model."""
         r, runs = len(self.motions), prior.mean.shape[1]
-        n = len(model.motion.components) - len(model.motion.extra_std)
+        n = len(model.motion.components) - len(extra_std(model.motion))
         first = self.filter.started(model, prior)
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
         states = tuple(
-            extended_gaussian(first, own.motion.extra_std) for own in self._models(model)
+            extended_gaussian(first, extra_std(own.motion)) for own in self._models(model)
         )
         start = np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
         weights = np.repeat(start[:, None], runs, axis=1)
@@ -111,7 +111,7 @@ class IMM:
     def _models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""
         own: Any = model.motion
-        axes = (len(own.components) - len(own.extra_std)) // 2
+        axes = (len(own.components) - len(extra_std(own))) // 2
         return [Model(motion.sampled(own.T, axes), model.sensor) for motion in self.motions]
 
     def estimate(self, state: Models) -> Gaussian:

@@ -29,13 +29,18 @@ class SampledMotion(Protocol):
     def components(self) -> tuple[str, ...]:
         """Names of the state's components, in order."""
 
-    @property
-    def extra_std(self) -> tuple[float, ...]:
-        """Standard deviations, where nothing is known, of the last components: those which are neither a
-        position nor a velocity, and which a target may not have."""
-
     def transition(self, x: Array, k: int) -> Distribution:
         """The distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+
+
+def extra_std(motion: SampledMotion) -> tuple[float, ...]:
+    """Standard deviations, where nothing is known, of a motion's last components.
+
+    Those are neither a position nor a velocity, and a target may not have them; a motion that has such
+    components says so by an attribute of this name.
+    """
+    own: tuple[float, ...] = getattr(motion, "extra_std", ())
+    return own
 
 
 class Motion(Protocol):

@@ -11,7 +11,7 @@ from trackbench.core.distributions import Gaussian
 class Linear:
     """x_k = F x_{k-1} + N(0, Q), sampled every T seconds; F and Q (n, n).
 
-    ``extra_std``: see `trackbench.models.base.SampledMotion`.
+    ``extra_std``: see `trackbench.models.base.extra_std`.
     """
 
     T: float

@@ -60,8 +60,9 @@ class Tracking:
     def __post_init__(self) -> None:
         if self.last - self.first > MOST_STEPS:
             raise MistakenKeyError(f"more than {MOST_STEPS} steps", "last")
-        if self.last - self.first < max(1, self.start.scans):
-            what = f"leaves no step to measure after the {max(1, self.start.scans)} of the start"
+        begun = self.first + self._skipped
+        if self.last <= begun:
+            what = f"{self.last} leaves no step to measure after step {begun}"
             raise MistakenKeyError(what, "last")
         self.target.check(self._timeline)
         self.start.check(self.components, self._sensor)

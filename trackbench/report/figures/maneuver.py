@@ -123,7 +123,7 @@ class MeanAndStd:
         nowhere = np.zeros((len(truth_components(scenario)), 1))
         if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
             return {}
-        return {"": f"scenario {scenario.kind} has no errors in x and y"}
+        return {"": "there are no errors in x and y to show"}
 
     def draw(self, results: Results) -> "Figure":
         """Mean error above, standard deviation below; x left, y right."""

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import position
 from trackbench.core.streams import Streams
 from trackbench.keys import Finite, PartOf, Positive
-from trackbench.models.base import Motion
+from trackbench.models.base import Motion, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several
@@ -72,7 +72,7 @@ class Driven(Target):
     def components(self) -> tuple[str, ...]:
         """Position and velocity, or the scalar that the motion has."""
         every = self.motion.sampled(1.0, self.axes)
-        return every.components[: len(every.components) - len(every.extra_std)]
+        return every.components[: len(every.components) - len(extra_std(every))]
 
     @property
     def own_motion(self) -> Motion | None:
@@ -107,7 +107,7 @@ class Driven(Target):
         """Transition and measurement drawn step by step; what a target has beside ``start`` is drawn."""
         motion = self.motion.sampled(timeline.T, self.axes)
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
-        truth = [_with_rest(start, motion.extra_std, rng)]
+        truth = [_with_rest(start, extra_std(motion), rng)]
         seen = []
         for i, k in enumerate(timeline.steps.tolist()):
             if i > 0:
