@@ -1,4 +1,4 @@
-"""Starting files for filters, sensors, motions, scenarios, experiments: they run as they are."""
+"""Starting files for filters, sensors, motions, scenarios and experiments: they run as they are."""
 
 import re
 from importlib.resources import files

@@ -10,9 +10,9 @@ from filterpy.kalman import (
     UnscentedKalmanFilter,
 )
 from filterpy.monte_carlo import systematic_resample
+from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.merwe import Merwe
 
 
 def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:

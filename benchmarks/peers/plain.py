@@ -1,9 +1,9 @@
 """What one writes first: numpy, a loop over runs and a loop over steps."""
 
 import numpy as np
+from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.merwe import Merwe
 
 
 def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:

@@ -24,9 +24,9 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState, ParticleState
 from stonesoup.updater.kalman import KalmanUpdater
 from stonesoup.updater.particle import ParticleUpdater
+from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.merwe import Merwe
 
 START = datetime(2000, 1, 1)
 

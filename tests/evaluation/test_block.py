@@ -43,7 +43,10 @@ def test_the_median_of_mostly_infinite_values_is_infinite() -> None:
 
 @pytest.mark.parametrize("kind", ["kf", "alpha-beta"])
 def test_a_track_is_less_certain_after_a_gap(kind: str) -> None:
-    """Fifty samples missing: error and reported deviation grow together."""
+    """Fifty samples missing: error and reported deviation grow together.
+
+    Half a sample is one of the other axis to a Kalman filter, and none to fixed gains.
+    """
     scenario = maneuver(duration=300.0, legs=())
     data = scenario.simulate(RunStreams(1, range(500)), 500)
     z = data.measurements.copy()

@@ -153,8 +153,8 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
             "runs: 10",
             "figures: {f: {kind: rmse-vs-parameter, metric: mean(rmse), parameter: scenario.sensor.Q}}\n"
             "grid: {scenario.sensor.R: [1, 2]}",
-            "2:71: figures.f.parameter: 'scenario.sensor.Q' is no path of the grid; did you mean "
-            "scenario.sensor.R?",
+            "2:71: figures.f.parameter: 'scenario.sensor.Q' is no path of the grid; "
+            "did you mean scenario.sensor.R?",
         ),
         (
             "runs: 10",

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.experiment.test_malformed import assert_refused, check
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.config import load
 from trackbench.experiment.outputs import remove_outputs
@@ -22,8 +23,9 @@ from trackbench.experiment.resolved import as_yaml
 from trackbench.experiment.source import parse
 from trackbench.verification import verify
 
-GOOD = "name: x\nruns: 2\nscenario: {kind: merwe, T: 3}\nfilters:\n  PF: {kind: pf, N: 10}\n"
-RECORDED = "{kind: recorded, like: {kind: merwe, T: 3}, measurements: %s}"
+SCENARIO = merwe_text(T=3)
+GOOD = f"name: x\nruns: 2\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 10}}\n"
+RECORDED = f"{{kind: recorded, like: {SCENARIO}, measurements: %s}}"
 OPTIONS = api.Options(engine="serial", quiet=True, formats=("svg",))
 
 
@@ -87,8 +89,8 @@ THINGS: dict[str, Callable[[Path], None]] = {
 }
 PLACES = {
     "published": (GOOD + "published: [odd.py]\n", "c.yaml:6:12: published: cannot read "),
-    "use": (GOOD.replace("{kind: merwe, T: 3}", "odd.py"), "c.yaml:3:11: scenario: cannot read "),
-    "data": (GOOD.replace("{kind: merwe, T: 3}", RECORDED % "odd.py"), "odd.py:1:1: scenario: "),
+    "use": (GOOD.replace(SCENARIO, "odd.py"), "c.yaml:3:11: scenario: cannot read "),
+    "data": (GOOD.replace(SCENARIO, RECORDED % "odd.py"), "odd.py:1:1: scenario: "),
     "plugin": (GOOD + "plugins: [odd.py]\n", "c.yaml:6:11: plugins.0: "),
 }
 
@@ -123,14 +125,14 @@ def test_a_device_that_never_ends() -> None:
 @pytest.mark.parametrize("cell", ["1_000", "١٢", "１", "0x1", "1e999", "inf", "1 0"])
 def test_numbers_of_a_csv_that_are_none(tmp_path: Path, cell: str) -> None:
     rows = f"run,step,z\n0,2,1\n0,3,{cell}\n"
-    err = refused(tmp_path, GOOD.replace("{kind: merwe, T: 3}", RECORDED % "z.csv"), z=rows)
+    err = refused(tmp_path, GOOD.replace(SCENARIO, RECORDED % "z.csv"), z=rows)
     assert f"z.csv:3:1: scenario: z: '{cell}' is not a" in err
 
 
 def test_a_csv_without_line_breaks_is_not_read_into_memory(tmp_path: Path) -> None:
     with (tmp_path / "z.csv").open("wb") as file:
         file.truncate(10**12)  # a hole, which takes no room on the disk
-    err = refused(tmp_path, GOOD.replace("{kind: merwe, T: 3}", RECORDED % "z.csv"))
+    err = refused(tmp_path, GOOD.replace(SCENARIO, RECORDED % "z.csv"))
     assert "z.csv:1:1: scenario: not a CSV: field larger than field limit" in err
 
 
@@ -202,7 +204,7 @@ def test_a_name_of_a_folder_that_is_too_long() -> None:
 ODD = r"""name: odd
 title: "$\\frac{$\N$"
 runs: 2
-scenario: {kind: merwe, T: 3, R: 1e+308}
+scenario: MERWE
 filters:
   nan: {kind: ekf}
   "$\\frac{$": {kind: ekf}
@@ -214,7 +216,7 @@ tables:
 figures:
   f: {kind: rmse-vs-time, log: true, title: "$\\frac{$", y_label: $x^2$, x_label: $5 or $\6}
   g: {kind: bars, log: true, title: 目标, metric: rms(rmse)}
-"""
+""".replace("MERWE", merwe_text(T=3, R=1e308))
 
 
 @pytest.fixture(scope="module")
@@ -262,11 +264,11 @@ def test_figures_and_reasons_where_every_filter_fails(tmp_path: Path) -> None:
     kinds += ["bias, rows: {a: bias}", "rmse-vs-parameter, metric: mean(rmse)"]
     figures = "".join(f"  f{i}: {{kind: {kind}}}\n" for i, kind in enumerate(kinds))
     text = GOOD.replace("kind: pf, N: 10", "kind: always-fails") + "plugins: [fails.py]\n"
-    text += f"grid: {{scenario.R: [1, 2]}}\nfigures:\n{figures}"
+    text += f"grid: {{scenario.sensor.R: [1, 2]}}\nfigures:\n{figures}"
     (tmp_path / "c.yaml").write_text(text)
     options = api.Options(engine="serial", quiet=True, formats=("svg",), allow_plugins=True)
     report = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out")
-    said = r"PF at scenario.R = 1 failed: RuntimeError: two lines \x1b[31m (runs 0 to 1)"
+    said = r"PF at scenario.sensor.R = 1 failed: RuntimeError: two lines \x1b[31m (runs 0 to 1)"
     assert report.failed[0] == said
     assert len(api.plot(tmp_path / "out", formats=("svg",))) == 6  # of estimates there are none
 
@@ -300,6 +302,6 @@ def test_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.endswith(r"caf\udce9/c.yaml: good, 1 filters" + "\n")
-    (folder / "c.yaml").write_text(GOOD.replace("{kind: merwe, T: 3}", RECORDED % "z.csv"))
+    (folder / "c.yaml").write_text(GOOD.replace(SCENARIO, RECORDED % "z.csv"))
     with pytest.raises(UserError, match=r"3:11: scenario: the name of a folder it lies in"):
         load(folder / "c.yaml")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, norm
 
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.grammar import EXPRESSION, at_each_step, plain
 from trackbench.experiment.problems import UserError
@@ -20,10 +21,10 @@ CONFIG = """
 name: every
 runs: 80
 block: 40
-scenario: {kind: merwe, T: 8}
+scenario: MERWE
 filters: {PF: {kind: pf, N: 20}, UKF: {kind: ukf}, Exact: {kind: grid}, None: {kind: prior-mean}}
 published: [claims.csv]
-"""
+""".replace("MERWE", merwe_text(T=8))
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
 p,lower at every step,every,Exact,rmse@3..last,<,1,None
 p,lower in every run,every,Exact,"below(rmse, None)",>,0.97,

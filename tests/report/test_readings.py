@@ -16,7 +16,7 @@ CONFIG = """
 name: search
 seed: 3
 runs: 40
-scenario: {kind: merwe, T: 12, switch: 6}
+scenario: MERWE
 published: [numbers.csv, claims.csv]
 filters:
   PF: {kind: pf, N: 10}

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trackbench.scenarios.banana import Banana
 
 from tests.conftest import make_filter, per_run
 from tests.experiment.test_bad_input import mistakes
@@ -152,7 +151,7 @@ def test_a_run_is_lost_beyond_so_many_deviations_of_an_azimuth() -> None:
 
 def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None:
     """Plain resampling leaves the target within some twenty scans and says that it has not."""
-    scenario = Banana(velocity_cross=1000.0, scans=40)
+    scenario = banana(velocity_cross=1000.0, scans=40)
     share = per_run(scenario, make_filter("pf", N=1000), 40, "diverged")
     assert np.nanmean(share) > 0.8  # of those that are not lost
     assert not per_run(scenario, make_filter("gaussian-sum"), 40, "diverged").any()
@@ -162,10 +161,10 @@ def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None
 
 
 def test_a_window_of_earlier_scans_is_what_fewer_scans_give() -> None:
-    fewer = per_run(Banana(scans=30), make_filter("mcaekf"), 8, "rmse_position")
-    more = Banana(scans=50, until=(30,))
+    fewer = per_run(banana(scans=30), make_filter("mcaekf"), 8, "rmse_position")
+    more = banana(scans=50, until=(30,))
     np.testing.assert_array_equal(
         per_run(more, make_filter("mcaekf"), 8, "rmse_position[k<=30]"), fewer
     )
     with pytest.raises(ValueError, match="until"):
-        Banana(scans=50, until=(60,))
+        banana(scans=50, until=(60,))
