@@ -100,7 +100,7 @@ def _banana(
 ) -> Mapping:
     score: Mapping = {"lost_sigmas": lost_sigmas}
     if rmse_window is not None:
-        score |= {"since": rmse_window[0], "until": rmse_window[1]}
+        score["steps"] = list(rmse_window)
     top: Mapping = {"last": scans, "score": score, "target": {}}
     if "T" in keys:
         top["T"] = keys.pop("T")
@@ -129,7 +129,7 @@ def _maneuver(
         "T": T,
         "last": round(duration / T),
         "sensor": {"sigma": sigma},
-        "score": {"since": ceil(score_from / T), "lost_beyond": lost_beyond},
+        "score": {"steps": [ceil(score_from / T), None], "lost_beyond": lost_beyond},
         "target": target,
     }
     if legs is not None:

@@ -28,7 +28,7 @@ scenario:
   sensor: {kind: position, sigma: 100}
   start: two-scan
   assume: {motion: {kind: cv, q: 0}}
-  score: {since: 20}
+  score: {steps: [20, null]}
 filters:
   KF: {kind: kf, assume: {motion: {kind: cv, q: 0}}}
   Adaptive: {kind: adaptive-kf, preset: seconds, nmf: {q: 0}, mf: {q: 1e-4}}

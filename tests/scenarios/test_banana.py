@@ -43,13 +43,13 @@ filters:
         ("last: 100", "last: 2", "4:44: scenario.last: 2 leaves no step to measure after step 2"),
         (
             "lost_sigmas: 10",
-            "since: 90, until: 80",
-            "4:92: scenario.score.until: no step of 2 to 100 is scored",
+            "steps: [90, 80]",
+            "4:81: scenario.score.steps: no step of 2 to 100 is scored",
         ),
         (
             "lost_sigmas: 10",
-            "since: 101",
-            "4:81: scenario.score.since: no step of 2 to 100 is scored",
+            "steps: [101, null]",
+            "4:81: scenario.score.steps: no step of 2 to 100 is scored",
         ),
         (
             "lost_sigmas: 10",

@@ -147,7 +147,8 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequen
         known = [f.name for f in fields(inner)] if inner is not None else []
         if inner is cls:
             known += also
-        what = f"unknown key; {unknown(str(where[-1]), known)}" if known else "unknown key"
+        word = str(item["loc"][-1])
+        what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return Problem(source.key_mark(where), dotted(where), what)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
