@@ -11,7 +11,7 @@ EVERY_CORE = True
 RUNS = 400
 CONFIG = f"""name: banana-two-workers
 seed: 1
-scenario: {SCENARIOS / 'banana.yaml'}
+scenario: {SCENARIOS / "banana.yaml"}
 filters:
   PF: {{kind: pf, N: 10000}}
 """
