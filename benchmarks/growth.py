@@ -4,25 +4,25 @@ import statistics
 from typing import Any
 
 from benchmarks.harness import Skip
-from benchmarks.ours import make, ours, steps
+from benchmarks.ours import make, ours, shipped, steps
 
 ROUNDS = 7
 
 
 def main() -> None:
     """Tables of CPU milliseconds and of nanoseconds per particle-step (or filter-step)."""
-    merwe = make("scenarios", "merwe")
+    merwe = shipped("merwe")
     for runs in (10, 100, 500, 1000, 2000):
         _row(f"runs {runs}, N = 10", merwe, make("filters", "pf", N=10), runs)
     for N in (10, 100, 1000, 10_000):
         _row(f"N = {N}, 200 runs", merwe, make("filters", "pf", N=N), 200)
     for T in (50, 100, 200, 400):
-        scenario = make("scenarios", "merwe", T=T)
+        scenario = shipped("merwe", last=T)
         _row(f"T = {T}, N = 100, 200 runs", scenario, make("filters", "pf", N=100), 200)
     for G in (0, 5, 10, 20, 40):
         _row(f"HDEPF, G = {G}, 200 runs", merwe, make("filters", "hdepf", N=10, G=G), 200)
     try:
-        target = make("scenarios", "maneuver")
+        target = shipped("maneuver")
         for runs in (1, 10, 100, 1000):
             _row(f"Kalman filter, {runs} runs", target, make("filters", "kf"), runs, runs)
     except Skip as reason:

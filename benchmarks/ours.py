@@ -2,6 +2,8 @@
 
 import time
 from math import ceil
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
 
 SEED = 1
+SCENARIOS = Path(__file__).parent.parent / "experiments" / "scenarios"
 
 
 def make(group: Any, kind: str, **keys: Any) -> Any:
@@ -22,6 +25,35 @@ def make(group: Any, kind: str, **keys: Any) -> Any:
     if cls is None:
         raise Skip(f"no {group[:-1]} of kind {kind!r} in this version")
     return cls(**keys)
+
+
+def shipped(name: str, **keys: Any) -> Any:
+    """A scenario of experiments/scenarios with other values for some keys; of old versions a kind."""
+    if name in kinds("scenarios"):
+        return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
+    from trackbench.experiment.parts import build_kind
+    from trackbench.experiment.source import read
+
+    source, problems = read(SCENARIOS / f"{name}.yaml"), []
+    source.data.update(keys)
+    return build_kind("scenarios", source, (), problems)
+
+
+def believing(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
+    """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
+    try:
+        from trackbench.models.assumed import Assume
+    except ImportError:  # old versions
+        return scenario, {"motion": motion}
+    return scenario.believing(Assume(motion=motion)), {}
+
+
+def numbers(scenario: Any) -> SimpleNamespace:
+    """The constants of van der Merwe's model, for peers that write it out themselves."""
+    if not hasattr(scenario, "target"):
+        return scenario
+    motion, sensor, start = scenario.target.motion, scenario.sensor, scenario.target.launch
+    return SimpleNamespace(**{**vars(motion), **vars(sensor)}, x1=start.x, steps=scenario.steps)
 
 
 def data(scenario: Any, runs: int) -> Simulation:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Skip
-from benchmarks.ours import data, make
+from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
 from trackbench.core.regularisation import jitter
 from trackbench.core.streams import block_stream
@@ -35,7 +35,7 @@ def main() -> None:
     _keep_freed_memory()
     for scenario, kind, N, runs in CASES:
         try:
-            found = parts(make("scenarios", scenario), make("filters", kind, N=N), runs)
+            found = parts(shipped(scenario), make("filters", kind, N=N), runs)
         except Skip as reason:
             print(f"{scenario} {kind}: not run: {reason}")
             continue

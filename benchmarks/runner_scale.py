@@ -15,7 +15,9 @@ from pathlib import Path
 CONFIG = """
 name: scale
 seed: 1
-scenario: {kind: merwe, T: 50}
+scenario:
+  {kind: tracking, first: 1, last: 50, target: {kind: driven, motion: sine-gamma},
+   sensor: square-then-line, start: known}
 filters:
   PF: {kind: pf, N: 10}
 """

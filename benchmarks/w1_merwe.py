@@ -5,7 +5,7 @@ from importlib import import_module
 
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import data, make, numbers, ours, shipped, steps
 
 RUNS = 200
 MANY = 2000
@@ -24,7 +24,7 @@ def workloads() -> list[Workload]:
 
 
 def _against_peers(N: int) -> Workload:
-    scenario, tracker = make("scenarios", "merwe"), make("filters", "pf", N=N)
+    scenario, tracker = shipped("merwe"), make("filters", "pf", N=N)
     seen = data(scenario, RUNS)
     z, T = seen.measurements, steps(scenario)
     work = Workload(
@@ -45,7 +45,7 @@ def _against_peers(N: int) -> Workload:
     def peer(module: str) -> Callable[[], Entrant]:
         def load() -> Entrant:
             found = import_module(f"benchmarks.peers.{module}")
-            return timed(lambda: found.merwe_pf(scenario, few, N), units)
+            return timed(lambda: found.merwe_pf(numbers(scenario), few, N), units)
 
         return load
 
@@ -59,7 +59,7 @@ def _against_peers(N: int) -> Workload:
 
 
 def _many_runs() -> Workload:
-    scenario, tracker = make("scenarios", "merwe"), make("filters", "pf", N=10)
+    scenario, tracker = shipped("merwe"), make("filters", "pf", N=10)
     return Workload(
         "W1 many runs",
         f"Bootstrap filter, Merwe model, N = 10, {MANY} runs x {steps(scenario)} steps",

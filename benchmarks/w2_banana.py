@@ -4,7 +4,7 @@ from importlib import import_module
 
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import data, make, ours, shipped, steps
 from trackbench.core.streams import block_stream
 
 RUNS, N = 6, 10_000
@@ -18,7 +18,7 @@ def workloads() -> list[Workload]:
 
 
 def _bootstrap() -> Workload:
-    scenario, tracker = make("scenarios", "banana"), make("filters", "pf", N=N)
+    scenario, tracker = shipped("banana"), make("filters", "pf", N=N)
     seen, model, T = data(scenario, RUNS), scenario.model, steps(scenario)
     z, times = seen.measurements, scenario.times
     start = seen.prior.sample(block_stream(1, 0), N)
@@ -49,7 +49,7 @@ def _bootstrap() -> Workload:
 
     def stonesoup() -> Entrant:
         peer = import_module("benchmarks.peers.stonesoup_")
-        return timed(lambda: peer.banana_pf(scenario.q, R, clouds, z, times), units)
+        return timed(lambda: peer.banana_pf(scenario.target.motion.q, R, clouds, z, times), units)
 
     def filterpy() -> Entrant:
         peer = import_module("benchmarks.peers.filterpy_")
@@ -71,7 +71,7 @@ def _bootstrap() -> Workload:
 
 
 def _regularised() -> Workload:
-    scenario, tracker = make("scenarios", "banana"), make("filters", "rpf", N=N)
+    scenario, tracker = shipped("banana"), make("filters", "rpf", N=N)
     T = steps(scenario)
     return Workload(
         "W2 RPF",

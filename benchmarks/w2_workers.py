@@ -4,16 +4,16 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.harness import Bar, Workload
-from benchmarks.ours import make
+from benchmarks.ours import SCENARIOS, shipped
 from benchmarks.processes import FRESH, PROGRAM, command, processes
 
 EVERY_CORE = True
 RUNS = 400
-CONFIG = """name: banana-two-workers
+CONFIG = f"""name: banana-two-workers
 seed: 1
-scenario: {kind: banana}
+scenario: {SCENARIOS / "banana.yaml"}
 filters:
-  PF: {kind: pf, N: 10000}
+  PF: {{kind: pf, N: 10000}}
 """
 
 
@@ -23,7 +23,7 @@ def workloads() -> list[Workload]:
     How far two cores of this machine get at all is shown by two programs that know nothing of each
     other, with half of the runs each.
     """
-    make("scenarios", "banana")
+    shipped("banana")
     folder = Path(tempfile.mkdtemp(prefix="bench-"))
     (folder / "config.yaml").write_text(CONFIG)
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import believing, data, make, ours, shipped, steps
 from trackbench.core.once import forget
 
 q = 0.01  # m^2/s^3
@@ -17,7 +17,8 @@ POSITION = (0, 2)
 def motion(density: float) -> Any:
     """Continuous white noise acceleration, the motion that all packages have."""
     try:
-        return import_module("trackbench.models.motions").WhiteAcceleration(q=density)
+        module = import_module("trackbench.models.motions.kinematic")
+        return module.WhiteAcceleration(q=density)
     except ImportError as error:
         raise Skip("this version has no motions to choose from") from error
 
@@ -38,7 +39,8 @@ def workloads() -> list[Workload]:
 
 
 def _workload(runs: int) -> Workload:
-    scenario, tracker = make("scenarios", "maneuver"), make("filters", "kf", motion=motion(q))
+    scenario, keys = believing(shipped("maneuver"), motion(q))
+    tracker = make("filters", "kf", **keys)
     seen, T = data(scenario, runs), steps(scenario)
     z, mean, cov = seen.measurements, seen.prior.mean, seen.prior.cov
     sampled = motion(q).sampled(scenario.T)

@@ -4,7 +4,7 @@ from importlib import import_module
 
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import data, make, numbers, ours, shipped, steps
 
 RUNS, N = 200, 10
 FEW, FEWER = 10, 2  # runs that an entrant with a loop over runs is timed on
@@ -12,7 +12,7 @@ FEW, FEWER = 10, 2  # runs that an entrant with a loop over runs is timed on
 
 def workloads() -> list[Workload]:
     """Against the same code one run at a time, and a filterpy UKF per particle."""
-    scenario, tracker = make("scenarios", "merwe"), make("filters", "upf", N=N)
+    scenario, tracker = shipped("merwe"), make("filters", "upf", N=N)
     seen = data(scenario, RUNS)
     T = steps(scenario)
     work = Workload(
@@ -32,7 +32,7 @@ def workloads() -> list[Workload]:
     def filterpy() -> Entrant:
         peer = import_module("benchmarks.peers.filterpy_")
         few = seen.measurements[..., :FEWER]
-        return timed(lambda: peer.merwe_upf(scenario, few, N), float(FEWER * N * T))
+        return timed(lambda: peer.merwe_upf(numbers(scenario), few, N), float(FEWER * N * T))
 
     work.add("filterpy, a UKF per particle", filterpy)
     return [work]

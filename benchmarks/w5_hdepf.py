@@ -2,7 +2,7 @@
 
 from benchmarks.floors import floor
 from benchmarks.harness import Workload
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import data, make, ours, shipped, steps
 
 RUNS, N, G = 200, 10, 20
 FEW = 10
@@ -14,7 +14,7 @@ def workloads() -> list[Workload]:
     A generation needs four uniforms per particle (two partners, crossover, acceptance) and the
     exponential of the acceptance; a step needs a normal for the proposal.
     """
-    scenario, tracker = make("scenarios", "merwe"), make("filters", "hdepf", N=N, G=G)
+    scenario, tracker = shipped("merwe"), make("filters", "hdepf", N=N, G=G)
     T = steps(scenario)
     return [
         Workload(

@@ -5,7 +5,7 @@ from importlib import import_module
 import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Workload, timed
-from benchmarks.ours import data, make, ours, steps
+from benchmarks.ours import data, make, ours, shipped, steps
 from benchmarks.w3_kalman import motion
 
 RUNS, FEW = 50, 2
@@ -15,7 +15,7 @@ STAY = ((0.98, 0.02), (0.02, 0.98))
 
 def workloads() -> list[Workload]:
     """Against filterpy's IMM of the same two motions."""
-    scenario = make("scenarios", "maneuver")
+    scenario = shipped("maneuver")
     motions = tuple(motion(density) for density in DENSITIES)
     tracker = make("filters", "imm", motions=motions, transition=STAY)
     seen, T = data(scenario, RUNS), steps(scenario)

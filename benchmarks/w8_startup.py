@@ -11,7 +11,9 @@ EVERY_CORE = True
 TINY = """name: tiny
 seed: 1
 runs: 10
-scenario: {kind: merwe}
+scenario:
+  {kind: tracking, first: 1, last: 50, target: {kind: driven, motion: sine-gamma},
+   sensor: square-then-line, start: known}
 filters:
   PF: {kind: pf, N: 10}
 """

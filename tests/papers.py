@@ -96,9 +96,11 @@ def _banana(
     scans: int = 100,
     rmse_window: tuple[int, int] | None = None,
     lost_sigmas: float | None = 10.0,
+    until: Sequence[int] = (),
     **keys: Any,
 ) -> Mapping:
-    score: Mapping = {"lost_sigmas": lost_sigmas}
+    windows = [{"name": f"k<={k}", "last": k} for k in until]
+    score: Mapping = {"lost_sigmas": lost_sigmas, "windows": windows}
     if rmse_window is not None:
         score["steps"] = list(rmse_window)
     top: Mapping = {"last": scans, "score": score, "target": {}}

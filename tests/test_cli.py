@@ -76,7 +76,7 @@ def test_resolved_config_has_every_key(hdepf: Path) -> None:
     config = yaml.safe_load((hdepf / "config.yaml").read_text())
     assert config["runs"] == 20
     assert config["filters"]["HDEPF"]["fitness"] == "log"
-    assert config["scenario"]["gamma_rate"] == 2.0
+    assert config["scenario"]["target"]["motion"]["gamma_rate"] == 2.0
 
 
 def test_overrides_and_only(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_overrides_and_only(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())
     assert config["filters"]["PF"]["N"] == 33
-    assert config["scenario"]["R"] == 0.1
+    assert config["scenario"]["sensor"]["R"] == 0.1
     assert config["only"] == ["PF"]
     summary = pd.read_csv(tmp_path / "o" / "summary.csv")
     assert set(summary["filter"]) == {"PF", "Exact"}  # the reference stays

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args, get_type_hints
 
 from trackbench.keys import part_group
-from trackbench.models.assumed import Assume
 from trackbench.registry import GROUPS, Group, documentation, kinds
 
 
@@ -43,6 +42,8 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     rows = list(_key_rows(cls, ""))
     if group == "filters":
+        from trackbench.models.assumed import Assume
+
         rows += _key_rows(Assume, "assume.")
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]

@@ -15,7 +15,7 @@ from trackbench.scenarios.merwe import Merwe
 from trackbench.core.arrays import Array
 
 
-def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:
+def merwe_pf(scenario: Any, z: Array, N: int) -> Array:
     """Bootstrap filter; z (1, T, M), estimates (1, T, M)."""
     rng = np.random.default_rng(1)
     out = np.empty_like(z)
@@ -98,7 +98,7 @@ def imm(
     return out
 
 
-def merwe_upf(scenario: Merwe, z: Array, N: int) -> Array:
+def merwe_upf(scenario: Any, z: Array, N: int) -> Array:
     """Unscented particle filter, an `UnscentedKalmanFilter` per particle; z (1, T, M).
 
     The gamma noise enters the prediction by its mean and variance; the weight is likelihood times
@@ -135,7 +135,7 @@ def merwe_upf(scenario: Merwe, z: Array, N: int) -> Array:
     return out
 
 
-def _ukf(scenario: Merwe, variance: float) -> Any:
+def _ukf(scenario: Any, variance: float) -> Any:
     s = scenario
     ukf = UnscentedKalmanFilter(
         dim_x=1,

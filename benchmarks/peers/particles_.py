@@ -1,5 +1,7 @@
 """The package `particles`: a state-space model class, `Bootstrap`, `SMC`."""
 
+from typing import Any
+
 import numpy as np
 import particles
 from particles import distributions as dists
@@ -29,7 +31,7 @@ class MerweModel(ssm.StateSpaceModel):
         return dists.Normal(loc=h, scale=np.sqrt(s.R))
 
 
-def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:
+def merwe_pf(scenario: Any, z: Array, N: int) -> Array:
     """Bootstrap filter, one `SMC` per run; z (1, T, M), estimates (1, T, M)."""
     out = np.empty_like(z)
     model = MerweModel(scenario=scenario)

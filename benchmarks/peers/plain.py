@@ -1,12 +1,14 @@
 """What one writes first: numpy, a loop over runs and a loop over steps."""
 
+from typing import Any
+
 import numpy as np
 from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
 
 
-def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:
+def merwe_pf(scenario: Any, z: Array, N: int) -> Array:
     """Bootstrap filter; z (1, T, M), estimates (1, T, M)."""
     rng = np.random.default_rng(1)
     out = np.empty_like(z)

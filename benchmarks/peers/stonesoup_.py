@@ -36,7 +36,7 @@ def _second(k: float) -> datetime:
 
 
 class MerweTransition(TransitionModel):
-    scenario: Merwe = Property()
+    scenario: Any = Property()
 
     @property
     def ndim_state(self) -> int:
@@ -59,7 +59,7 @@ class MerweTransition(TransitionModel):
 
 
 class MerweMeasurement(NonLinearGaussianMeasurement):
-    scenario: Merwe = Property()
+    scenario: Any = Property()
 
     @property
     def ndim_meas(self) -> int:
@@ -91,7 +91,7 @@ def _particle_filter(
     return out
 
 
-def merwe_pf(scenario: Merwe, z: Array, N: int) -> Array:
+def merwe_pf(scenario: Any, z: Array, N: int) -> Array:
     """Bootstrap filter; z (1, T, M), estimates (1, T, M) from the resampled cloud."""
     sensor = MerweMeasurement(
         ndim_state=1,

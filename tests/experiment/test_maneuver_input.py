@@ -127,7 +127,7 @@ CASES = [
     ),
     (
         "{kind: position, sigma: 100}",
-        "{kind: bearing, sigma_azimuth_mrad: 5}",
+        "{kind: bearing, sigma_mrad: 5}",
         "7:10: scenario.start: no sensor here tells a position in one scan",
     ),
     (

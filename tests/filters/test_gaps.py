@@ -16,7 +16,7 @@ BRED = {"pfde", "hdepf"}
 KINDS = [
     k
     for k, cls in kinds("filters").items()
-    if all(has(SCENARIO.model, need) for need in getattr(cls, "needs", ()))
+    if all(has(SCENARIO, need) for need in getattr(cls, "needs", ()))
 ]
 
 

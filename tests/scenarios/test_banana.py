@@ -166,5 +166,3 @@ def test_a_window_of_earlier_scans_is_what_fewer_scans_give() -> None:
     np.testing.assert_array_equal(
         per_run(more, make_filter("mcaekf"), 8, "rmse_position[k<=30]"), fewer
     )
-    with pytest.raises(ValueError, match="until"):
-        banana(scans=50, until=(60,))

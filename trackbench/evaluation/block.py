@@ -195,7 +195,8 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     scenario, tracker, n = task.scenario, task.filter, len(data.truth)
     model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
     prior = data.prior
-    if len(model.motion.components) > n:
+    every = len(model.motion.components)
+    if every > n:
         prior = frozen(extended(prior, extra_std(model.motion)))
     note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))
@@ -210,16 +211,16 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
                 state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
             noted.append(checked_numbers("diagnostic", note(state), task.width))
-        found = _own_part(found, n)
+        found = _own_part(found, every, n)
         check_estimate(found, n, task.width)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
         consistency.add(mean[:, i], found.cov, data.truth[:, i])
         others.append(observed(scenario, tracker, state, data.truth[:, i]))
         if covariances:
-            every = np.broadcast_to(
+            each = np.broadcast_to(
                 with_trailing(found.cov, 1, leading=2), (*found.cov.shape[:2], task.width)
             )
-            cov.append(every[..., :covariances].copy())
+            cov.append(each[..., :covariances].copy())
     kept = np.stack(cov, axis=2) if cov else None
     errors = consistency.series()
     if not data.prior.cov.any():
@@ -231,9 +232,9 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     return Estimates(mean, nees, kept, notes, clock.cpu_s)
 
 
-def _own_part(found: Gaussian, n: int) -> Gaussian:
-    """The truth's components of an estimate: the first n of what the filter has beside them."""
-    if np.ndim(found.mean) != 2 or len(found.mean) <= n:
+def _own_part(found: Gaussian, every: int, n: int) -> Gaussian:
+    """The truth's components of an estimate: the first n of ``every`` one of the model."""
+    if np.ndim(found.mean) != 2 or len(found.mean) != every:
         return found
     return Gaussian(found.mean[:n], found.cov[:n, :n])
 

@@ -44,6 +44,7 @@ class AlphaBeta:
     growing: bool = True
     """whether the start uses least-squares gains"""
     needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    excused: ClassVar[dict[str, str]] = {"kalman": "its gains are fixed"}
 
     def __post_init__(self) -> None:
         if (self.alpha is None) != (self.beta is None):

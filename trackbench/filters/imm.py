@@ -50,6 +50,7 @@ class IMM:
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; of a linear model ekf is the
     Kalman filter"""
     needs: ClassVar[tuple[str, ...]] = ("motion.T",)
+    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
 
     def __post_init__(self) -> None:
         r = len(self.motions)

@@ -44,6 +44,7 @@ class VDF:
     Ta: Positive = 9.49
     """threshold of that sum"""
     needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
     counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     def __post_init__(self) -> None:
@@ -116,6 +117,7 @@ class InputEstimation:
     min_window_s: NonNegative = 15.0
     """an onset nearer than this is waited for, s"""
     needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
     counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     @property
