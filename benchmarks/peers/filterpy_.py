@@ -10,7 +10,6 @@ from filterpy.kalman import (
     UnscentedKalmanFilter,
 )
 from filterpy.monte_carlo import systematic_resample
-from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
 

@@ -7,7 +7,6 @@ import particles
 from particles import distributions as dists
 from particles import state_space_models as ssm
 from particles.collectors import Moments
-from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
 

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
 

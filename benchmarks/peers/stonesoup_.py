@@ -24,7 +24,6 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState, ParticleState
 from stonesoup.updater.kalman import KalmanUpdater
 from stonesoup.updater.particle import ParticleUpdater
-from trackbench.scenarios.merwe import Merwe
 
 from trackbench.core.arrays import Array
 
