@@ -85,6 +85,7 @@ class AlphaBeta:
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)
         missing = np.isnan(nu).any(axis=0)
+        nu = np.where(missing, np.nan, nu)  # half a measurement is none to fixed gains
         n = np.asarray(state.n + (~missing if missing.any() else 1))
         posterior = kalman.corrected(predicted, nu, self.gain(n, own.T, sensor.sigma), H, sensor.R)
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
