@@ -47,8 +47,14 @@ def start(config: Path, *words: str, **keys: object) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=_heed_ctrl_c,
         **keys,
     )
+
+
+def _heed_ctrl_c() -> None:
+    """A shell's background job, as a suite may be, hands on that Ctrl-C is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def finish(config: Path, *words: str) -> "tuple[int, str]":
