@@ -17,7 +17,7 @@ from trackbench.registry import register
 @register("sensors", "bearing")
 @dataclass(frozen=True, kw_only=True)
 class Bearing(Looking):
-    """``a = atan2(py, px) + w_a``: the range shows only as target or sensor move."""
+    """Direction alone, ``a = atan2(py, px) + w_a``: the range shows as target or sensor move."""
 
     sigma_mrad: Positive
     """standard deviation of the bearing, mrad"""

@@ -101,7 +101,10 @@ class Radar(Looking):
 @register("sensors", "range-azimuth")
 @dataclass(frozen=True, kw_only=True)
 class RangeAzimuth(Radar):
-    """``r = sqrt(px^2 + py^2) + w_r``, ``a = atan2(py, px) + w_a`` (banana paper, eqs. 7-8)."""
+    """Radar of range and azimuth, each with an independent error (banana paper, eqs. 7-8).
+
+    ``r = sqrt(px^2 + py^2) + w_r``, ``a = atan2(py, px) + w_a``.
+    """
 
     components: ClassVar[tuple[str, ...]] = ("range", "azimuth")
 
