@@ -78,11 +78,11 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
     unknown = np.isnan(nu)
     if not unknown.any():
         S, K = gain(predicted.cov, H, R)
-        return corrected(predicted, nu, K, H, R), Innovation(nu, S)
+        return _with_gain(predicted, nu, K, H, R), Innovation(nu, S)
     missing = unknown & np.isfinite(predicted.mean).all(axis=0)
     H, R = measured(H, R, missing)
     S, K = gain(predicted.cov, H, R)
-    posterior = corrected(predicted, np.where(missing, 0.0, nu), K, H, R)
+    posterior = _with_gain(predicted, np.where(missing, 0.0, nu), K, H, R)
     return posterior, Innovation(nu, S)
 
 
@@ -109,6 +109,10 @@ def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> G
         missing = unknown.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
+    return _with_gain(predicted, nu, K, H, R)
+
+
+def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
     mean = predicted.mean + linalg.matvec(K, nu)
     return Gaussian(mean, _joseph(predicted.cov, K, H, R))
 

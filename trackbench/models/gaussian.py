@@ -3,7 +3,7 @@
 The same steps serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -29,13 +29,15 @@ class Assumed(NamedTuple):
     def transition(self, model: Model, x: Array, k: int) -> Gaussian:
         """Mean and covariance of x_k given x_{k-1} = x."""
         exact = model.motion.transition(x, k)
+        if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
+            return exact
         mean = exact.mean if self.noise_mean else exact.loc
         return Gaussian(mean, _either(self.Q, exact.cov))
 
     def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
         """Mean and covariance of z_k given x_k = x."""
         exact = model.sensor.measurement(x, k)
-        return Gaussian(exact.mean, _either(self.R, exact.cov))
+        return exact if self.R is None else Gaussian(exact.mean, _either(self.R, exact.cov))
 
 
 def _either(variance: float | None, cov: Array) -> Array:
@@ -44,20 +46,22 @@ def _either(variance: float | None, cov: Array) -> Array:
 
 def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed) -> Gaussian:
     """The prediction of x_k, the motion linearised at the mean."""
-    assert isinstance(model.motion, DifferentiableMotion)
+    motion = cast(
+        DifferentiableMotion, model.motion
+    )  # to ask its Protocol takes as long as the step
     moved = assumed.transition(model, state.mean, k)
-    return kalman.predict(state, model.motion.jacobian(state.mean, k), moved.cov, moved.mean)
+    return kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
 
 
 def extended_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
 ) -> tuple[Gaussian, Innovation]:
     """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
-    assert isinstance(model.sensor, DifferentiableSensor)
+    sensor = cast(DifferentiableSensor, model.sensor)
     predicted = extended_prediction(model, state, k, assumed)
     seen = assumed.measurement(model, predicted.mean, k)
-    nu = model.sensor.innovation(with_trailing(z, seen.mean.ndim - 1), seen.mean)
-    return kalman.update(predicted, nu, model.sensor.jacobian(predicted.mean, k), seen.cov)
+    nu = sensor.innovation(with_trailing(z, seen.mean.ndim - 1), seen.mean)
+    return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), seen.cov)
 
 
 def augmented_size(model: Model) -> int:

@@ -17,7 +17,7 @@ from trackbench.registry import register
 class LinearSensor(Measuring):
     """``z = H x + N(0, R)`` for some of the state's components."""
 
-    places: ClassVar[tuple[int, ...]]
+    places: ClassVar[slice]
     """where the measured components stand in the state"""
 
     @property
@@ -27,11 +27,11 @@ class LinearSensor(Measuring):
 
     def H(self, n: int = 4) -> Array:
         """Measurement matrix (n_z, n) for a state of n components."""
-        return _selection(self.places, n)
+        return _selection(self.places.start, self.places.stop, self.places.step, n)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N(H x, R) for x (n, *batch)."""
-        return Gaussian(x[list(self.places)], self.R)
+        return Gaussian(x[self.places], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """H (n_z, n)."""
@@ -50,7 +50,7 @@ class Positions(LinearSensor):
     @cached_property
     def R(self) -> Array:
         """Noise covariance (axes, axes), m^2."""
-        return fixed(self.sigma * self.sigma * np.eye(len(self.places)))
+        return fixed(self.sigma * self.sigma * np.eye(self.axes))
 
     def located(self, z: Array, k: int) -> Gaussian:
         """The position that a measurement gives: itself."""
@@ -58,10 +58,8 @@ class Positions(LinearSensor):
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Signed errors (1, *batch) along each axis."""
-        return {
-            name: (mean - truth)[i : i + 1]
-            for name, i in zip(self.components, self.places, strict=True)
-        }
+        e = (mean - truth)[self.places]
+        return {name: e[i : i + 1] for i, name in enumerate(self.components)}
 
 
 @register("sensors", "position")
@@ -70,7 +68,7 @@ class PositionSensor(Positions):
     """Both positions of a planar target, each with an independent error."""
 
     components: ClassVar[tuple[str, ...]] = ("x", "y")
-    places: ClassVar[tuple[int, ...]] = (0, 2)
+    places: ClassVar[slice] = slice(0, 4, 2)
     axes: ClassVar[int] = 2
 
     @property
@@ -85,7 +83,7 @@ class PositionInSpace(Positions):
     """The three positions of a target in space, each with an independent error."""
 
     components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    places: ClassVar[tuple[int, ...]] = (0, 2, 4)
+    places: ClassVar[slice] = slice(0, 6, 2)
     axes: ClassVar[int] = 3
 
 
@@ -100,7 +98,7 @@ class PositionVelocity(LinearSensor):
     """standard deviation of the velocity along each axis, m/s"""
 
     components: ClassVar[tuple[str, ...]] = ("x", "vx", "y", "vy")
-    places: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
+    places: ClassVar[slice] = slice(0, 4, 1)
     axes: ClassVar[int] = 2
 
     @cached_property
@@ -127,7 +125,7 @@ class ScalarSensor(LinearSensor):
     """standard deviation"""
 
     components: ClassVar[tuple[str, ...]] = ("z",)
-    places: ClassVar[tuple[int, ...]] = (0,)
+    places: ClassVar[slice] = slice(0, 1, 1)
 
     @cached_property
     def R(self) -> Array:
@@ -136,5 +134,5 @@ class ScalarSensor(LinearSensor):
 
 
 @cache
-def _selection(places: tuple[int, ...], n: int) -> Array:
-    return fixed(np.eye(n)[list(places)])
+def _selection(start: int, stop: int, step: int, n: int) -> Array:
+    return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))
