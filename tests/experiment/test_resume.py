@@ -47,8 +47,7 @@ def start(config: Path, *words: str, **keys: object) -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=_heed_ctrl_c,
-        **keys,
+        **{"preexec_fn": _heed_ctrl_c, **keys},
     )
 
 
