@@ -6,7 +6,7 @@ A listing reads docstrings and imports nothing of what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, cast, get_args
 
 from trackbench.keys import part_group
 from trackbench.registry import GROUPS, Group, documentation, kinds
@@ -70,10 +70,10 @@ def _component_rows(cls: type[Any]) -> Iterator[str]:
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Key, default and text of each field; those of a mapping follow it, indented by their path."""
-    from trackbench.experiment.validate import adapter, help_texts
+    from trackbench.experiment.validate import adapter, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
-    hints = get_type_hints(cls, include_extras=True)
+    hints = hints_of(cls)
     for field in dataclasses.fields(cls):
         choices = schema["properties"][field.name].get("enum")
         text = texts.get(field.name, "")

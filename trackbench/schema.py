@@ -1,9 +1,9 @@
 """The JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
 
-from typing import Any, get_type_hints
+from typing import Any
 
 from trackbench.experiment.definition import Settings
-from trackbench.experiment.validate import described, help_texts
+from trackbench.experiment.validate import described, help_texts, hints_of
 from trackbench.keys import part_group
 from trackbench.models.assumed import Assume
 from trackbench.registry import Group, kinds
@@ -79,7 +79,7 @@ def _assume() -> dict[str, Any]:
 
 
 def _refer_to_parts(cls: type[Any], properties: dict[str, Any]) -> None:
-    for key, hint in get_type_hints(cls, include_extras=True).items():
+    for key, hint in hints_of(cls).items():
         group = part_group(hint)
         if group is not None:
             word = {"type": "string", "description": "a kind, with all keys at their defaults"}

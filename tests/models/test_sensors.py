@@ -143,6 +143,20 @@ def test_a_missing_component_counts_for_nothing() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
+def test_half_a_scan_weighs_particles_by_the_other_half() -> None:
+    """A radar tells a cloud's residuals its own way: a range without an azimuth, and the reverse."""
+    radar = RangeAzimuth(sigma_range=10.0, sigma_azimuth_mrad=5.0)
+    cloud = np.random.default_rng(1).normal(0.0, 20.0, (4, 3, 6))
+    cloud[[0, 2]] += np.array([3000.0, 2000.0])[:, None, None]
+    z = np.array([[3600.0, np.nan, np.nan], [np.nan, 0.58, np.nan]])
+    r, a = radar.polar(cloud)
+    sigma = radar.sigma_range, radar.sigma_azimuth
+    expected = np.zeros((3, 6))
+    for run, (off, s) in enumerate(((3600.0 - r[0], sigma[0]), (0.58 - a[1], sigma[1]))):
+        expected[run] = -0.5 * np.square(off / s) - np.log(s * np.sqrt(2.0 * np.pi))
+    np.testing.assert_allclose(log_likelihood(radar, z, cloud, 0), expected, rtol=1e-9)
+
+
 def test_every_kind_is_tried_here() -> None:
     tried = {type(s) for s in SENSORS}
     scalar = {"scalar", "square-then-line"}

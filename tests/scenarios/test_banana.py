@@ -44,12 +44,12 @@ filters:
         (
             "lost_sigmas: 10",
             "steps: [90, 80]",
-            "4:81: scenario.score.steps: no step of 2 to 100 is scored",
+            "4:81: scenario.score.steps: [90, 80] is not within steps 2 to 100",
         ),
         (
             "lost_sigmas: 10",
             "steps: [101, null]",
-            "4:81: scenario.score.steps: no step of 2 to 100 is scored",
+            "4:81: scenario.score.steps: [101, 100] is not within steps 2 to 100",
         ),
         (
             "lost_sigmas: 10",

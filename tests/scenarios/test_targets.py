@@ -236,7 +236,8 @@ def test_no_bound(changes: dict[str, Any], why: str) -> None:
         ({"start": GaussianStart(sigma=(1.0,))}, "1 numbers for px, vx, py, vy"),
         ({"target": SPACE}, "the sensor sees 2 axes of a target in 3"),
         ({"last": 1}, "leaves no step to measure"),
-        ({"score": Score(steps=(9, None))}, "no step of 1 to 5 is scored"),
+        ({"score": Score(steps=(9, None))}, r"\[9, 5\] is not within steps 1 to 5"),
+        ({"score": Score(steps=(2, 6))}, r"\[2, 6\] is not within steps 1 to 5"),
     ],
 )
 def test_what_does_not_fit(changes: dict[str, Any], what: str) -> None:

@@ -47,8 +47,7 @@ class Innovation(NamedTuple):
         missing = np.isnan(self.nu)
         if not missing.any():
             return zero_mean_log_prob(self.nu, self.S)
-        value = zero_mean_log_prob(np.where(missing, 0.0, self.nu), self.S)
-        value += 0.5 * LOG_2PI * missing.sum(axis=0)
+        value = log_prob_of_measured(self.nu, self.S, missing)
         return np.where(missing.all(axis=0), np.nan, value)
 
 
@@ -89,17 +88,31 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian
 def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
     """H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
 
-    A missing component has a variance of one, whatever its unit: nothing comes of it. Matrices that are
-    alike in all runs stay one matrix.
+    Matrices that are alike in all runs stay one matrix.
     """
     pattern = missing.reshape(len(missing), -1)
     if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
         missing = pattern[:, 0]
+    H = np.where(missing[:, None], 0.0, with_trailing(H, missing.ndim - 1, leading=2))
+    return H, cov_of_measured(R, missing)
+
+
+def cov_of_measured(R: Array, missing: Mask) -> Array:
+    """R without the rows and columns of what is missing (n_z, *batch).
+
+    A missing component has a variance of one, whatever its unit: nothing comes of it.
+    """
     batch = missing.ndim - 1
-    H = np.where(missing[:, None], 0.0, with_trailing(H, batch, leading=2))
     either = missing[:, None] | missing[None]
     eye = with_trailing(np.eye(len(missing)), batch, leading=2)
-    return H, np.where(either, eye, with_trailing(R, batch, leading=2))
+    return np.where(either, eye, with_trailing(R, batch, leading=2))
+
+
+def log_prob_of_measured(nu: Array, cov: Array, missing: Mask) -> Array:
+    """log N(nu; 0, cov) (*batch) without what is missing (n_z, *batch), of which cov is as above."""
+    value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov)
+    value += 0.5 * LOG_2PI * missing.sum(axis=0)
+    return value
 
 
 def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:

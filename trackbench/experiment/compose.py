@@ -57,10 +57,12 @@ def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
             data[key] = {}
             source.marks[keys[: depth + 1]] = mark
         data = data[key]
+    before = data.get(keys[-1]) if isinstance(data, dict) else data[keys[-1]]
     data[keys[-1]] = value
-    for marks in (source.marks, source.key_marks):  # of what it takes the place of
-        for old in [k for k in marks if k[: len(keys)] == keys]:
-            del marks[old]
+    if isinstance(before, dict | list):
+        for marks in (source.marks, source.key_marks):
+            for old in [k for k in marks if k[: len(keys)] == keys]:
+                del marks[old]
     _mark_all(source, keys, value, mark)
 
 

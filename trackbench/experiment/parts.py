@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
+from typing import Any, NamedTuple, TypeVar, cast, get_args
 
 from trackbench.experiment.compose import laid_over
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.source import Keys, Source, dotted
-from trackbench.experiment.validate import at, build, file_keys, unknown
+from trackbench.experiment.validate import at, build, file_keys, hints_of, unknown
 from trackbench.keys import part_group
 from trackbench.registry import Group, kinds
 
@@ -74,7 +74,7 @@ class _Inner(NamedTuple):
 
     def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
         """The mapping of a dataclass with its parts, and those of mappings in it, made."""
-        hints, out = get_type_hints(cls, include_extras=True), dict(data)
+        hints, out = hints_of(cls), dict(data)
         for key in hints.keys() & data.keys():
             out[key] = self._made(hints[key], data[key], (*keys, key))
         return out

@@ -49,15 +49,24 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
     return texts
 
 
+def hints_of(cls: type[Any]) -> dict[str, Any]:
+    """The types of a dataclass's keys, with what they are annotated with."""
+    return _hints(cast(Any, cls))
+
+
 def file_keys(cls: type[Any]) -> frozenset[str]:
     """Keys of a dataclass that are paths of data files."""
-    hints = get_type_hints(cls, include_extras=True)
-    return frozenset(name for name, hint in hints.items() if _is_file(hint))
+    return frozenset(name for name, hint in hints_of(cls).items() if _is_file(hint))
 
 
 def _is_file(hint: Any) -> bool:
     options = (hint, *get_args(hint))
     return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+
+
+@cache
+def _hints(cls: Any) -> dict[str, Any]:
+    return get_type_hints(cls, include_extras=True)
 
 
 @cache

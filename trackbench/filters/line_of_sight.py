@@ -101,8 +101,9 @@ class LineOfSight(ParticleFilter):
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
         senses = senses_of(frame)
         resampled, log_w = self._shared_out(frame, senses, noise, size)
-        modes = [Mode(None, np.ones(len(frame.w)), frame.moments().cov)]
-        if senses is not None:
+        if senses is None:
+            modes = [Mode(None, np.ones(len(frame.w)), frame.moments().cov)]
+        else:
             modes = senses.modes(resampled.x)
         new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(middle, new)

@@ -12,7 +12,7 @@ import numpy as np
 
 from trackbench.core import kalman
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import LOG_2PI, Distribution, Gaussian, zero_mean_log_prob
+from trackbench.core.distributions import Distribution, Gaussian, zero_mean_log_prob
 
 AXES = ("x", "y", "z")
 
@@ -64,7 +64,6 @@ class Sensor(Protocol):
         """``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
 
 
-@runtime_checkable
 class DifferentiableMotion(SampledMotion, Protocol):
     """A motion with a Jacobian, which extended Kalman filters need."""
 
@@ -72,7 +71,6 @@ class DifferentiableMotion(SampledMotion, Protocol):
         """d E[x_k] / d x_{k-1} at x (n_x, *batch); (n_x, n_x[, *batch])."""
 
 
-@runtime_checkable
 class DifferentiableSensor(Sensor, Protocol):
     """A sensor with a Jacobian, which extended Kalman filters need."""
 
@@ -115,7 +113,5 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     missing = np.isnan(with_trailing(z, nu.ndim - 1))
     if not missing.any():
         return zero_mean_log_prob(nu, R)
-    _, R = kalman.measured(np.zeros((len(nu), 0)), R, missing)
-    value = zero_mean_log_prob(np.where(missing, 0.0, nu), R)
-    value += 0.5 * LOG_2PI * missing.sum(axis=0)
+    value = kalman.log_prob_of_measured(nu, kalman.cov_of_measured(R, missing), missing)
     return np.where(missing.all(axis=0), 0.0, value)

@@ -64,12 +64,12 @@ class Extended:
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """States (n + m, M, *trailing)."""
-        return self._with_rest(self.scans.sample(rng, *trailing), rng)
+        return with_rest(self.scans.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """States (n + m, M, N) that cover the tails of the scans, and their log-weights (M, N)."""
         x, log_w = covering(self.scans, rng, N)
-        return self._with_rest(x, rng), log_w
+        return with_rest(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
         """Log-density at x (n + m, M[, N])."""
@@ -77,6 +77,10 @@ class Extended:
         rest = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
         return self.scans.log_prob(x[:n]) + rest
 
-    def _with_rest(self, x: Array, rng: Streams) -> Array:
-        noise = rng.standard_normal((len(self.std), *x.shape[1:]))
-        return np.concatenate([x, with_trailing(np.array(self.std), noise.ndim - 1) * noise])
+
+def with_rest(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    """States (n, *batch) with a draw from N(0, s^2) more for each s of ``std``."""
+    if not std:
+        return x
+    noise = rng.standard_normal((len(std), *x.shape[1:]))
+    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])

@@ -46,9 +46,8 @@ def _either(variance: float | None, cov: Array) -> Array:
 
 def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed) -> Gaussian:
     """The prediction of x_k, the motion linearised at the mean."""
-    motion = cast(
-        DifferentiableMotion, model.motion
-    )  # to ask its Protocol takes as long as the step
+    # Cast, since to ask a Protocol at every step takes as long as the step.
+    motion = cast(DifferentiableMotion, model.motion)
     moved = assumed.transition(model, state.mean, k)
     return kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
 

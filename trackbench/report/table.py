@@ -73,9 +73,9 @@ class Table:
             row = [Text(key) for key in keys]
             row += [Text(self.text(c), c.estimate.value) for c in cells]
             if lost:
-                most = max(cells, key=lambda c: c.lost)
-                losses = in_words(most.lost, most.lost + most.runs, what="")
-                row.append(Text(losses, most.lost))
+                most = max(cells, key=lambda c: (c.lost, c.runs))
+                runs = most.lost + most.runs  # a bound has none
+                row.append(Text(in_words(most.lost, runs, what="") if runs else "–", most.lost))
             table.rows.append(row)
         return table
 

@@ -45,9 +45,13 @@ class Score:
             raise ValueError("give one of lost_beyond and lost_sigmas")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
-        """Raise MistakenKeyError if no step is scored, or there is nothing to measure."""
-        if not self.scored(steps).any():
-            what = f"no step of {steps[0]} to {steps[-1]} is scored"
+        """Raise MistakenKeyError if steps are scored that there are not, or parts of a scalar."""
+        first, last = (
+            there if asked is None else asked
+            for asked, there in zip(self.steps, (steps[0], steps[-1]), strict=True)
+        )
+        if not max(first, steps[0]) <= last <= steps[-1]:
+            what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
             raise MistakenKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
             raise MistakenKeyError("a scalar has no such parts", "score", "marginals")

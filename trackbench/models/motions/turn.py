@@ -86,16 +86,7 @@ class Turning:
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """N(f(x), Q) for x (5, *batch)."""
-        px, vx, py, vy, w = x
-        along, across, c, s = arc(w, self.T)
-        moved = [
-            px + along * vx - across * vy,
-            c * vx - s * vy,
-            py + across * vx + along * vy,
-            s * vx + c * vy,
-            w,
-        ]
-        return Gaussian(np.stack(moved), self.Q)
+        return Gaussian(np.stack([*turned(x[:4], x[4], self.T), x[4]]), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """df/dx (5, 5, *batch)."""
@@ -118,6 +109,18 @@ class Turning:
         F[2, 4] = d_across * vx + d_along * vy
         F[3, 4] = T * (c * vx - s * vy)
         return F
+
+
+def turned(x: Array, w: Array, T: Array | float) -> list[Array]:
+    """(px, vx, py, vy) of planar states x (4, *batch) after T seconds at w rad/s (eq. 11.7.1-4)."""
+    px, vx, py, vy = x
+    along, across, c, s = arc(w, T)
+    return [
+        px + along * vx - across * vy,
+        c * vx - s * vy,
+        py + across * vx + along * vy,
+        s * vx + c * vy,
+    ]
 
 
 def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:

@@ -124,7 +124,8 @@ class RangeAzimuth(Radar):
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
         """``innovation(z, polar(x))`` of each particle of a cloud, and R."""
         nu = np.empty((2, *x.shape[1:]))
-        r, across, along = seen_along(z[1], *self.seen_from_here(x, k))
+        azimuth = np.where(np.isnan(z[1]), 0.0, z[1])  # the range is theirs along any line
+        r, across, along = seen_along(azimuth, *self.seen_from_here(x, k))
         np.subtract(z[0][:, None], r, out=nu[0])
         np.negative(arctan2(across, along), out=nu[1])
         return Gaussian(nu, self.R)

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
 from trackbench.core.streams import Streams
 from trackbench.keys import Finite, PartOf, Positive
 from trackbench.models.base import Motion, extra_std
+from trackbench.models.extended import with_rest
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several
@@ -107,7 +108,7 @@ class Driven(Target):
         """Transition and measurement drawn step by step; what a target has beside ``start`` is drawn."""
         motion = self.motion.sampled(timeline.T, self.axes)
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
-        truth = [_with_rest(start, extra_std(motion), rng)]
+        truth = [with_rest(start, extra_std(motion), rng)]
         seen = []
         for i, k in enumerate(timeline.steps.tolist()):
             if i > 0:
@@ -116,10 +117,3 @@ class Driven(Target):
                 noise = rng.standard_normal(noise_of_one)
                 seen.append(sensor.observed(truth[-1], k, noise, rng, certain=i < scans))
         return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(seen, axis=1))
-
-
-def _with_rest(start: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    if not std:
-        return start
-    noise = rng.standard_normal((len(std), *start.shape[1:]))
-    return np.concatenate([start, with_trailing(np.array(std), 1) * noise])

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean
 from trackbench.keys import Finite, MistakenKeyError, NonNegative, Positive
-from trackbench.models.motions.turn import arc
+from trackbench.models.motions.turn import turned
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Launch, Scored, Timeline
 from trackbench.scenarios.targets.flown import Flown
@@ -186,15 +186,8 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
     """States (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
-    t, w = times - leg.start, np.deg2rad(leg.turn_rate_deg_s)
-    along, across, c, s = arc(np.full_like(t, w), t)
-    px, vx, py, vy = start[:4]
-    planar = [
-        px + along * vx - across * vy,
-        c * vx - s * vy,
-        py + across * vx + along * vy,
-        s * vx + c * vy,
-    ]
+    t = times - leg.start
+    planar = turned(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
     rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
     return np.stack(planar + rest)
 

@@ -1,0 +1,34 @@
+"""The scalar kinds that no paper has: a first-order process seen with noise, by a Kalman filter."""
+
+import numpy as np
+
+from tests.conftest import track
+from trackbench.evaluation.block import simulate
+from trackbench.filters.kalman import KF
+from trackbench.models.motions.scalar import Autoregressive
+from trackbench.models.sensors.position import ScalarSensor
+from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.tracking import Tracking
+
+SCENARIO = Tracking(
+    target=Driven(motion=Autoregressive(phi=0.9, q=0.5), launch=Launch(x=2.0)),
+    sensor=ScalarSensor(sigma=0.7),
+    start=GaussianStart(sigma=(1.5,)),
+    last=30,
+)
+
+
+def test_kalman_filter() -> None:
+    runs = 2000
+    found, data = track(SCENARIO, KF(), runs), simulate(SCENARIO, 1, 0, runs)
+    mean, P = np.full(runs, 2.0), 1.5**2
+    for k, z in enumerate(data.measurements[0], 1):
+        mean, P = 0.9 * mean, 0.81 * P + 0.5
+        K = P / (P + 0.49)
+        mean, P = mean + K * (z - mean), (1.0 - K) * P
+        np.testing.assert_allclose(found.mean[0, k], mean, rtol=1e-11, atol=1e-12)
+    error = found.mean[0] - data.truth[0]
+    assert abs(np.square(error[-1]).mean() / P - 1.0) < 4.5 * np.sqrt(2.0 / runs)
+    np.testing.assert_allclose(SCENARIO.bounds()[""][-1], np.sqrt(P), rtol=1e-10)
