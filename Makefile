@@ -54,7 +54,7 @@ check-machines: $(VENV)/.dev
 
 # What git keeps of the large files: the commands read them packed as well.
 pack-results: $(VENV)/.run
-	$(BIN)/python -m trackbench.experiment.packing results/*/
+	$(BIN)/python -m trackbench.experiment.storing.packing results/*/
 
 test: lint types unit
 

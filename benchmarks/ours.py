@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, BlockTask, run_block, simulate
-from trackbench.experiment.plan import block_width, particle_count
+from trackbench.experiment.planning.plan import block_width, particle_count
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
 
@@ -31,8 +31,8 @@ def shipped(name: str, **keys: Any) -> Any:
     """A scenario of experiments/scenarios with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
-    from trackbench.experiment.parts import build_kind
-    from trackbench.experiment.source import read
+    from trackbench.experiment.reading.parts import build_kind
+    from trackbench.experiment.reading.source import read
 
     source, problems = read(SCENARIOS / f"{name}.yaml"), []
     source.data.update(keys)

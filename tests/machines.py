@@ -38,11 +38,11 @@ def digests(
     ``scans`` is the most that a scenario of scans has.
     """
     from trackbench import api
-    from trackbench.experiment.cache import BlockStore
-    from trackbench.experiment.engines import engine
-    from trackbench.experiment.plan import make_plan
-    from trackbench.experiment.runner import execute
-    from trackbench.experiment.store import write_results
+    from trackbench.experiment.computing.cache import BlockStore
+    from trackbench.experiment.computing.engines import engine
+    from trackbench.experiment.computing.runner import execute
+    from trackbench.experiment.planning.plan import make_plan
+    from trackbench.experiment.storing.store import write_results
 
     found = {}
     for config in configs:

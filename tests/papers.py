@@ -10,10 +10,10 @@ from math import ceil, sqrt
 from typing import Any
 
 from tests.conftest import EXPERIMENTS
-from trackbench.experiment.compose import laid_over
-from trackbench.experiment.parts import build_kind
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.source import Source, read
+from trackbench.experiment.reading.compose import laid_over
+from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.source import Source, read
 from trackbench.models.assumed import Assume
 from trackbench.models.base import Motion
 from trackbench.scenarios.targets.base import Launch

@@ -15,8 +15,8 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.experiment.published import split
-from trackbench.experiment.source import scalar
+from trackbench.experiment.reading.published import split
+from trackbench.experiment.reading.source import scalar
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 

@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import EXPERIMENTS
 from tests.test_cli import trackbench
 from trackbench.contract import check_filter
-from trackbench.experiment.config import load
+from trackbench.experiment.reading.config import load
 from trackbench.filters.bootstrap import PF
 from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import Tracked

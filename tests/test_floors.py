@@ -38,6 +38,8 @@ FLOORS = {
     "__main__": 6,
 }
 
+STOREYS = ("reading", "planning", "computing", "storing")  # of the floor `experiment`
+
 
 def _imports(path: Path) -> set[str]:
     found = set()
@@ -59,6 +61,14 @@ def test_imports_go_down_only(path: Path) -> None:
     for other in _imports(path):
         assert FLOORS[other] <= FLOORS[room], f"{path} on floor {room} imports {other} above it"
         assert {room, other} != {"scenarios", "filters"}, f"{path}: filters and scenarios are apart"
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_within_the_experiment_as_well(storey: str) -> None:
+    above = STOREYS[STOREYS.index(storey) + 1 :]
+    for path in (PACKAGE / "experiment" / storey).glob("*.py"):
+        for higher in above:
+            assert f"trackbench.experiment.{higher}" not in path.read_text(), path
 
 
 def _name(path: Path) -> str:
@@ -114,7 +124,10 @@ def test_every_hook_of_the_design_is_explained() -> None:
             ["-m", "trackbench", "check", "experiments/hdepf.yaml"],
             {"scipy", "pandas", "matplotlib.pyplot"},
         ),
-        (["-c", "import trackbench.experiment.worker"], {"scipy", "pandas", "pydantic", "yaml"}),
+        (
+            ["-c", "import trackbench.experiment.computing.worker"],
+            {"scipy", "pandas", "pydantic", "yaml"},
+        ),
     ],
 )
 def test_nothing_heavy_is_imported_early(command: list[str], unwanted: set[str]) -> None:

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tests.machines import HERE, SETTINGS, under
-from trackbench.experiment import arithmetic
+from trackbench.experiment.planning import arithmetic
 
 SLICE = [f"experiments/{n}.yaml" for n in ("hdepf", "merwe2000", "banana-kf", "banana-pf")]
 ARGUMENTS = [
@@ -42,7 +42,7 @@ def test_own_arithmetic_is_that_of_every_machine() -> None:
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of x86 kernels")
 def test_numpys_arithmetic_is_told_apart() -> None:
     """Or there would be nothing to hold: another kernel of BLAS has other last bits."""
-    command = "from trackbench.experiment import arithmetic; print(arithmetic.numpys())"
+    command = "from trackbench.experiment.planning import arithmetic; print(arithmetic.numpys())"
     found = {
         subprocess.run(
             [sys.executable, "-c", command],

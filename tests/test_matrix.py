@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds
 
 CV, CA = {"kind": "cv", "q": 0.1}, {"kind": "ca", "q": 1e-3}

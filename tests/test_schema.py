@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 
 from tests.conftest import EXPERIMENTS
 from tests.test_cli import trackbench
-from trackbench.experiment.source import read
+from trackbench.experiment.reading.source import read
 from trackbench.registry import Group, kinds
 from trackbench.schema import schema
 

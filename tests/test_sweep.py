@@ -9,9 +9,9 @@ import pytest
 from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench import api
-from trackbench.experiment.axes import axis_values
-from trackbench.experiment.config import load
 from trackbench.experiment.problems import Mark, UserError
+from trackbench.experiment.reading.axes import axis_values
+from trackbench.experiment.reading.config import load
 
 CONFIG = """
 name: s

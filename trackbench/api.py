@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.files import touched
-from trackbench.experiment.outputs import seal
+from trackbench.experiment.storing.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
 from trackbench.report.opening import open_results, open_with_notes

@@ -26,7 +26,7 @@ def listing(groups: Sequence[str]) -> str:
 def description(kind: str) -> str:
     """A kind's documentation and its keys; raises UserError if there is none of that name."""
     from trackbench.experiment.problems import Mark, Problem, UserError
-    from trackbench.experiment.validate import unknown
+    from trackbench.experiment.reading.validate import unknown
 
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not found:
@@ -70,7 +70,7 @@ def _component_rows(cls: type[Any]) -> Iterator[str]:
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Key, default and text of each field; those of a mapping follow it, indented by their path."""
-    from trackbench.experiment.validate import adapter, help_texts, hints_of
+    from trackbench.experiment.reading.validate import adapter, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
     hints = hints_of(cls)

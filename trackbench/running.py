@@ -8,17 +8,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from trackbench.experiment import config as configurations
-from trackbench.experiment.cache import BlockStore, cache_folder
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.engines import Engine, cpu_count, engine
+from trackbench.experiment.computing.cache import BlockStore, cache_folder
+from trackbench.experiment.computing.engines import Engine, cpu_count, engine
+from trackbench.experiment.computing.runner import Outcome, execute
 from trackbench.experiment.files import touched
-from trackbench.experiment.lock import locked
-from trackbench.experiment.outputs import seal
-from trackbench.experiment.plan import Key, Plan, cautions, check_memory, describe, make_plan
+from trackbench.experiment.planning.plan import (
+    Key,
+    Plan,
+    cautions,
+    check_memory,
+    describe,
+    make_plan,
+)
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.experiment.runner import Outcome, execute
-from trackbench.experiment.store import Losses, write_results
+from trackbench.experiment.reading import config as configurations
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.storing.lock import locked
+from trackbench.experiment.storing.outputs import seal
+from trackbench.experiment.storing.store import Losses, write_results
 from trackbench.report.comparison import summary_lines
 from trackbench.report.page import write_report
 from trackbench.report.render import render

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from trackbench.experiment.definition import Settings
-from trackbench.experiment.validate import described, help_texts, hints_of
+from trackbench.experiment.reading.definition import Settings
+from trackbench.experiment.reading.validate import described, help_texts, hints_of
 from trackbench.keys import part_group
 from trackbench.models.assumed import Assume
 from trackbench.registry import Group, kinds

@@ -7,7 +7,8 @@ import pytest
 
 from tests.papers import merwe
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment import arithmetic, digest, worker
+from trackbench.experiment.computing import worker
+from trackbench.experiment.planning import arithmetic, digest
 from trackbench.filters.bootstrap import PF
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.papers import banana_text
-from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 from trackbench.models.motions.scalar import MerweMotion
 
 SCENARIO = (

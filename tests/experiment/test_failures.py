@@ -6,8 +6,8 @@ import pytest
 
 from tests.papers import merwe_text
 from tests.test_cli import trackbench
-from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 
 PLUGIN = """
 from dataclasses import dataclass, replace

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from tests.experiment.test_malformed import assert_refused, check
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.config import load
-from trackbench.experiment.outputs import remove_outputs
 from trackbench.experiment.problems import UserError, WriteError
-from trackbench.experiment.resolved import as_yaml
-from trackbench.experiment.source import parse
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.resolved import as_yaml
+from trackbench.experiment.reading.source import parse
+from trackbench.experiment.storing.outputs import remove_outputs
 from trackbench.verification import verify
 
 SCENARIO = merwe_text(T=3)

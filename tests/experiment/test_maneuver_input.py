@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.experiment.test_bad_input import mistakes
-from trackbench.experiment.config import load
-from trackbench.experiment.resolved import resolved
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.resolved import resolved
 
 GOOD = """name: x
 runs: 4

@@ -11,7 +11,7 @@ import pytest
 from tests.papers import banana, merwe, merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask, run_whole_block
-from trackbench.experiment.plan import _block_bytes, block_width
+from trackbench.experiment.planning.plan import _block_bytes, block_width
 from trackbench.registry import kinds
 
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}

@@ -6,10 +6,10 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.config import load
-from trackbench.experiment.engines import engine
+from trackbench.experiment.computing.engines import engine
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import UserError, WriteError
+from trackbench.experiment.reading.config import load
 from trackbench.verification import verify
 
 CONFIG = """

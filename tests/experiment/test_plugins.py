@@ -8,8 +8,8 @@ import pytest
 from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench import api
-from trackbench.experiment.config import load
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 
 PLUGIN = '''
 """A filter that believes the first measurement component."""

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENTS
-from trackbench.experiment.config import load
-from trackbench.experiment.grammar import EXPRESSION
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.published import read_published
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.grammar import EXPRESSION
+from trackbench.experiment.reading.published import read_published
 
 FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
 

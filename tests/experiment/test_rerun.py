@@ -9,10 +9,10 @@ import yaml
 from tests.conftest import EXPERIMENTS
 from tests.papers import maneuver_text, merwe_text
 from trackbench import api
-from trackbench.experiment.config import load
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.resolved import as_yaml, resolved
-from trackbench.experiment.source import parse
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.resolved import as_yaml, resolved
+from trackbench.experiment.reading.source import parse
 from trackbench.report.opening import open_results
 from trackbench.verification import verify
 

@@ -16,7 +16,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.engines import cpu_count
+from trackbench.experiment.computing.engines import cpu_count
 
 FILES = ("per_run.csv", "per_step.csv", "summary.csv")
 
@@ -243,7 +243,8 @@ def test_a_block_under_another_name_is_not_believed(tmp_path: Path) -> None:
 def test_another_version_of_the_code_computes_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trackbench.experiment import cache, digest
+    from trackbench.experiment.computing import cache
+    from trackbench.experiment.planning import digest
 
     config = small(tmp_path)
     good = quietly(config).folder.rename(tmp_path / "good")
@@ -263,7 +264,7 @@ def test_the_code_digest_follows_the_source(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import trackbench
-    from trackbench.experiment.code import code_digest
+    from trackbench.experiment.planning.code import code_digest
 
     copy = tmp_path / "trackbench"
     shutil.copytree(Path(trackbench.__file__).parent, copy)
@@ -287,9 +288,9 @@ def test_fresh_ignores_what_is_kept(tmp_path: Path) -> None:
 
 def test_a_block_is_the_same_computed_and_read(tmp_path: Path) -> None:
     from trackbench.evaluation.block import run_whole_block
-    from trackbench.experiment.codec import decode, encode
-    from trackbench.experiment.config import load
-    from trackbench.experiment.plan import make_plan
+    from trackbench.experiment.computing.codec import decode, encode
+    from trackbench.experiment.planning.plan import make_plan
+    from trackbench.experiment.reading.config import load
 
     experiment = load(small(tmp_path))
     for task in make_plan(experiment, save_tracks=True).unique[:2]:

@@ -11,8 +11,8 @@ import pytest
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.cache import BlockStore
-from trackbench.experiment.plan import make_plan
+from trackbench.experiment.computing.cache import BlockStore
+from trackbench.experiment.planning.plan import make_plan
 from trackbench.experiment.problems import UserError
 
 CONFIG = """

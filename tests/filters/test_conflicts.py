@@ -7,9 +7,9 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
-from trackbench.experiment.checks import check_fit
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Source
+from trackbench.experiment.reading.checks import check_fit
+from trackbench.experiment.reading.source import Source
 from trackbench.scenarios.recorded import Recorded
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [

@@ -6,7 +6,7 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import merwe
 from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
-from trackbench.experiment.checks import has
+from trackbench.experiment.reading.checks import has
 from trackbench.registry import kinds
 
 SCENARIO = merwe(T=6, R=0.1)

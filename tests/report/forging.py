@@ -10,7 +10,7 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation import block
-from trackbench.experiment.outputs import seal
+from trackbench.experiment.storing.outputs import seal
 
 
 def reseal(folder: Path) -> None:

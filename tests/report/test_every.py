@@ -6,9 +6,9 @@ from scipy.stats import binomtest, norm
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.grammar import EXPRESSION, at_each_step, plain
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.published import Claim
+from trackbench.experiment.reading.grammar import EXPRESSION, at_each_step, plain
+from trackbench.experiment.reading.published import Claim
 from trackbench.report import binomial
 from trackbench.report.agreement import of_claim, weakest
 from trackbench.report.evidence import Evidence

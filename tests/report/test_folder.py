@@ -119,7 +119,7 @@ def test_the_resolved_config_of_the_folder_runs_to_the_same_bytes(folder, tmp_pa
 
 
 def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypatch):
-    from trackbench.experiment import store
+    from trackbench.experiment.storing import store
 
     def no_space(*_, **__):
         raise OSError("no space left on device")

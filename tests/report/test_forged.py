@@ -8,7 +8,7 @@ import pytest
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api, verification
-from trackbench.experiment.packing import pack
+from trackbench.experiment.storing.packing import pack
 from trackbench.verification import verdict, verify
 
 FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")

@@ -175,7 +175,7 @@ def test_consistency_counts_steps_in_the_band(results: Results) -> None:
 def test_shipped_configs_are_good() -> None:
     """Each has a seed of its own, so that what is chosen in one is judged on other runs."""
     from tests.conftest import EXPERIMENTS
-    from trackbench.experiment.config import load
+    from trackbench.experiment.reading.config import load
 
     loaded = [load(path) for path in sorted(Path(EXPERIMENTS).glob("adaptive-kf*.yaml"))]
     assert all(experiment.points for experiment in loaded)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.published import PublishedNumber
+from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report.results import Results
 from trackbench.report.tables.readings import Number, distance, ways_to_measure
 from trackbench.report.terms import Term

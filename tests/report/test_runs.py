@@ -8,9 +8,9 @@ import pytest
 from tests.experiment.test_memory import peak
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.metric_names import number_per_run
-from trackbench.experiment.packing import pack
-from trackbench.experiment.plan import _read_bytes
+from trackbench.experiment.planning.plan import _read_bytes
+from trackbench.experiment.reading.metric_names import number_per_run
+from trackbench.experiment.storing.packing import pack
 from trackbench.report import runs
 from trackbench.report.results import Results
 

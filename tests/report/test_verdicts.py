@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.evaluation import block
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.published import Claim, PublishedNumber
+from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.report.agreement import of_claim, of_number, settled
 from trackbench.report.evidence import evidence_at
 from trackbench.report.expressions import Expressions

@@ -13,8 +13,8 @@ import yaml
 from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
-from trackbench.experiment.packing import PACKED, pack
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.storing.packing import PACKED, pack
 from trackbench.verification import verdict, verify
 
 CONFIG = """

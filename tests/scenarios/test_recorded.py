@@ -8,10 +8,10 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.config import load
-from trackbench.experiment.digest import block_key
-from trackbench.experiment.plan import make_plan
+from trackbench.experiment.planning.digest import block_key
+from trackbench.experiment.planning.plan import make_plan
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 
 LIKE = merwe_text(T=12, R=0.1)
 CONFIG = """

@@ -36,7 +36,7 @@ def cache(
     ] = False,
 ) -> None:
     """Show or clear the finished blocks that are kept for the next run."""
-    from trackbench.experiment.cache import cache_folder, cache_size, clear_cache
+    from trackbench.experiment.computing.cache import cache_folder, cache_size, clear_cache
 
     root = cache_folder()
     if clear or prune:
@@ -50,7 +50,7 @@ def cache(
 
 def _check_config(config: Path, options: "Options") -> None:
     from trackbench import api
-    from trackbench.experiment.plan import check_memory
+    from trackbench.experiment.planning.plan import check_memory
 
     experiment = api.prepare(config, options)
     check_memory(experiment, workers=1)

@@ -11,10 +11,10 @@ import numpy as np
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.finding import BrokenError, Finding
 from trackbench.contract.playgrounds import LINEAR, SCALAR
-from trackbench.experiment.checks import has
 from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.plugins import load_plugin, read_plugin
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.checks import has
+from trackbench.experiment.reading.plugins import load_plugin, read_plugin
 from trackbench.registry import kinds
 
 

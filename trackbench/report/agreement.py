@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
-from trackbench.experiment.published import PublishedNumber
+from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report.terms import Term
 
 SURE = 3.0

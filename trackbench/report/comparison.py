@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from math import isfinite, isnan
 
 from trackbench.experiment.files import remove, write_csv, write_text
-from trackbench.experiment.published import PublishedNumber
+from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
 from trackbench.report.judging import Judged
 from trackbench.report.paired import Pair

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from trackbench.experiment.published import split
-from trackbench.experiment.source import scalar
+from trackbench.experiment.reading.published import split
+from trackbench.experiment.reading.source import scalar
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 

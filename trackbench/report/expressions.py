@@ -13,7 +13,14 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
-from trackbench.experiment.grammar import COMPOSED, STATISTIC, STEP, STEPS, at_each_step, plain
+from trackbench.experiment.reading.grammar import (
+    COMPOSED,
+    STATISTIC,
+    STEP,
+    STEPS,
+    at_each_step,
+    plain,
+)
 from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Share, Term, gain, quietly, quotient, together

@@ -3,12 +3,12 @@
 from copy import deepcopy
 from typing import Any
 
-from trackbench.experiment.parts import build_kind
-from trackbench.experiment.points import take
 from trackbench.experiment.problems import Mark
-from trackbench.experiment.resolved import as_config
-from trackbench.experiment.source import Keys, Source
-from trackbench.experiment.validate import at
+from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.points import take
+from trackbench.experiment.reading.resolved import as_config
+from trackbench.experiment.reading.source import Keys, Source
+from trackbench.experiment.reading.validate import at
 from trackbench.registry import Group
 from trackbench.report.results import Results, is_same
 

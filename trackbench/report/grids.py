@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from trackbench.experiment.definition import Point
-from trackbench.experiment.validate import unknown
+from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.reading.validate import unknown
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:

@@ -5,8 +5,8 @@ from math import inf, isnan, nan
 from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.experiment.grammar import STEP, plain
-from trackbench.experiment.published import Claim, PublishedNumber
+from trackbench.experiment.reading.grammar import STEP, plain
+from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, UNDECIDED, Verdict
 from trackbench.report.evidence import Evidence

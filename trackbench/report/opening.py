@@ -4,11 +4,11 @@ import os
 import sys
 from pathlib import Path
 
-from trackbench.experiment.definition import Settings
-from trackbench.experiment.manifest import FORMAT
-from trackbench.experiment.outputs import RAW, Damage, damage
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.validate import build
+from trackbench.experiment.reading.definition import Settings
+from trackbench.experiment.reading.validate import build
+from trackbench.experiment.storing.manifest import FORMAT
+from trackbench.experiment.storing.outputs import RAW, Damage, damage
 from trackbench.report.results import Results
 
 _KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}

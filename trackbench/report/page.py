@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackbench.experiment.files import write_text
-from trackbench.experiment.points import single_paths
-from trackbench.experiment.resolved import as_yaml
+from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import style
 from trackbench.report.comparison import (
     LEGEND,

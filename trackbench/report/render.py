@@ -6,7 +6,7 @@ from typing import Any
 
 from trackbench.experiment.files import made, write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.validate import unknown
+from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.results import Results

@@ -12,14 +12,14 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.definition import labels_to_run
-from trackbench.experiment.packing import opened, there
-from trackbench.experiment.parts import build_kind
-from trackbench.experiment.points import single_paths
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.published import Published, read_published
-from trackbench.experiment.source import Source, read
-from trackbench.experiment.tracks import prefix_of
+from trackbench.experiment.reading.definition import labels_to_run
+from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.published import Published, read_published
+from trackbench.experiment.reading.source import Source, read
+from trackbench.experiment.storing.packing import opened, there
+from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from trackbench.experiment.points import single_paths
+from trackbench.experiment.reading.points import single_paths
 from trackbench.report.svg import compact
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.files import write_csv
-from trackbench.experiment.points import single_paths
+from trackbench.experiment.reading.points import single_paths
 from trackbench.report import style
 from trackbench.report.results import Results
 

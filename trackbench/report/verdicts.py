@@ -10,7 +10,7 @@ from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
-from trackbench.experiment.published import PublishedNumber
+from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report import agreement
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, Verdict
 from trackbench.report.evidence import Evidence, evidence_at

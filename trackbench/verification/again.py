@@ -12,12 +12,12 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.shares import TIME_MEAN
 from trackbench.evaluation.statistics import holm, mean
-from trackbench.experiment.cache import BlockStore, cache_folder
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.engines import cpu_count, engine
-from trackbench.experiment.plan import check_memory, make_plan
-from trackbench.experiment.runner import execute
-from trackbench.experiment.store import write_results
+from trackbench.experiment.computing.cache import BlockStore, cache_folder
+from trackbench.experiment.computing.engines import cpu_count, engine
+from trackbench.experiment.computing.runner import execute
+from trackbench.experiment.planning.plan import check_memory, make_plan
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.storing.store import write_results
 from trackbench.report.results import Results
 from trackbench.verification.beside import same_arrays, same_rows
 from trackbench.verification.findings import Finding, changed, rounding

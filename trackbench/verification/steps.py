@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.summary import SummaryRow
-from trackbench.experiment.definition import Point
+from trackbench.experiment.reading.definition import Point
 from trackbench.report.results import Results
 from trackbench.scenarios.base import in_window
 from trackbench.verification.findings import Finding, changed

@@ -9,8 +9,8 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.summary import SummaryRow, summary_rows
-from trackbench.experiment.definition import Point
-from trackbench.experiment.store import DIGITS
+from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.storing.store import DIGITS
 from trackbench.report.results import Results
 from trackbench.verification.findings import Finding, changed
 

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
-from trackbench.experiment.definition import Point
+from trackbench.experiment.reading.definition import Point
 from trackbench.keys import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

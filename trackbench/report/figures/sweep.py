@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.definition import Point
+from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.grids import missing_paths

@@ -10,10 +10,10 @@ import numpy as np
 
 from trackbench.core import elementary
 from trackbench.evaluation.statistics import Estimate, mean
-from trackbench.experiment.compose import split_path
-from trackbench.experiment.grammar import COMPOSED
-from trackbench.experiment.points import single_paths
-from trackbench.experiment.published import PublishedNumber, read_published
+from trackbench.experiment.reading.compose import split_path
+from trackbench.experiment.reading.grammar import COMPOSED
+from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.published import PublishedNumber, read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style

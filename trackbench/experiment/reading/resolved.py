@@ -8,11 +8,11 @@ from typing import Any
 
 import yaml
 
-from trackbench.experiment.compose import split_path
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.points import single_paths
-from trackbench.experiment.source import Keys, scalar
-from trackbench.experiment.validate import at, file_keys
+from trackbench.experiment.reading.compose import split_path
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.source import Keys, scalar
+from trackbench.experiment.reading.validate import at, file_keys
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:

@@ -8,11 +8,11 @@ from math import ceil
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.definition import Experiment, Point, Settings
-from trackbench.experiment.metric_names import number_per_run
-from trackbench.experiment.plugins import Plugin
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.shared import shared
+from trackbench.experiment.reading.definition import Experiment, Point, Settings
+from trackbench.experiment.reading.metric_names import number_per_run
+from trackbench.experiment.reading.plugins import Plugin
+from trackbench.experiment.reading.shared import shared
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario, truth_components
 

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from trackbench.experiment.definition import Point
-from trackbench.experiment.parts import build_plain
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Source, dotted
+from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.reading.parts import build_plain
+from trackbench.experiment.reading.source import Source, dotted
 from trackbench.keys import MistakenKeyError
 from trackbench.models.assumed import Assume
 

@@ -9,9 +9,11 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.assuming import check_assumed, read_assumed
-from trackbench.experiment.axes import add_axis
-from trackbench.experiment.checks import (
+from trackbench.experiment.interrupts import guarded
+from trackbench.experiment.problems import Mark, Problem, RunError, UserError
+from trackbench.experiment.reading.assuming import check_assumed, read_assumed
+from trackbench.experiment.reading.axes import add_axis
+from trackbench.experiment.reading.checks import (
     check_bound,
     check_drawable,
     check_figures,
@@ -20,17 +22,15 @@ from trackbench.experiment.checks import (
     chosen_labels,
     with_recorded_runs,
 )
-from trackbench.experiment.compose import assignment, inline_parts, override
-from trackbench.experiment.definition import Experiment, Point, Settings
-from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.metric_names import check_metrics
-from trackbench.experiment.parts import build_kind
-from trackbench.experiment.plugins import Plugin, load_plugins
-from trackbench.experiment.points import grid_points, take
-from trackbench.experiment.problems import Mark, Problem, RunError, UserError
-from trackbench.experiment.published import Published, read_published
-from trackbench.experiment.source import Source, read, unseen
-from trackbench.experiment.validate import build
+from trackbench.experiment.reading.compose import assignment, inline_parts, override
+from trackbench.experiment.reading.definition import Experiment, Point, Settings
+from trackbench.experiment.reading.metric_names import check_metrics
+from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.plugins import Plugin, load_plugins
+from trackbench.experiment.reading.points import grid_points, take
+from trackbench.experiment.reading.published import Published, read_published
+from trackbench.experiment.reading.source import Source, read, unseen
+from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 
 

@@ -9,10 +9,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from trackbench.experiment.files import remove, remove_partial, write_text
-from trackbench.experiment.manifest import FORMAT
-from trackbench.experiment.packing import PACKED, left_out, opened, packed, there
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.source import read
+from trackbench.experiment.reading.source import read
+from trackbench.experiment.storing.manifest import FORMAT
+from trackbench.experiment.storing.packing import PACKED, left_out, opened, packed, there
 from trackbench.keys import regular
 
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")

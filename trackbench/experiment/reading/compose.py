@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.experiment.source import Keys, Source, dotted, parse, read, scalar, unseen
-from trackbench.experiment.validate import at
+from trackbench.experiment.reading.source import Keys, Source, dotted, parse, read, scalar, unseen
+from trackbench.experiment.reading.validate import at
 from trackbench.keys import regular
 
 _PARTS = ("filters", "tables", "figures")

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast, get_args, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Mark, Problem
-from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.keys import IS_FILE, ONE_LINE, DataError
 
 T = TypeVar("T")

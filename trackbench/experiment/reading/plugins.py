@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 from trackbench.experiment.problems import Problem, UserError, reason
-from trackbench.experiment.source import Source, dotted
+from trackbench.experiment.reading.source import Source, dotted
 from trackbench.keys import regular
 from trackbench.registry import kinds
 

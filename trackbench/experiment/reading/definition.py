@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import StringConstraints
 
-from trackbench.experiment.plugins import Plugin
-from trackbench.experiment.published import Published
-from trackbench.experiment.source import Source
+from trackbench.experiment.reading.plugins import Plugin
+from trackbench.experiment.reading.published import Published
+from trackbench.experiment.reading.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.keys import ONE_LINE, Count, Natural
 from trackbench.models.assumed import Assume

@@ -14,11 +14,11 @@ from trackbench.evaluation.derived import marginals, sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
 from trackbench.evaluation.summary import step_rows, summary_rows
-from trackbench.experiment.definition import Point, Settings
-from trackbench.experiment.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.experiment.reading.definition import Point, Settings
+from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
+from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.registry import Group
 from trackbench.scenarios.base import truth_components
 

@@ -14,10 +14,10 @@ from concurrent.futures import (
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.experiment.engines import OpenEngine
-from trackbench.experiment.plugins import Plugin
+from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.worker import compute, ground
 from trackbench.experiment.problems import RunError, in_line
-from trackbench.experiment.worker import compute, ground
+from trackbench.experiment.reading.plugins import Plugin
 
 _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""

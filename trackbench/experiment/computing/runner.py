@@ -8,11 +8,11 @@ from typing import Any
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
 from trackbench.evaluation.merge import FilterResult, merge
-from trackbench.experiment.cache import BlockStore
-from trackbench.experiment.codec import decode, encode
-from trackbench.experiment.engines import OpenEngine
-from trackbench.experiment.plan import Key, Plan
-from trackbench.experiment.queue import Found, Queue, algorithm
+from trackbench.experiment.computing.cache import BlockStore
+from trackbench.experiment.computing.codec import decode, encode
+from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.queue import Found, Queue, algorithm
+from trackbench.experiment.planning.plan import Key, Plan
 
 
 @dataclass

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from trackbench.experiment.definition import Point, Settings, labels_to_run
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Keys, Source, dotted
-from trackbench.experiment.validate import unknown
+from trackbench.experiment.reading.definition import Point, Settings, labels_to_run
+from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.validate import unknown
 from trackbench.filters.base import prior_kind
 from trackbench.models.base import moving
 from trackbench.registry import Group

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import trackbench
-from trackbench.experiment import arithmetic
-from trackbench.experiment.code import code_digest
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.runner import Outcome
+from trackbench.experiment.computing.runner import Outcome
+from trackbench.experiment.planning import arithmetic
+from trackbench.experiment.planning.code import code_digest
+from trackbench.experiment.reading.definition import Experiment
 
 FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""

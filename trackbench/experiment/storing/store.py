@@ -19,16 +19,16 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
-from trackbench.experiment.definition import Experiment
+from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import csv_writer, made, replacing, write_text
-from trackbench.experiment.manifest import manifest_of
-from trackbench.experiment.metric_names import base_name, kept_metrics
-from trackbench.experiment.outputs import remove_outputs
-from trackbench.experiment.plan import Key
-from trackbench.experiment.resolved import as_yaml, resolved
-from trackbench.experiment.runner import Outcome
-from trackbench.experiment.shared import Shared, shared
-from trackbench.experiment.tracks import Kept, Shown
+from trackbench.experiment.planning.plan import Key
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.metric_names import base_name, kept_metrics
+from trackbench.experiment.reading.resolved import as_yaml, resolved
+from trackbench.experiment.reading.shared import Shared, shared
+from trackbench.experiment.storing.manifest import manifest_of
+from trackbench.experiment.storing.outputs import remove_outputs
+from trackbench.experiment.storing.tracks import Kept, Shown
 
 Row = Iterable[Any]
 

@@ -60,12 +60,12 @@ def _serial() -> Iterator[Executor]:
 @contextmanager
 def _processes(workers: int) -> Iterator[Executor]:
     """Local worker processes with one BLAS thread each: blocks are what runs side by side."""
-    from trackbench.experiment.worker import start_local_worker
+    from trackbench.experiment.computing.worker import start_local_worker
 
     for name in _BLAS:
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["trackbench.experiment.worker"])
+    context.set_forkserver_preload(["trackbench.experiment.computing.worker"])
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_local_worker)
     try:
         yield pool

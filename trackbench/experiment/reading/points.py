@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from math import prod
 from typing import Any
 
-from trackbench.experiment.checks import no_filter
-from trackbench.experiment.compose import override, split_path
-from trackbench.experiment.definition import Settings
 from trackbench.experiment.problems import Mark, Problem
-from trackbench.experiment.source import Keys, Source, dotted
+from trackbench.experiment.reading.checks import no_filter
+from trackbench.experiment.reading.compose import override, split_path
+from trackbench.experiment.reading.definition import Settings
+from trackbench.experiment.reading.source import Keys, Source, dotted
 
 _MOST_POINTS = 10_000
 

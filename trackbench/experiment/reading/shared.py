@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from itertools import chain
 
 from trackbench.evaluation.shares import series_of
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.grammar import COMPOSED, STEPS, at_each_step, plain
-from trackbench.experiment.metric_names import asked_by_parts
-from trackbench.experiment.published import Claim
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.grammar import COMPOSED, STEPS, at_each_step, plain
+from trackbench.experiment.reading.metric_names import asked_by_parts
+from trackbench.experiment.reading.published import Claim
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment import arithmetic
-from trackbench.experiment.code import add_sources, code_digest
-from trackbench.experiment.resolved import as_config
+from trackbench.experiment.planning import arithmetic
+from trackbench.experiment.planning.code import add_sources, code_digest
+from trackbench.experiment.reading.resolved import as_config
 
 
 def block_key(task: BlockTask, used: int) -> str:

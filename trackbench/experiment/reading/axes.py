@@ -3,9 +3,9 @@
 import re
 from typing import Any
 
-from trackbench.experiment.compose import split_assignment
 from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.source import Source, dotted, scalar
+from trackbench.experiment.reading.compose import split_assignment
+from trackbench.experiment.reading.source import Source, dotted, scalar
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _RANGE = re.compile(rf"(log:)?({_NUMBER})\.\.({_NUMBER}):([0-9]{{1,9}})")

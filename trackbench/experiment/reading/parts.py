@@ -5,10 +5,10 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args
 
-from trackbench.experiment.compose import laid_over
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Keys, Source, dotted
-from trackbench.experiment.validate import at, build, file_keys, hints_of, unknown
+from trackbench.experiment.reading.compose import laid_over
+from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
 from trackbench.keys import part_group
 from trackbench.registry import Group, kinds
 
@@ -31,7 +31,7 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
     cls = known[kind]
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
     also = ["preset"] if getattr(cls, "presets", {}) else []
-    if group == "filters":  # of every filter: see `trackbench.experiment.assuming`
+    if group == "filters":  # of every filter: see `trackbench.experiment.reading.assuming`
         own.pop("assume", None)
         also.append("assume")
     return _built(cls, own, source, keys, problems, also)

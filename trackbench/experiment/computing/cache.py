@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.experiment.code import code_digest
-from trackbench.experiment.codec import decode, encode
-from trackbench.experiment.digest import block_key
+from trackbench.experiment.computing.codec import decode, encode
 from trackbench.experiment.files import write_bytes, write_text
+from trackbench.experiment.planning.code import code_digest
+from trackbench.experiment.planning.digest import block_key
 from trackbench.experiment.problems import WriteError
 
 _CODE_DIGITS = 12

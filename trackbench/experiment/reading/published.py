@@ -10,10 +10,10 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from trackbench.experiment.grammar import EXPRESSION, STEPS
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.experiment.source import Source, scalar, text_of, unseen
-from trackbench.experiment.validate import build, unknown
+from trackbench.experiment.reading.grammar import EXPRESSION, STEPS
+from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
+from trackbench.experiment.reading.validate import build, unknown
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
 
 

@@ -9,12 +9,12 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
-from trackbench.experiment import arithmetic
-from trackbench.experiment.code import code_digest
 from trackbench.experiment.interrupts import guarded
+from trackbench.experiment.planning import arithmetic
+from trackbench.experiment.planning.code import code_digest
 
 if TYPE_CHECKING:
-    from trackbench.experiment.plugins import Plugin
+    from trackbench.experiment.reading.plugins import Plugin
 
 
 class Ground(NamedTuple):
@@ -42,7 +42,9 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
     if here.own != expected.own:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
-        from trackbench.experiment.plugins import load_plugin  # brings the config's reader along
+        from trackbench.experiment.reading.plugins import (
+            load_plugin,  # brings the config's reader along
+        )
 
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)

@@ -1,0 +1,1 @@
+"""Where and when blocks are computed, and the ones that are kept."""
