@@ -14,7 +14,6 @@ from trackbench.scenarios.recorded import Recorded
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
     ("conversion", {}, ""),
-    ("gaussian-sum", {}, ""),
     ("mpf", {}, ""),
     ("los-rbpf", {}, ""),
     ("ekf", {"start": "mucm"}, "start"),

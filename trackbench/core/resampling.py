@@ -8,13 +8,16 @@ Douc, Cappe & Moulines (2005) compare the schemes.
 """
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
+
+D = TypeVar("D", np.float64, np.intp)
 
 _BITS = 40  # of the fraction in fixed-point weights, for fewer than 2^23 offspring in a block
 
@@ -34,7 +37,7 @@ def ancestors(
     return np.repeat(np.arange(runs * N), counts.ravel()).reshape(runs, size)
 
 
-def select(values: Array, index: Index) -> Array:
+def select(values: NDArray[D], index: Index) -> NDArray[D]:
     """``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
     flat = values.reshape(*values.shape[:-2], -1)
     return flat.take(index, axis=-1)

@@ -9,7 +9,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
@@ -26,7 +26,8 @@ class Cloud(NamedTuple):
 
     ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
     (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows; ``w``
-    (M, N) the weights before resampling, where they are noted.
+    (M, N) the weights before resampling, where they are noted; ``mode`` (M, N) the number of the motion
+    that each particle follows, if there are several.
     """
 
     particles: Particles
@@ -37,6 +38,7 @@ class Cloud(NamedTuple):
     P: Array | None = None
     log_w: Array | float = 0.0
     w: Array | None = None
+    mode: Index | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Gaussian sum filter: a bank of extended Kalman filters over what two scans leave open."""
+"""Gaussian sum filter: a bank of extended Kalman filters over what the start leaves open."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -8,7 +8,7 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import elementary, linalg, particles
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
@@ -22,7 +22,7 @@ _DUST = 1e-9  # weight below which a few azimuths do not bring a component back
 
 
 class Mixture(NamedTuple):
-    """Components with means (4, M, C), covariances (4, 4, M, C) and weights (M, C) that sum to one."""
+    """Components with means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one."""
 
     mean: Array
     cov: Array
@@ -32,31 +32,34 @@ class Mixture(NamedTuple):
 @register("filters", "gaussian-sum")
 @dataclass(frozen=True, kw_only=True)
 class GaussianSum:
-    """Gaussian sum filter: extended Kalman filters over a split of the first two scans' azimuths.
+    """Gaussian sum filter: extended Kalman filters over a split of what the start leaves open.
 
-    Alspach & Sorenson 1972. Both azimuths together are azimuth and cross speed. Each component is so
-    narrow that the sharp range is nearly linear over it; after each update the heaviest of either sense
-    across the line of sight are kept, since the ranges leave the sense open and three azimuths can speak
-    for the wrong one. Those that the heaviest one cannot be told from are merged with it.
+    Alspach & Sorenson 1972. Of two scans of a radar that is their azimuths, which together are azimuth
+    and cross speed; of any other start the position, along both axes. Each component is so narrow that
+    a sharp range is nearly linear over it; after each update the heaviest of either sense across the
+    line of sight are kept, since ranges leave the sense open and three azimuths can speak for the wrong
+    one. Those that the heaviest one cannot be told from are merged with it.
     """
 
     split: Annotated[int, Ge(3)] = 35
-    """components along each of the two azimuths: its square is the number at the start"""
+    """components along each of the two azimuths, or axes: its square is the number at the start"""
     span: Positive = 3.5
-    """half the width of the split, in standard deviations of the azimuth"""
+    """half the width of the split, in standard deviations of what is split"""
     kept: Count = 150
     """largest number of components of either sense after an update"""
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "prior.first")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "sensor.jacobian")
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:
-            raise ValueError(f"split = {self.split} over +-{self.span} is coarser than the azimuth")
+            raise ValueError(
+                f"split = {self.split} over +-{self.span} is coarser than what is split"
+            )
 
     @property
     def _width(self) -> float:
-        """Standard deviation of a component, and distance to the next, in the azimuth's."""
+        """Standard deviation of a component, and distance to the next, in those of what is split."""
         return 2.0 * self.span / (self.split - 1)
 
     @property
@@ -65,22 +68,20 @@ class GaussianSum:
         return self.split**2
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
-        """A component per pair of azimuths, two-point differenced as if they were known that well."""
-        assert isinstance(prior, TwoPoint)
-        s, runs = model.sensor.sigma_azimuth, prior.first.shape[1]
-        nodes = self._width * (np.arange(self.split) - 0.5 * (self.split - 1))
+        """A component per pair of nodes, which together have the prior's moments."""
         width = self._width
+        nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
         log_w = (
             -0.5 * np.square(nodes) / (1.0 - width * width)
-        )  # the mixture has the azimuth's variance
+        )  # the mixture has the whole variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
-        of_range, of_azimuth = np.square(model.sensor.sigma_range), np.square(width * s)
-        scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
-        first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
-        start = differenced(first, second, prior.T, prior.q)
+        if isinstance(prior, TwoPoint):
+            start = _of_azimuths(model.sensor, prior, one, two, width)
+        else:
+            start = _of_positions(prior, one, two, width)
+        runs = start.mean.shape[1]
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
-        shape = (runs, self.N)
-        return Mixture(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape), w)
+        return Mixture(start.mean, start.cov, w)
 
     def step(self, model: Any, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """An EKF per component, weighted by its innovation; then fewer components."""
@@ -96,6 +97,29 @@ class GaussianSum:
         return _moments(state, state.w)
 
 
+def _of_azimuths(sensor: Any, prior: TwoPoint, one: Array, two: Array, width: float) -> Gaussian:
+    """Both scans' azimuths moved by C pairs of nodes, two-point differenced as if known that well."""
+    s, shape = sensor.sigma_azimuth, (prior.first.shape[1], len(one))
+    of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)
+    scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
+    first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
+    start = differenced(first, second, prior.T, prior.q)
+    return Gaussian(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape))
+
+
+def _of_positions(prior: Distribution, one: Array, two: Array, width: float) -> Gaussian:
+    """The prior split along the first two columns of its factor, positions first: C components."""
+    n = len(prior.mean)
+    order = [0, 2, 1, *range(3, n)]
+    L = with_trailing(linalg.root(prior.cov[np.ix_(order, order)]), 1, leading=2)
+    L = L[np.ix_(order, range(n))]  # the order is its own inverse
+    nodes = L[:, 0, :, None] * one + L[:, 1, :, None] * two
+    narrow = L * np.array([width, width, *np.ones(n - 2)])[:, None]
+    cov = linalg.matmul(narrow, linalg.transpose(narrow))[..., None]
+    mean = prior.mean[..., None] + nodes
+    return Gaussian(mean, np.broadcast_to(cov, (n, n, *mean.shape[1:])))
+
+
 def _shifted(scan: Array, azimuth: Array) -> Array:
     """The scan (2, M) with each of C angles added to its azimuth (2, M C)."""
     r, a = scan
@@ -104,7 +128,7 @@ def _shifted(scan: Array, azimuth: Array) -> Array:
 
 def _thinned(mean: Array, w: Array, kept: int) -> Array:
     """Weights (M, C), zero but for the heaviest of either sense of the cross speed."""
-    px, vx, py, vy = mean
+    px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
     for there in (px * vy > py * vx, px * vy <= py * vx):
         of_sense = np.where(there & ~(w < _DUST), w, 0.0)

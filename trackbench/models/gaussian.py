@@ -98,6 +98,16 @@ def augmented_step(
     return _conditioned(model, points, moved, points.moments(moved), z, k, n, None)
 
 
+def point_prediction(
+    model: Model, state: Gaussian, k: int, assumed: Assumed, rule: PointRule
+) -> Gaussian:
+    """The prediction of x_k by points of the state, the noise's covariance added."""
+    points = rule.points(state.mean, state.cov)
+    Q = assumed.transition(model, state.mean, k).cov
+    moved = points.moments(assumed.transition(model, points.x, k).mean)
+    return Gaussian(moved.mean, moved.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
+
+
 def additive_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
 ) -> tuple[Gaussian, Innovation]:
@@ -105,12 +115,8 @@ def additive_step(
 
     The noise of either is added to the covariance (Arasaratnam & Haykin 2009, section 5).
     """
-    batch = state.mean.ndim - 1
-    points = rule.points(state.mean, state.cov)
-    Q = assumed.transition(model, state.mean, k).cov
-    moved = points.moments(assumed.transition(model, points.x, k).mean)
-    predicted = Gaussian(moved.mean, moved.cov + with_trailing(Q, batch, leading=2))
-    points = rule.points(predicted.mean, predicted.cov)
+    predicted = point_prediction(model, state, k, assumed, rule)
+    points, batch = rule.points(predicted.mean, predicted.cov), state.mean.ndim - 1
     R = with_trailing(assumed.measurement(model, predicted.mean, k).cov, batch, leading=2)
     return _conditioned(model, points, points.x, predicted, z, k, None, R)
 

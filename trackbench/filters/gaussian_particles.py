@@ -1,0 +1,72 @@
+"""Gaussian particle filter: a Gaussian between the steps, particles within each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+from annotated_types import Ge
+from numpy.random import Generator
+
+from trackbench.core import particles
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.particles import Particles
+from trackbench.models.base import Model, log_likelihood
+from trackbench.registry import register
+
+
+class Fitted(NamedTuple):
+    """The Gaussian, the weighted cloud (n, M, N) whose moments it has, runs without weight (M,)."""
+
+    posterior: Gaussian
+    cloud: Particles
+    dead: Mask
+
+
+@register("filters", "gpf")
+@dataclass(frozen=True, kw_only=True)
+class GaussianPF:
+    """Gaussian particle filter: draws anew from a Gaussian at each step, so that nothing is resampled.
+
+    Kotecha & Djuric 2003a. The moments are as right as N draws make them; that the posterior has no
+    other shape is assumed.
+    """
+
+    N: Annotated[int, Ge(2)] = 100
+    """number of particles"""
+    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Fitted:
+        """The moments of draws from the prior."""
+        x, log_w = covering(prior, rng, self.N)
+        return _fitted(x, log_w)
+
+    def step(self, model: Model, state: Fitted, z: Array, k: int, rng: Generator) -> Fitted:
+        """Draw, move, weigh, and keep the moments."""
+        x = model.motion.transition(state.posterior.sample(rng, self.N), k).sample(rng)
+        return _fitted(x, log_likelihood(model.sensor, z, x, k))
+
+    def estimate(self, state: Fitted) -> Gaussian:
+        """The Gaussian."""
+        return state.posterior
+
+    def expectation(
+        self, state: Fitted, g: Callable[[Array], dict[str, Array]]
+    ) -> dict[str, Array]:
+        """Posterior means (M,) of functions of the state."""
+        return state.cloud.expectation(g)
+
+    def diagnostics(self, state: Fitted) -> dict[str, Array]:
+        """``dead_steps``: every likelihood was zero; ``ess``: effective share of the N particles."""
+        return {
+            "dead_steps": state.dead.astype(float),
+            "ess": particles.effective_share(state.cloud.w),
+        }
+
+
+def _fitted(x: Array, log_w: Array) -> Fitted:
+    """Draws (n, M, N) and log-weights (M, N)."""
+    w, dead = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
+    cloud = Particles(x, w)
+    return Fitted(cloud.moments(), cloud, dead)
