@@ -152,7 +152,9 @@ def exact_jumps(z: np.ndarray, start: tuple[np.ndarray, np.ndarray], T: np.ndarr
 def test_particles_that_jump_know_all_sequences_of_motions() -> None:
     scenario = Tracking(target=TARGET, sensor=SENSOR, start=START, last=5)
     T = np.array([[0.8, 0.2], [0.3, 0.7]])
-    tracker = make_filter("mmpf", N=20000, motions=(SLOW, QUICK), transition=tuple(map(tuple, T)))
+    tracker = make_filter(
+        "mmpf", N=20000, motions=(SLOW, QUICK), transition=tuple(map(tuple, T)), bandwidth_scale=0.0
+    )
     got, covs = followed(scenario, tracker, 8)
     data = simulate(scenario, 1, 0, 8)
     for run in range(8):
@@ -167,7 +169,12 @@ def test_particles_that_jump_know_all_sequences_of_motions() -> None:
 def test_a_particle_enters_a_motion_with_what_is_unknown_there() -> None:
     turning = UnknownTurn(q=0.1, turn_walk_deg_s=1e-6, initial_std_deg_s=2.0)
     tracker = make_filter(
-        "mmpf", N=5000, motions=(SLOW, turning), transition=((0, 1), (0, 1)), initial=(1, 0)
+        "mmpf",
+        N=5000,
+        motions=(SLOW, turning),
+        transition=((0, 1), (0, 1)),
+        initial=(1, 0),
+        bandwidth_scale=0.0,
     )
     data, rng = LINEAR.simulate(RunStreams(1, range(4)), 4), np.random.Generator(np.random.SFC64(1))
     state = tracker.init(LINEAR.model, data.prior, rng)

@@ -50,6 +50,7 @@ class GaussianSum:
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "sensor.jacobian")
+    excused: ClassVar[dict[str, str]] = {"kalman": "a sum that is thinned after each update"}
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:

@@ -10,9 +10,12 @@ from trackbench.core import particles, resampling
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, covering
 from trackbench.core.particles import Particles
+from trackbench.core.regularisation import Kernel, jitter_each
+from trackbench.core.regularisation import Mode as Spread
 from trackbench.core.streams import Streams
+from trackbench.core.sums import total
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
-from trackbench.keys import MistakenKeyError, PartOf, Share
+from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, extra_std
 from trackbench.registry import register
 
@@ -72,10 +75,15 @@ def own_components(motion: SampledMotion) -> int:
 class MultipleModelPF(JumpMarkov, ParticleFilter):
     """Multiple-model particle filter: every particle carries the motion that it follows.
 
-    McGinnity & Irwin 2000; Ristic, Arulampalam & Gordon 2004, section 3.5.5. Motions may have components
-    of their own: a particle that enters one draws them as they are before anything is known.
-    ``mode`` reports the weight of all motions but the first.
+    McGinnity & Irwin 2000; Ristic, Arulampalam & Gordon 2004, section 3.5.5, with the regularisation of
+    section 3.5.3 for the particles of each motion by themselves. Motions may have components of their
+    own: a particle that enters one draws them as they are before anything is known.
     """
+
+    kernel: Kernel = "epanechnikov"
+    """regularisation kernel"""
+    bandwidth_scale: NonNegative = 1.0
+    """factor on the optimal bandwidth; 0 is plain resampling"""
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Draws from the prior, each with a motion."""
@@ -100,9 +108,20 @@ class MultipleModelPF(JumpMarkov, ParticleFilter):
         w, dead = particles.normalise(self._log_weights(model, state, z, x[:n], k))
         weighted, size = Particles(x[:n], w), self._size(state.age + 1)
         index = resampling.ancestors(w, rng, self.resampling, size)
-        kept = Particles(resampling.select(x, index), particles.uniform(*index.shape))
-        mode = resampling.select(mode, index)
+        spreads = _spreads(models, x, mode, w)
+        x, mode = resampling.select(x, index), resampling.select(mode, index)
+        x = self._jittered(models, x, mode, spreads, rng)
+        kept = Particles(x, particles.uniform(*index.shape))
         return Cloud(kept, weighted, weighted.moments(), dead, state.age + 1, w=w, mode=mode)
+
+    def _jittered(
+        self, models: list[Model], x: Array, mode: Index, spreads: list[Spread], rng: Streams
+    ) -> Array:
+        """States (n + e, M, N), those of each motion moved by a kernel of their own spread."""
+        for j, (of, spread) in enumerate(zip(_places(models), spreads, strict=True)):
+            here = [spread._replace(there=mode == j)]
+            x[of] = jitter_each(x[of], here, self.kernel, rng, self.bandwidth_scale)
+        return x
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``mode``: the share of particles that follow another motion than the first."""
@@ -143,11 +162,28 @@ def _drawn(p: Array, rng: Streams) -> Index:
     return mode
 
 
+def _places(models: list[Model]) -> list[list[int]]:
+    """Where in a particle's state the components of each motion stand."""
+    n, names = own_components(models[0].motion), _names(models)
+    return [
+        [*range(n), *(n + names.index(name) for name in m.motion.components[n:])] for m in models
+    ]
+
+
 def _moved(models: list[Model], x: Array, mode: Index, k: int, rng: Streams) -> Array:
     """States (n + e, M, N), each moved by its particle's own motion."""
-    n, names, out = own_components(models[0].motion), _names(models), x.copy()
-    for j, (motion, _) in enumerate(models):
-        rest = motion.components[own_components(motion) :]
-        of = [*range(n), *(n + names.index(name) for name in rest)]
+    out = x.copy()
+    for j, (of, (motion, _)) in enumerate(zip(_places(models), models, strict=True)):
         out[of] = np.where(mode == j, motion.transition(x[of], k).sample(rng), out[of])
     return out
+
+
+def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Spread]:
+    """Share of the weight and covariance of the particles that follow each motion."""
+    spreads = []
+    for j, of in enumerate(_places(models)):
+        of_mode = np.where(mode == j, w, 0.0)
+        share = total(of_mode)
+        cloud = Particles(x[of], of_mode / np.where(share > 0.0, share, 1.0)[:, None])
+        spreads.append(Spread(None, share, cloud.moments().cov))
+    return spreads
