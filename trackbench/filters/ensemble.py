@@ -94,29 +94,44 @@ class ExactFlow(EnsembleFilter):
         x = model.motion.transition(state.x, k).sample(rng)
         predicted = self.estimate(Ensemble(x, state.nis))
         start, P = predicted.mean, predicted.cov
-        at, nis, done = start, state.nis, 0.0
-        for step in _lengths(self.steps):
-            time = done + 0.5 * step
-            seen = model.sensor.measurement(at, k)
-            nu = model.sensor.innovation(z, seen.mean)
-            missing = np.isnan(nu)
-            H, R = kalman.measured(model.sensor.jacobian(at, k), seen.cov, missing)
-            H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
-            PH = linalg.matmul(P, linalg.transpose(H))
-            of_prior = linalg.symmetrised(linalg.matmul(H, PH))
-            if not done:
-                nis = Innovation(nu, of_prior + R).nis
-            # Ding & Coates, eqs. 9-10, applied to deviations from the prediction's mean: with
-            # y = z - h(at) + H (at - start), dx/dt = A x + (I + 2 t A) (I + t A) P H' R^-1 y.
-            A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * of_prior + R), H))
-            y = np.where(missing, 0.0, nu) + linalg.matvec(H, at - start)
-            pull = linalg.matvec(PH, linalg.matvec(linalg.inverse(R), y))
-            pull = pull + time * linalg.matvec(A, pull)
-            pull = pull + 2.0 * time * linalg.matvec(A, pull)
-            e = x - start[..., None]
-            x = x + step * (linalg.matvec(A[..., None], e) + pull[..., None])
-            at, done = mean(x), done + step
-        return Ensemble(x, nis)
+        # The flow of all particles of a run is one affine map of their deviations from the mean.
+        turn = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
+        shift, done = np.zeros_like(start), 0.0
+        nis = state.nis
+        for length in _lengths(self.steps):
+            A, pull, seen = _flow(
+                model.sensor, Gaussian(start, P), shift, z, k, done + 0.5 * length
+            )
+            nis = nis if done else seen.nis
+            turn = turn + length * linalg.matmul(A, turn)
+            shift = shift + length * (linalg.matvec(A, shift) + pull)
+            done += length
+        flown = linalg.matvec(turn[..., None], x - start[..., None])
+        return Ensemble(flown + (start + shift)[..., None], nis)
+
+
+def _flow(
+    sensor: Any, prior: Gaussian, shift: Array, z: Array, k: int, time: float
+) -> tuple[Array, Array, Innovation]:
+    """A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt about the mean; what z is to that mean.
+
+    Ding & Coates 2012, eqs. 9 and 10, of deviations from the prior's mean m: ``y = z - h(m + shift) +
+    H shift``, ``A = -P H' (t H P H' + R)^-1 H / 2``, ``b = (I + 2 t A) (I + t A) P H' R^-1 y``.
+    """
+    at = prior.mean + shift
+    seen = sensor.measurement(at, k)
+    nu = sensor.innovation(z, seen.mean)
+    missing = np.isnan(nu)
+    H, R = kalman.measured(sensor.jacobian(at, k), seen.cov, missing)
+    H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
+    PH = linalg.matmul(prior.cov, linalg.transpose(H))
+    HPH = linalg.symmetrised(linalg.matmul(H, PH))
+    A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * HPH + R), H))
+    y = np.where(missing, 0.0, nu) + linalg.matvec(H, shift)
+    b = linalg.matvec(PH, linalg.matvec(linalg.inverse(R), y))
+    for factor in (1.0, 2.0):
+        b = b + factor * time * linalg.matvec(A, b)
+    return A, b, Innovation(nu, HPH + R)
 
 
 def _lengths(steps: int) -> list[float]:
