@@ -13,7 +13,9 @@ from dataclasses import is_dataclass
 from importlib.metadata import EntryPoints, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, cast, get_args
+
+from trackbench.hooks import Part, on_base
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
@@ -31,12 +33,22 @@ _PACKAGES: dict[Group, str] = {
     "figures": "trackbench.report.figures",
     "tables": "trackbench.report.tables",
 }
+_BASES: dict[Group, str] = {
+    "filters": "trackbench.filters.base.Filter",
+    "scenarios": "trackbench.scenarios.base.Scenario",
+    "targets": "trackbench.scenarios.targets.base.Target",
+    "motions": "trackbench.models.base.Motion",
+    "sensors": "trackbench.models.sensing.Measuring",
+    "starts": "trackbench.scenarios.starts.base.Start",
+    "figures": "trackbench.report.kinds.FigureKind",
+    "tables": "trackbench.report.kinds.TableKind",
+}
 _kinds: dict[Group, dict[str, type]] = {group: {} for group in _PACKAGES}
 _scanned: set[Group] = set()
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
-    """Class decorator: make the class available in a config as ``kind: <kind>``."""
+    """Class decorator: make the class available in a config as ``kind: <kind>``, on its group's base."""
 
     def add(cls: T) -> T:
         if not is_dataclass(cls):
@@ -44,11 +56,18 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
         known = _kinds[group].get(kind)
         if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
-        setattr(cls, "kind", kind)  # noqa: B010 (not declared by every class)
-        _kinds[group][kind] = cls
-        return cls
+        whole = on_base(cls, base_of(group))
+        whole.kind = kind
+        _kinds[group][kind] = whole
+        return cast(T, whole)
 
     return add
+
+
+def base_of(group: Group) -> type[Part]:
+    """The base of a group's classes, which declares their hooks."""
+    module, _, name = _BASES[group].rpartition(".")
+    return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
 def _origin(cls: type) -> str:

@@ -56,7 +56,7 @@ def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
     _refer_to_parts(cls, properties)
-    if getattr(cls, "presets", None):
+    if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.
         own, inner = _without_required(own), _without_required(inner)
         properties = own["properties"]

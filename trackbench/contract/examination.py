@@ -49,7 +49,7 @@ def check_filter(
     scenario, why_not = _playground(tracker, scenarios)
     if scenario is None:
         return [*found, Finding("everything else", "left out", why_not)]
-    excused: dict[str, str] = dict(getattr(cls, "excused", {}))
+    excused: dict[str, str] = dict(cls.excused)
     if scenario is not LINEAR:
         excused.setdefault("kalman", why_not)
     for key, (name, check) in CHECKS.items():
@@ -100,9 +100,8 @@ def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
     for scenario in (LINEAR, SCALAR, *scenarios):
-        lacking = [n for n in getattr(tracker, "needs", ()) if not has(scenario, n)]
-        conflicts = getattr(tracker, "conflicts", None)
-        mistakes = list(conflicts(scenario).values()) if conflicts and not lacking else []
+        lacking = [n for n in tracker.needs if not has(scenario, n)]
+        mistakes = list(tracker.conflicts(scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)
         reasons.append(mistakes[0] if mistakes else f"needs {lacking[0]}")

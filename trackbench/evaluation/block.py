@@ -5,10 +5,9 @@ same in a batch of 10 or of 10 000.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,8 +59,7 @@ class BlockTask:
     @property
     def seen(self) -> Scenario:
         """The scenario with the model that the filter assumes."""
-        scenario: Any = self.scenario
-        return self.scenario if self.assume is None else scenario.believing(self.assume)
+        return self.scenario if self.assume is None else self.scenario.believing(self.assume)
 
     @property
     def first_run(self) -> int:
@@ -80,9 +78,6 @@ class Tracks(NamedTuple):
     measurements: Array
     mean: Array
     cov: Array | None
-
-
-Note: TypeAlias = Callable[[Any], dict[str, Array]]
 
 
 class BlockResult(NamedTuple):
@@ -124,11 +119,10 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         exact = _reference_mean(task) if task.reference is not None else None
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
-        counts: frozenset[str] = getattr(task.filter, "counts", frozenset())
-        check_names(counts)
+        check_names(task.filter.counts)
         finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
-        per_run = per_run_metrics(task.scenario, values, counts, finite)
+        per_run = per_run_metrics(task.scenario, values, task.filter.counts, finite)
         return {
             used: _trimmed(task, data, result, values, per_run, used)
             for used in {task.used, task.width}
@@ -198,7 +192,6 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     every = len(model.motion.components)
     if every > n:
         prior = frozen(extended(prior, extra_std(model.motion)))
-    note: Note = getattr(tracker, "diagnostics", lambda state: {})
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
     consistency, clock = Consistency(scenario, task.width), _Clock()
@@ -210,7 +203,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
             with clock:
                 state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
-            noted.append(checked_numbers("diagnostic", note(state), task.width))
+            noted.append(checked_numbers("diagnostic", tracker.diagnostics(state), task.width))
         found = _own_part(found, every, n)
         check_estimate(found, n, task.width)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own

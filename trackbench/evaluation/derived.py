@@ -1,12 +1,6 @@
-"""Series that need the filter's covariance or its whole posterior: consistency, and observables.
-
-``scenario.marginals``    {name: components}: consistency of a part of the state, ``nees_<name>``
-``scenario.observables``  functions of the state, {name: (*batch)} from x (n_x, *batch): the error of
-                          their posterior mean, for filters that know it (``expectation``)
-"""
+"""Series that need the filter's covariance or its whole posterior: consistency, and observables."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +8,8 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.checked import checked_numbers
-from trackbench.scenarios.base import Scenario, truth_components
+from trackbench.filters.base import Filter, State
+from trackbench.scenarios.base import Scenario
 
 _ENOUGH = 1024  # columns: a call on so many is worth its price
 
@@ -23,7 +18,7 @@ class Consistency:
     """Normalised errors squared of the whole state and of its marginals, many steps at a time."""
 
     def __init__(self, scenario: Scenario, runs: int) -> None:
-        self._parts = {f"nees_{name}": list(part) for name, part in marginals(scenario).items()}
+        self._parts = {f"nees_{name}": list(part) for name, part in scenario.marginals.items()}
         self._steps_at_a_time = max(1, _ENOUGH // runs)
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._series: dict[str, list[Array]] = {name: [] for name in ("nees", *self._parts)}
@@ -60,19 +55,18 @@ def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
     return Gaussian(mean, np.stack([np.broadcast_to(cov, widest) for cov in covs], axis=2))
 
 
-def observed(scenario: Scenario, tracker: Any, state: Any, truth: Array) -> dict[str, Array]:
+def observed(
+    scenario: Scenario, tracker: Filter[State], state: State, truth: Array
+) -> dict[str, Array]:
     """Errors (M,) of the observables at one step by the name of their series; truth is (n_x, M)."""
     out: dict[str, Array] = {}
-    observables = getattr(scenario, "observables", None)
-    expectation = getattr(tracker, "expectation", None)
-    if observables is not None and expectation is not None:
-        exact = observables(truth)
-        if not exact:
-            return out
-        given = expectation(state, observables)
-        for name, value in checked_numbers("expectation", given, truth.shape[1]).items():
-            error = value - exact[name]
-            out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
+    exact = scenario.observables(truth) if tracker.knows_expectations else {}
+    if not exact:
+        return out
+    given = tracker.expectation(state, scenario.observables)
+    for name, value in checked_numbers("expectation", given, truth.shape[1]).items():
+        error = value - exact[name]
+        out[f"squared_{name}"], out[f"error_{name}"] = np.square(error), error
     return out
 
 
@@ -87,12 +81,7 @@ def normalised_error(found: Gaussian, truth: Array) -> Array:
     return np.where(np.isnan(nees) & known, np.inf, nees)
 
 
-def marginals(scenario: Scenario) -> dict[str, tuple[int, ...]]:
-    """The parts of the state that the scenario wants judged on their own."""
-    return getattr(scenario, "marginals", {})
-
-
 def sizes(scenario: Scenario) -> dict[str, int]:
     """Number of components by the name of each NEES series; the whole state has no name."""
-    parts = {name: len(part) for name, part in marginals(scenario).items()}
-    return {"": len(truth_components(scenario))} | parts
+    parts = {name: len(part) for name, part in scenario.marginals.items()}
+    return {"": len(scenario.components)} | parts

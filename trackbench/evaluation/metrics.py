@@ -49,7 +49,7 @@ def series(
     Recorded data without a truth have no errors; where the truth has a gap, so have they.
     """
     out: dict[str, Array] = {}
-    if getattr(scenario, "has_truth", True):
+    if scenario.has_truth:
         for quantity, error in scenario.errors(mean, truth).items():
             out[joined("squared", quantity)] = total(np.square(error), axis=0)
             if len(error) == 1:
@@ -86,8 +86,7 @@ def per_run_metrics(
                 out[joined("bias", quantity) + suffix] = _mean(rows[mask])
             else:
                 out[name + suffix] = _mean(rows[mask])
-    more = getattr(scenario, "run_metrics", None)
-    for name, numbers in more(values).items() if more else ():
+    for name, numbers in scenario.run_metrics(values).items():
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers
@@ -101,7 +100,7 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
         return np.where(finite, FOUND, NOT_FINITE)
     first = errors[0]
     lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
-    limit = getattr(scenario, "lost_beyond", None)
+    limit = scenario.lost_beyond
     if limit is not None:
         lost = np.where((lost == FOUND) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
     return lost

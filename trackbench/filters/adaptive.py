@@ -24,7 +24,7 @@ from trackbench.filters.axes import (
     per_axis,
     site,
 )
-from trackbench.filters.base import PLANAR_POSITION
+from trackbench.filters.base import PLANAR_POSITION, Filter
 from trackbench.filters.refiltering import History, history, refiltered
 from trackbench.filters.switching import (
     BELIEVE,
@@ -34,7 +34,7 @@ from trackbench.filters.switching import (
     SecondDecision,
     exit_cautions,
 )
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
 
@@ -69,7 +69,7 @@ class Switched(NamedTuple):
 
 @register("filters", "adaptive-kf")
 @dataclass(frozen=True, kw_only=True)
-class AdaptiveKF:
+class AdaptiveKF(Filter[Switched]):
     """Adaptive Kalman filter: a detector starts an augmented filter, a test on it ends it.
 
     Tang, Sun & Liu, adaptive Kalman filter paper, section 3, after Bar-Shalom & Birmiwal 1982,
@@ -99,15 +99,14 @@ class AdaptiveKF:
         },
     }
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Windows that do not fit the scenario's runs."""
-        times = scenario.times
-        return self.detector.conflicts(scenario.model.motion.T, float(times[-1]))
+        return self.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
 
-    def cautions(self, scenario: Any) -> list[str]:
+    def cautions(self, scenario: Scene) -> list[str]:
         """What the exit test will do on the scenario's smallest turn."""
         here = site(scenario.model)
-        smallest = min(getattr(scenario, "turns", ()), default=None)
+        smallest = min(scenario.turns, default=None)
         return exit_cautions(self.exit, self.mf, here.T, here.R, smallest)
 
     @classmethod

@@ -1,7 +1,7 @@
 """The alpha-beta filter."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -10,10 +10,12 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.filters.base import PLANAR_POSITION
+from trackbench.filters.base import PLANAR_POSITION, Filter
 from trackbench.keys import MistakenKeyError, OpenShare, Positive
 from trackbench.models.base import Model
+from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import register
 
 
@@ -27,7 +29,7 @@ class Smoothed(NamedTuple):
 
 @register("filters", "alpha-beta")
 @dataclass(frozen=True, kw_only=True)
-class AlphaBeta:
+class AlphaBeta(Filter[Smoothed]):
     """Alpha-beta filter: fixed gains, those of a constant-velocity Kalman filter in its steady state.
 
     Kalata 1984: gains from the tracking index. While the least-squares gains of the first n
@@ -79,8 +81,7 @@ class AlphaBeta:
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""
-        own: Any = model.motion
-        sensor: Any = model.sensor
+        own, sensor = cast("tuple[Linear, PositionSensor]", model)
         motion, H = ConstantVelocity(q=self.q).sampled(own.T), sensor.H()
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)

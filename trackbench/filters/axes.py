@@ -5,7 +5,7 @@ A = 1 as long as both axes share it, which halves the work.
 """
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.models.base import Model
+from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import Axis
+from trackbench.models.sensors.position import PositionSensor
 
 
 class Site(NamedTuple):
@@ -27,8 +29,7 @@ class Site(NamedTuple):
 
 def site(model: Model) -> Site:
     """What these filters take from the scenario's model."""
-    motion: Any = model.motion
-    sensor: Any = model.sensor
+    motion, sensor = cast("tuple[Linear, PositionSensor]", model)
     return Site(motion.T, sensor.per_axis)
 
 

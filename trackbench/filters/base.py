@@ -1,56 +1,81 @@
-"""What a filter is: a frozen dataclass of parameters with three pure functions.
+"""What a filter is: a frozen dataclass of parameters with three pure functions."""
 
-Optional attributes of a filter class:
-
-``needs``        what it cannot do without of model and prior: ``motion.jacobian``, ``prior.first``
-``presets``      named sets of keys, chosen in a config by ``preset: NAME``
-``expectation``  posterior means of functions of the state, which may differ from their values at
-                 the mean: ``expectation(state, g) -> {name: (M,)}`` for ``g(x) -> {name: (...)}``
-``diagnostics``  a method of the state: per-step values (M,) by name, averaged over the steps
-``held``         a method of the model: numbers alive at once per run beside a cloud of N particles,
-                 if there are many; for the runner's estimate of the memory
-``counts``       names of diagnostics that are summed over the steps instead
-``conflicts``    a method of the scenario: what it cannot do there, by key (``""``: as a whole); each is
-                 a mistake with its line before anything runs
-``cautions``     a method of the scenario: sentences on what is no mistake there but should be known
-``explain``      a class method: further lines for ``trackbench describe``
-``excused``      what of the contract it cannot keep by its nature, and why (trackbench/contract/)
-"""
-
-from typing import Any, Protocol, TypeVar
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar, Generic, TypeVar
 
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.models.base import Model
+from trackbench.hooks import Part
+from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")
 
 
-class Filter(Protocol[State]):
-    """Init, step, estimate. All runs of a block at once; a switch is a mask over runs."""
+class Filter(Part, Generic[State]):
+    """Init, step, estimate. All runs of a block at once; a switch is a mask over runs.
 
-    def __hash__(self) -> int:
-        """Equal filters compute equal estimates: keys that are lists are tuples."""
+    Equal filters compute equal estimates and have equal hashes: keys that are lists are tuples.
+    """
 
+    needs: ClassVar[tuple[str, ...]] = ()
+    """what it cannot do without of model and prior: ``motion.jacobian``, ``prior.first``"""
+    counts: ClassVar[frozenset[str]] = frozenset()
+    """names of diagnostics that are summed over the steps, not averaged"""
+    excused: ClassVar[dict[str, str]] = {}
+    """what of the contract it cannot keep by its nature, and why (trackbench/contract/)"""
+
+    @abstractmethod
     def init(self, model: Model, prior: Distribution, rng: Generator) -> State:
         """The state before the first measurement; ``prior.mean`` is (n_x, M)."""
 
+    @abstractmethod
     def step(self, model: Model, state: State, z: Array, k: int, rng: Generator) -> State:
         """Predict to step k and update with z (n_z, M), NaN where missing. Pure: a new state."""
 
+    @abstractmethod
     def estimate(self, state: State) -> Gaussian:
         """Mean (n_x, M) and covariance (n_x, n_x, M)."""
+
+    def diagnostics(self, state: State) -> dict[str, Array]:
+        """Values per step (M,) by name, averaged over the steps."""
+        return {}
+
+    def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
+        """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
+        return {}
+
+    @property
+    def knows_expectations(self) -> bool:
+        """Whether it has an `expectation` of its own."""
+        return type(self).expectation is not Filter.expectation
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """What it cannot do there, by key (``""``: as a whole): mistakes before anything runs."""
+        return {}
+
+    def cautions(self, scenario: Scene) -> list[str]:
+        """Sentences on what is no mistake there but should be known."""
+        return []
+
+    @property
+    def particle_count(self) -> int:
+        """Particles per run: its key N, or 1 of a filter without any."""
+        return int(getattr(self, "N", 1))
+
+    @property
+    def most_particles(self) -> int:
+        """The same in the steps in which it has most."""
+        return self.particle_count
+
+    def held(self, model: Model) -> int:
+        """Numbers alive at once per run beside its particles, for the estimate of the memory."""
+        return 0
 
 
 AnyFilter = Filter[Any]
 
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 """What a filter needs that knows its motion itself, of a planar target seen by its position."""
-
-
-def prior_kind(scenario: Any) -> type[Distribution]:
-    """The class of a scenario's prior; moments are all that is known of one that does not say."""
-    kind: type[Distribution] = getattr(scenario, "prior_kind", Gaussian)
-    return kind

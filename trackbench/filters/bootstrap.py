@@ -16,6 +16,7 @@ from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
+from trackbench.filters.base import Filter
 from trackbench.keys import Count, Natural, NonNegative
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
@@ -42,7 +43,7 @@ class Cloud(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParticleFilter:
+class ParticleFilter(Filter[Cloud]):
     """Keys and hooks shared by the filters that carry a cloud."""
 
     N: Annotated[int, Ge(2)] = 100
@@ -56,6 +57,11 @@ class ParticleFilter:
     boost_scans: Natural = 0
     """how many steps the cloud is boosted for"""
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+
+    @property
+    def most_particles(self) -> int:
+        """Those of the boost."""
+        return self.N * (self.boost if self.boost_scans else 1)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Draws from the prior in each run, with weights where it covers its tails."""

@@ -1,7 +1,7 @@
 """Kalman filters in Cartesian coordinates, fed with converted measurements."""
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -11,10 +11,15 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
+from trackbench.models.gaussian import Assumed, extended_prediction
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import Convertible, TwoPoint
 from trackbench.registry import register
+
+_AS_IT_IS = Assumed()
 
 
 @register("filters", "cmkf")
@@ -37,11 +42,12 @@ class CMKF(GaussianFilter):
             return Gaussian(prior.mean, prior.cov)
         return prior.gaussian(self.start or self.conversion)
 
-    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
+    def updated(
+        self, model: Model, state: Gaussian, z: Array, k: int
+    ) -> tuple[Gaussian, Innovation]:
         """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
-        motion, sensor = model.motion, model.sensor
-        moved = motion.transition(state.mean, k)
-        predicted = kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
+        sensor = cast(RangeAzimuth, model.sensor)
+        predicted = extended_prediction(model, state, k, _AS_IT_IS)
         expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         seen = convert(self.conversion, sensor.reading(z), expected)
@@ -51,7 +57,7 @@ class CMKF(GaussianFilter):
         return kalman.update(predicted, nu, H, R)
 
 
-def polar_moments(sensor: Any, state: Gaussian, k: int) -> Polar:
+def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:
     """Range and azimuth of N(mean, cov) at step k with their variances to first order."""
     r, a = sensor.polar(state.mean, k)
     spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)
@@ -67,7 +73,7 @@ class LastTwo(NamedTuple):
 
 @register("filters", "conversion")
 @dataclass(frozen=True, kw_only=True)
-class Converted:
+class Converted(Filter[LastTwo]):
     """No memory: the last measurement's converted position, and its difference from the one before.
 
     Its position shows a conversion's own bias and consistency (banana paper, Fig. 6).
@@ -77,15 +83,15 @@ class Converted:
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
 
-    def init(self, model: Any, prior: Distribution, rng: Generator) -> LastTwo:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwo:
         """The first two scans."""
         assert isinstance(prior, TwoPoint)
         return LastTwo(prior, prior.gaussian(self.conversion))
 
-    def step(self, model: Any, state: LastTwo, z: Array, k: int, rng: Generator) -> LastTwo:
+    def step(self, model: Model, state: LastTwo, z: Array, k: int, rng: Generator) -> LastTwo:
         """Forget the older scan; one that is missing is where the two before it point to."""
         expected = model.motion.transition(state.found.mean, k).mean
-        z = np.where(np.isnan(z).any(axis=0), model.sensor.polar(expected), z)
+        z = np.where(np.isnan(z).any(axis=0), cast(RangeAzimuth, model.sensor).polar(expected), z)
         scans = replace(state.scans, first=state.scans.second, second=z)
         return LastTwo(scans, scans.gaussian(self.conversion))
 

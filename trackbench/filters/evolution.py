@@ -5,7 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -19,7 +19,7 @@ from trackbench.core.particles import Particles
 from trackbench.core.sums import mean, total
 from trackbench.filters.proposal import MERWE_DEMO, Proposed, ProposedCloud, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
 
@@ -32,7 +32,7 @@ class EvolvedCloud(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Evolutionary(UnscentedProposal):
+class _Evolutionary(UnscentedProposal[EvolvedCloud]):
     N: Annotated[int, Ge(4)] = 10
     """number of particles, more than the three that make a mutant"""
     F: Annotated[float, Interval(gt=0, le=2)] = 0.9
@@ -54,7 +54,7 @@ class _Evolutionary(UnscentedProposal):
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Keys that would do nothing."""
         if self.resampling != "systematic":
             return {"resampling": "the evolution stands in place of resampling"}

@@ -1,7 +1,7 @@
 """Extended Kalman filters: plain, iterated, and with inflated noise for a curved measurement."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from trackbench.core.kalman import Innovation
 from trackbench.filters.converted import polar_moments
 from trackbench.filters.gaussian import NonlinearFilter
 from trackbench.keys import Count, NonNegative, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import DifferentiableSensor, Model
 from trackbench.models.gaussian import extended_prediction, extended_step
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
 MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
@@ -49,14 +50,17 @@ class IEKF(NonlinearFilter):
     """linearisations per update; 1 is the EKF"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
 
-    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
+    def updated(
+        self, model: Model, state: Gaussian, z: Array, k: int
+    ) -> tuple[Gaussian, Innovation]:
         """Predict; linearise the measurement again at each new estimate."""
         predicted = extended_prediction(model, state, k, self.assumed)
         posterior, first = predicted, None
+        sensor = cast(DifferentiableSensor, model.sensor)
         for _ in range(self.iterations):
-            H = model.sensor.jacobian(posterior.mean, k)
+            H = sensor.jacobian(posterior.mean, k)
             seen = self.assumed.measurement(model, posterior.mean, k)
-            nu = model.sensor.innovation(z, seen.mean)
+            nu = sensor.innovation(z, seen.mean)
             nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
             posterior, innovation = kalman.update(predicted, nu, H, seen.cov)
             first = first or innovation
@@ -79,16 +83,19 @@ class MCAEKF(NonlinearFilter):
     """the sagitta is this many standard deviations of the added range noise"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
-    def updated(self, model: Any, state: Gaussian, z: Array, k: int) -> tuple[Gaussian, Innovation]:
+    def updated(
+        self, model: Model, state: Gaussian, z: Array, k: int
+    ) -> tuple[Gaussian, Innovation]:
         """Predict, inflate the range's variance, update."""
         predicted = extended_prediction(model, state, k, self.assumed)
+        sensor = cast(RangeAzimuth, model.sensor)
         seen = self.assumed.measurement(model, predicted.mean, k)
-        nu = model.sensor.innovation(z, seen.mean)
-        expected = polar_moments(model.sensor, predicted, k)
+        nu = sensor.innovation(z, seen.mean)
+        expected = polar_moments(sensor, predicted, k)
         D = self._sagitta(expected, nu[1], seen.cov[1, 1])
         R = np.broadcast_to(seen.cov[..., None], (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
-        H = model.sensor.jacobian(predicted.mean, k)
+        H = sensor.jacobian(predicted.mean, k)
         return kalman.update(predicted, nu, H, R)
 
     def _sagitta(self, expected: Polar, nu: Array, variance: float) -> Array:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -11,9 +11,9 @@ from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.filters.base import prior_kind
+from trackbench.filters.base import Filter
 from trackbench.keys import NonNegative, OpenShare, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian import Assumed
 from trackbench.models.twopoint import Convertible
 
@@ -27,7 +27,7 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaussianFilter:
+class GaussianFilter(Filter[Tracked]):
     """Base of the filters with one Gaussian: they differ by `updated`, which an IMM takes, too."""
 
     gate: OpenShare | None = None
@@ -95,10 +95,10 @@ class NonlinearFilter(GaussianFilter):
     start: Conversion | None = None
     """conversion of the two scans that a radar's filter starts from; default: the prior's moments"""
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """A start from converted scans needs a radar's two scans, a variance a scalar."""
         out, (motion, sensor) = {}, scenario.model
-        if self.start is not None and not issubclass(prior_kind(scenario), Convertible):
+        if self.start is not None and not issubclass(scenario.prior_kind, Convertible):
             out["start"] = "there are no two scans of range and azimuth to start from"
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:

@@ -1,7 +1,7 @@
 """Gaussian sum filter: a bank of extended Kalman filters over what the start leaves open."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge
@@ -13,8 +13,11 @@ from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.sums import dot, total
+from trackbench.filters.base import Filter
 from trackbench.keys import Count, NonNegative, Positive
+from trackbench.models.base import Model
 from trackbench.models.gaussian import Assumed, extended_step
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import TwoPoint, differenced
 from trackbench.registry import register
 
@@ -64,8 +67,8 @@ class GaussianSum:
         return 2.0 * self.span / (self.split - 1)
 
     @property
-    def N(self) -> int:
-        """Components at the start: what a block's width follows from."""
+    def particle_count(self) -> int:
+        """Components at the start."""
         return self.split**2
 
     def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
@@ -84,7 +87,7 @@ class GaussianSum:
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         return Mixture(start.mean, start.cov, w)
 
-    def step(self, model: Any, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
+    def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """An EKF per component, weighted by its innovation; then fewer components."""
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, Assumed())

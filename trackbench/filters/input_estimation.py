@@ -1,7 +1,7 @@
 """Filters that meet a maneuver by other means: VDF of 1982, input estimation of 1987."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -11,17 +11,17 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.filters.adaptive import AdaptiveKF, Switched
 from trackbench.filters.axes import axis_step, choose, joined, over_axes, per_axis, site
-from trackbench.filters.base import PLANAR_POSITION
+from trackbench.filters.base import PLANAR_POSITION, Filter
 from trackbench.filters.switching import Detector, Exit
 from trackbench.keys import Count, NonNegative, OpenShare, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.registry import register
 
 
 @register("filters", "vdf")
 @dataclass(frozen=True, kw_only=True)
-class VDF:
+class VDF(Filter[Switched]):
     """Variable-dimension filter (Bar-Shalom & Birmiwal 1982).
 
     A fading sum of the NIS raises the alarm; the maneuver is taken to have begun one window before, and
@@ -62,12 +62,12 @@ class VDF:
             initialise="barshalom",
         )
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """A window that does not fit the scenario's runs."""
         found = self.machine.conflicts(scenario)
         return {"gamma": next(iter(found.values()))} if found else {}
 
-    def cautions(self, scenario: Any) -> list[str]:
+    def cautions(self, scenario: Scene) -> list[str]:
         """What the exit test will do on the scenario's smallest turn."""
         return self.machine.cautions(scenario)
 
@@ -100,7 +100,7 @@ class Corrected(NamedTuple):
 
 @register("filters", "input-estimation")
 @dataclass(frozen=True, kw_only=True)
-class InputEstimation:
+class InputEstimation(Filter[Corrected]):
     """Input estimation: a constant-velocity filter whose state is corrected by a detected input.
 
     Chan, Hu & Plant 1979; Bogler 1987. A significant input of any onset in the window is added with its
@@ -125,9 +125,9 @@ class InputEstimation:
         """The detector in the words of `adaptive-kf`."""
         return Detector(eta=self.eta, window_s=self.window_s, min_window_s=self.min_window_s)
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Windows that do not fit the scenario's runs."""
-        found = self.detector.conflicts(scenario.model.motion.T, float(scenario.times[-1]))
+        found = self.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
         return {key.removeprefix("detector."): what for key, what in found.items()}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Corrected:

@@ -1,7 +1,7 @@
 """Particle filter in the line-of-sight frame: bearing and cross speed are particles, range is not."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -17,7 +17,10 @@ from trackbench.core.sums import total
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.filters.senses import Senses, senses_of
 from trackbench.keys import NonNegative, OpenShare
+from trackbench.models.base import Model, Scene
+from trackbench.models.linear import Linear
 from trackbench.models.looking import seen_along
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
@@ -44,16 +47,16 @@ class LineOfSight(ParticleFilter):
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.azimuths")
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Weighs in the log domain only."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         return {}
 
-    def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Both azimuths drawn, with weights; the triangle of the two measured ranges gives the rest."""
         assert isinstance(prior, TwoPoint)
-        T, variance = prior.T, model.sensor.R[0, 0]
+        T, variance = prior.T, cast(RangeAzimuth, model.sensor).R[0, 0]
         r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
         a1, a2, log_w = prior.azimuths(rng, self._size(0))
         d = a2 - a1
@@ -67,10 +70,10 @@ class LineOfSight(ParticleFilter):
         dead = np.zeros(len(r1), dtype=np.bool_)
         return Cloud(cloud, cloud, _mixture(cloud, P), dead, 0, P, log_w)
 
-    def step(self, model: Any, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move across the line of sight, weight by both components, correct along it, resample."""
-        sensor, age = model.sensor, state.age + 1
-        x, P = _moved(model.motion, state, rng)
+        motion, sensor = cast("tuple[Linear, RangeAzimuth]", model)
+        x, P = _moved(motion, state, rng)
         missing = np.isnan(z[0] + z[1])
         r, across, along = seen_along(np.where(missing, 0.0, z[1]), x[0], x[2])
         K, S, P = _corrected(P, sensor.R[0, 0], missing)
@@ -83,7 +86,7 @@ class LineOfSight(ParticleFilter):
         w, dead = particles.normalise(log_w)
         nu /= r
         weighted = Particles(_stretched(x, K, nu), w)
-        log_w = np.where(dead[:, None], 0.0, log_w)
+        log_w, age = np.where(dead[:, None], 0.0, log_w), state.age + 1
         cloud = Cloud(weighted, weighted, _mixture(weighted, P), dead, age, P, log_w)
         return self._renewed(cloud, k, rng, self._size(age))
 
@@ -126,7 +129,7 @@ class LineOfSight(ParticleFilter):
         return Particles(x, particles.normalise(log_w).w), log_w
 
 
-def _moved(motion: Any, state: Cloud, rng: Generator) -> tuple[Array, Array]:
+def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     """Particles (px, vx, py, vy) one step on, and the covariance of (r, r') along their sight.
 
     Noise across the line of sight is drawn; noise along it stays in the covariance.

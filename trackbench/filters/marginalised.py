@@ -1,7 +1,7 @@
 """Marginalised particle filter: positions are particles, velocities Kalman filters."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -13,6 +13,8 @@ from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import NonNegative
+from trackbench.models.base import Model, Scene
+from trackbench.models.linear import Linear
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 
@@ -34,13 +36,13 @@ class MPF(ParticleFilter):
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Without process noise nothing but its particle moves a position."""
-        if scenario.model.motion.Q[0, 0] == 0.0:
+        if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
 
-    def init(self, model: Any, prior: Distribution, rng: Generator) -> Cloud:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
         p1, p2, log_w = prior.positions(rng, self._size(0))
@@ -50,9 +52,9 @@ class MPF(ParticleFilter):
         dead = np.zeros(len(vx), dtype=np.bool_)
         return Cloud(cloud, cloud, _with_velocity(cloud.moments(), C), dead, 0, C, log_w)
 
-    def step(self, model: Any, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move positions, learn the velocities from the moves, weight, resample, regularise."""
-        x, C = _moved(model.motion, state, rng)
+        x, C = _moved(cast(Linear, model.motion), state, rng)
         w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
@@ -69,7 +71,7 @@ class MPF(ParticleFilter):
         return jitter(x, cov, self.kernel, rng, self.bandwidth_scale)
 
 
-def _moved(motion: Any, state: Cloud, rng: Generator) -> tuple[Array, Array]:
+def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     """Positions drawn with their velocities marginalised, and the velocities given the moves dz.
 
     The state is (px, E vx, py, E vy) with variance C of each velocity given its particle.

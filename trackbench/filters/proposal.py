@@ -6,7 +6,7 @@ De Freitas et al. 2000; van der Merwe et al. 2000, section 4. Weight: lik * prio
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge
@@ -14,15 +14,16 @@ from numpy.random import Generator
 
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, with_trailing
-from trackbench.core.distributions import Distribution, Gamma, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
+from trackbench.filters.base import Filter, State
 from trackbench.keys import Finite, Natural, NonNegative, Positive, Share
-from trackbench.models.base import Model, log_likelihood
+from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
 from trackbench.models.gaussian import (
     Assumed,
     augmented_size,
@@ -83,7 +84,7 @@ class Defensive(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KalmanProposal:
+class KalmanProposal(Filter[State]):
     """Keys and steps shared by every filter with a Kalman proposal per particle."""
 
     N: Annotated[int, Ge(2)] = 100
@@ -107,14 +108,12 @@ class KalmanProposal:
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Weights need the density of the process noise."""
         motion = scenario.model.motion
-        if hasattr(motion, "Q") and linalg.is_singular(motion.Q):
+        if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             return {"": "weighs by the density of the process noise, and this motion's is singular"}
-        if self.transition_density == "increment" and not isinstance(
-            getattr(motion, "noise", None), Gamma
-        ):
+        if self.transition_density == "increment" and not isinstance(motion, GammaMotion):
             return {"transition_density": "increment is defined for a gamma process noise"}
         return {}
 
@@ -147,7 +146,7 @@ class KalmanProposal:
         if self.transition_density == "model":
             return lik + moved.log_prob(x)
         # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
-        noise, v = cast(Any, model.motion).noise, x[0] - origin[0]
+        noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
         return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
     def _proposal(
@@ -166,7 +165,7 @@ class KalmanProposal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ProposalFilter(KalmanProposal):
+class _ProposalFilter(KalmanProposal[ProposedCloud]):
     moves: Natural = 0
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's proposal"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
@@ -250,7 +249,7 @@ class EPF(_ProposalFilter):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnscentedProposal(KalmanProposal):
+class UnscentedProposal(KalmanProposal[State]):
     """A UKF per particle as the proposal."""
 
     alpha: Positive = 1.0
@@ -269,7 +268,7 @@ class UnscentedProposal(KalmanProposal):
         n = augmented_size(model)
         return self.N * ((n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1))
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """The same, and sigma points that spread."""
         spread = spread_conflicts(self.alpha, self.kappa, scenario.model)
         return super().conflicts(scenario) | spread
@@ -285,7 +284,7 @@ MERWE_DEMO: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": F
 
 @register("filters", "upf")
 @dataclass(frozen=True, kw_only=True)
-class UPF(UnscentedProposal, _ProposalFilter):
+class UPF(UnscentedProposal[ProposedCloud], _ProposalFilter):
     """Unscented particle filter (van der Merwe et al. 2000)."""
 
     presets: ClassVar[dict[str, dict[str, object]]] = {

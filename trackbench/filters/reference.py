@@ -1,25 +1,30 @@
 """Baselines and the floor: no data, no model of motion, and the exact posterior."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar, cast
 
 import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import elementary, grid, kalman
+from trackbench.core import elementary, grid
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.models.base import Model, log_likelihood
+from trackbench.filters.base import Filter
+from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
+from trackbench.models.gaussian import Assumed, extended_prediction
+from trackbench.models.motions.scalar import MerweMotion
+from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.registry import register
 
 _LARGEST_SHAPE = 20
+_AS_IT_IS = Assumed()
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
 
 
 @register("filters", "prior-mean")
 @dataclass(frozen=True, kw_only=True)
-class PriorMean:
+class PriorMean(Filter[Gaussian]):
     """No data at all: the mean and covariance that the motion alone predicts (linear motion)."""
 
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
@@ -31,10 +36,9 @@ class PriorMean:
         cov = np.broadcast_to(with_trailing(prior.cov, 1, leading=2), (n, n, runs))
         return Gaussian(prior.mean, cov)
 
-    def step(self, model: Any, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
+    def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Predict; the measurement is not looked at."""
-        moved = model.motion.transition(state.mean, k)
-        return kalman.predict(state, model.motion.jacobian(state.mean, k), moved.cov, moved.mean)
+        return extended_prediction(model, state, k, _AS_IT_IS)
 
     def estimate(self, state: Gaussian) -> Gaussian:
         """The prediction."""
@@ -43,7 +47,7 @@ class PriorMean:
 
 @register("filters", "inversion")
 @dataclass(frozen=True, kw_only=True)
-class Inversion:
+class Inversion(Filter[Gaussian]):
     """No memory: the state that the measurement alone implies, h^-1(z)."""
 
     needs: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian", "motion.jacobian")
@@ -53,18 +57,17 @@ class Inversion:
         n, runs = prior.mean.shape
         return Gaussian(prior.mean, np.zeros((n, n, runs)) + with_trailing(prior.cov, 1, leading=2))
 
-    def step(self, model: Any, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
+    def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """h^-1(z), with variance R / h'^2; the prediction where z is missing."""
-        x = model.sensor.inverse(z, k)
-        R = model.sensor.measurement(x, k).cov
+        sensor = cast(SquareThenLine, model.sensor)
+        x = sensor.inverse(z, k)
+        R = sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):
-            cov = with_trailing(R, 1, leading=2) / np.square(model.sensor.jacobian(x, k))
+            cov = with_trailing(R, 1, leading=2) / np.square(sensor.jacobian(x, k))
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
-        moved = model.motion.transition(state.mean, k)
-        F = model.motion.jacobian(state.mean, k)
-        predicted = kalman.predict(state, F, moved.cov, moved.mean)
+        predicted = extended_prediction(model, state, k, _AS_IT_IS)
         return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 
     def estimate(self, state: Gaussian) -> Gaussian:
@@ -74,7 +77,7 @@ class Inversion:
 
 @register("filters", "grid")
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class Grid(Filter[grid.Posterior]):
     """Exact posterior of a scalar state by quadrature (hdepf paper, eqs. 3-5): the floor.
 
     Gauss-Legendre nodes around each root of the measurement equation. No filter can beat its RMSE.
@@ -86,13 +89,13 @@ class Grid:
     """how many standard deviations of the measurement noise the nodes span on either side"""
     needs: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Below its edge the density is continued by its formula, which a large shape makes too steep.
 
         From a shape of 30 on the estimate is wrong where R is large, without any sign of it.
         """
-        noise = getattr(scenario.model.motion, "noise", None)
-        if getattr(noise, "shape", 0.0) > _LARGEST_SHAPE:
+        motion = scenario.model.motion
+        if isinstance(motion, GammaMotion) and motion.noise.shape > _LARGEST_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_LARGEST_SHAPE} only"}
         return {}
 
@@ -111,24 +114,25 @@ class Grid:
         return (panel._replace(density=elementary.exp(prior.log_prob(panel.x[None]))),)
 
     def step(
-        self, model: Any, state: grid.Posterior, z: Array, k: int, rng: Generator
+        self, model: Model, state: grid.Posterior, z: Array, k: int, rng: Generator
     ) -> grid.Posterior:
         """Lay nodes where z and the prediction allow mass, and condition on z."""
-        support = model.motion.support(*grid.hull(state), k)
-        reach = _anywhere_if_missing(z, model.sensor.preimage(z, self.deviations, k), support)
+        motion, sensor = cast("tuple[MerweMotion, SquareThenLine]", model)
+        support = motion.support(*grid.hull(state), k)
+        reach = _anywhere_if_missing(z, sensor.preimage(z, self.deviations, k), support)
 
         def transition(x: Array, x_new: Array) -> Array:
-            return model.motion.transition(x[None], k).prob(x_new[None])
+            return motion.transition(x[None], k).prob(x_new[None])
 
         def likelihood(x_new: Array) -> Array:
             # (J, M) nodes as (1, M, J): the sensor sees them as it sees particles.
-            return elementary.exp(log_likelihood(model.sensor, z, x_new.T[None], k).T)
+            return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
 
         return grid.condition(
             state,
             grid.nodes_between(reach, support, self.nodes),
             transition,
-            lambda x_new: model.motion.origins(x_new, k),
+            lambda x_new: motion.origins(x_new, k),
             likelihood,
         )
 

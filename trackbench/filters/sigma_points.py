@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Interval
 
@@ -13,7 +13,7 @@ from trackbench.core.unscented import GaussHermite, PointRule, Unscented
 from trackbench.filters.extended import MERWE_DEMO
 from trackbench.filters.gaussian import NonlinearFilter
 from trackbench.keys import Finite, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian import additive_step, augmented_step, spread_conflicts
 from trackbench.registry import register
 
@@ -54,7 +54,7 @@ class UKF(SigmaPointFilter):
     """sigma points of state and noise together, or of the state, the noise's covariance added"""
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """The same, and sigma points that spread."""
         augmented = self.noise == "augmented"
         spread = spread_conflicts(self.alpha, self.kappa, scenario.model, augmented)
@@ -98,7 +98,7 @@ class GHKF(SigmaPointFilter):
     order: Annotated[int, Interval(ge=2, le=9)] = 3
     """points along each axis"""
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """The same, and not too many points."""
         out, number = (
             super().conflicts(scenario),

@@ -5,14 +5,16 @@ motion has beside them (accelerations, a turn rate) comes after. So every sensor
 positions in the even and velocities in the odd places of what all motions of a target share.
 """
 
+from abc import abstractmethod
 from functools import cache
-from typing import NamedTuple, Protocol, cast, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian, zero_mean_log_prob
+from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
+from trackbench.hooks import Part
 
 AXES = ("x", "y", "z")
 
@@ -43,9 +45,10 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     return own
 
 
-class Motion(Protocol):
+class Motion(Part):
     """A motion as a config names it: a frozen dataclass, registered in the group ``motions``."""
 
+    @abstractmethod
     def sampled(self, T: float, axes: int = 2) -> SampledMotion:
         """The motion over T seconds along so many axes (a scalar one has none)."""
 
@@ -79,6 +82,35 @@ class DifferentiableSensor(Sensor, Protocol):
 
 
 @runtime_checkable
+class NormalMotion(Protocol):
+    """A motion whose noise is N(0, Q)."""
+
+    @property
+    def Q(self) -> Array:
+        """Covariance of the noise (n_x, n_x)."""
+
+
+@runtime_checkable
+class GammaMotion(Protocol):
+    """A motion of a scalar whose noise is a gamma variate."""
+
+    @property
+    def noise(self) -> Gamma:
+        """The noise's distribution."""
+
+
+@runtime_checkable
+class LocatingSensor(Protocol):
+    """A sensor of which one measurement tells the position."""
+
+    axes: ClassVar[int]
+    """along so many axes"""
+
+    def located(self, z: Array, k: int) -> Gaussian:
+        """The position (axes, M) that a measurement gives, and its covariance."""
+
+
+@runtime_checkable
 class NearSensor(Protocol):
     """A sensor that tells how far states are from a measurement faster than where they are."""
 
@@ -96,6 +128,30 @@ class Model(NamedTuple):
 
     motion: SampledMotion
     sensor: Sensor
+
+
+class Scene(Protocol):
+    """What a filter may ask of a scenario before anything runs."""
+
+    @property
+    def model(self) -> Model:
+        """Motion and sensor that the filter assumes."""
+
+    @property
+    def steps(self) -> Index:
+        """Step numbers k (T + 1,), the prior's first."""
+
+    @property
+    def times(self) -> Array:
+        """Times of the steps (T + 1,), s."""
+
+    @property
+    def prior_kind(self) -> type[Distribution]:
+        """The class of the prior."""
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Sizes of the accelerations of the target's turns, m/s^2."""
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:

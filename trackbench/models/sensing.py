@@ -1,5 +1,6 @@
 """What all sensors share: when they measure, and what their errors are that no filter is told of."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -10,7 +11,9 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
+from trackbench.hooks import Part
 from trackbench.keys import Count, Finite, Natural, OpenShare, Positive, Share
+from trackbench.models.base import LocatingSensor, NearSensor
 
 _STEP = 1e-6  # of a component, or of its unit if that is larger
 
@@ -28,7 +31,7 @@ class Outliers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measuring:
+class Measuring(Part):
     """Base of every sensor. What stands here is true of the measurements; a filter knows none of it.
 
     The error is ``bias + root(R) e``, e standard normal unless there are `outliers`.
@@ -47,15 +50,16 @@ class Measuring:
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""
+    besides: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor)
 
     def __post_init__(self) -> None:
         if self.bias and len(self.bias) != len(self.components):
             names = ", ".join(self.components)
             raise ValueError(f"bias has {len(self.bias)} numbers for {names}")
 
+    @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
         """The distribution of z_k given x_k = x (n_x, *batch), as a filter assumes it."""
-        raise NotImplementedError
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""

@@ -173,7 +173,7 @@ def _figures(results: Results) -> list[Drawing]:
         contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
         if not contents:
             continue
-        caption = getattr(spec, "title", "") or name
+        caption = spec.title or name
         title = f"{caption}. {(type(spec).__doc__ or '').splitlines()[0]}"
         drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
     return drawings

@@ -2,13 +2,13 @@
 
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
 
 from trackbench.experiment.files import made, write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison, compare
@@ -56,9 +56,9 @@ def write_figures(
     return written
 
 
-def drawn(spec: Any, results: Results, formats: Iterable[str]) -> list[tuple[str, bytes]]:
+def drawn(spec: FigureKind, results: Results, formats: Iterable[str]) -> list[tuple[str, bytes]]:
     """A figure as the content of a file, for each format; none of tracks if every filter failed."""
-    if getattr(spec, "shown_runs", 0) and not results.shown:
+    if spec.shown_runs and not results.shown:
         return []
     with style.quiet():
         figure = spec.draw(results)

@@ -24,6 +24,7 @@ from trackbench.registry import Group
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
+from trackbench.scenarios.base import Scenario
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,7 +93,7 @@ class Results:
         )
 
     @cached_property
-    def scenario(self) -> Any:
+    def scenario(self) -> Scenario:
         """The scenario as the config describes it."""
         problems: list[Problem] = []
         built = build_kind("scenarios", self.source, ("scenario",), problems)
@@ -103,7 +104,7 @@ class Results:
     @property
     def shaded(self) -> list[tuple[float, float]]:
         """Start and end times of what a figure over time shades; none unless the scenario says."""
-        return list(getattr(self.scenario, "spans", []))
+        return list(self.scenario.spans)
 
     @property
     def labels(self) -> list[str]:

@@ -1,31 +1,17 @@
-"""What a scenario is: it simulates truth and measurements, and knows the model behind them.
+"""What a scenario is: it simulates truth and measurements, and knows the model behind them."""
 
-Optional attributes of a scenario class:
-
-``lost_beyond``  error beyond which a run counts as lost, in the unit of the first quantity of ``errors``
-``run_metrics``  a method of the series (T + 1, M) by name: further numbers per run (M,) by name
-``contents``     digests of the data files that were read, by path; else the files are hashed anew
-``bounds``       a method: lower bounds of the errors (T + 1,) by quantity, for the key ``bound``
-``observables``  a method of the state: functions of it by name, whose posterior means are measured
-``marginals``    components by name of a part of the state: its own NEES beside the whole state's
-``has_truth``    False if there are measurements only, and so no errors
-``components``   names of the truth's components, if the model that filters assume has more
-``believing``    a method of `trackbench.models.assumed.Assume`: the scenario as a filter sees it that
-                 assumes this
-``prior_kind``   the class of the prior, for filters that ask it for more than moments
-``no_bound``     why ``bounds`` would be no bound, or None
-``recorded_runs``  how many runs there are, if one cannot have as many as one likes
-``spans``        start and end times of stretches that a figure over time shades
-"""
-
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import Streams
+from trackbench.hooks import Part
+from trackbench.keys import MistakenKeyError
+from trackbench.models.assumed import Assume
 from trackbench.models.base import Model
 
 
@@ -41,42 +27,97 @@ class Simulation(NamedTuple):
     prior: Distribution
 
 
-class Scenario(Protocol):
-    """A frozen dataclass whose fields are its YAML keys."""
-
-    def __hash__(self) -> int:
-        """Equal scenarios simulate equal data."""
+class Scenario(Part):
+    """A frozen dataclass whose fields are its YAML keys; equal scenarios simulate equal data."""
 
     @property
+    @abstractmethod
     def model(self) -> Model:
         """Motion and sensor of the truth, which filters assume unless told otherwise."""
 
     @property
+    @abstractmethod
     def steps(self) -> Index:
         """Step numbers k (T + 1,), the prior's first."""
 
     @property
+    @abstractmethod
     def times(self) -> Array:
         """Times of the steps (T + 1,), s."""
 
     @property
+    @abstractmethod
     def windows(self) -> Mapping[str, Mask]:
         """Which steps (T + 1,) each named window of the error metrics covers; ``""`` is the whole."""
 
+    @abstractmethod
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Truth, measurements and prior of so many runs; ``rng`` has one stream per run."""
 
+    @abstractmethod
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Error vectors (d, *batch) by name of the quantity, from estimate and truth (n_x, *batch)."""
 
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the truth's components, the first of every filter's state; default: the model's."""
+        return self.model.motion.components
 
-def truth_components(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the truth's components, which are also the first of every filter's state.
+    @property
+    def prior_kind(self) -> type[Distribution]:
+        """The class of the prior, for filters that ask it for more than moments."""
+        return Gaussian
 
-    Those of the model unless the scenario has ``components`` of its own.
-    """
-    own: tuple[str, ...] | None = getattr(scenario, "components", None)
-    return own or scenario.model.motion.components
+    def believing(self, assume: Assume) -> "Scenario":
+        """The scenario as a filter sees it that assumes this."""
+        raise MistakenKeyError(f"of scenario {self.kind} filters assume what it says")
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is a truth; if there are measurements only, there are no errors."""
+        return True
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """How many runs there are, if one cannot have as many as one likes."""
+        return None
+
+    @property
+    def lost_beyond(self) -> float | None:
+        """Error beyond which a run is lost, in the unit of the first quantity of `errors`."""
+        return None
+
+    @property
+    def marginals(self) -> Mapping[str, tuple[int, ...]]:
+        """Components by name of a part of the state: its own NEES beside the whole state's."""
+        return {}
+
+    def observables(self, x: Array) -> dict[str, Array]:
+        """Functions (*batch) of the state x (n_x, *batch) whose posterior means are measured."""
+        return {}
+
+    def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Further numbers per run (M,) by name, from the series (T + 1, M)."""
+        return {}
+
+    def bounds(self) -> dict[str, Array]:
+        """Lower bounds of the errors (T + 1,) by quantity, for the key ``bound``."""
+        return {}
+
+    @property
+    def no_bound(self) -> str | None:
+        """Why `bounds` would be no bound; None if it is one."""
+        return "" if type(self).bounds is Scenario.bounds else None
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """Start and end times of stretches that a figure over time shades, s."""
+        return []
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Sizes of the accelerations of the target's turns, m/s^2."""
+        return ()
 
 
 def in_window(name: str, window: str) -> str:

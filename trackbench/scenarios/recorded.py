@@ -1,6 +1,7 @@
 """Scenario `recorded`: measurements, and perhaps the truth, from files of one's own."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
@@ -18,7 +19,7 @@ from trackbench.scenarios.recordings import Recording, read_recording
 
 @register("scenarios", "recorded")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recorded:
+class Recorded(Scenario):
     """Recorded data, filtered with the motion, sensor, steps and prior of another scenario.
 
     Runs count from 0 in the order of their numbers in the file. A step without a row, or with an
@@ -86,13 +87,11 @@ class Recorded:
     @property
     def lost_beyond(self) -> float | None:
         """Error beyond which a run counts as lost, of `like`."""
-        limit: float | None = getattr(self.like, "lost_beyond", None)
-        return limit
+        return self.like.lost_beyond
 
-    @property
-    def run_metrics(self) -> Any:
+    def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Further metrics of `like`, if there is a truth to hold them to."""
-        return getattr(self.like, "run_metrics", None) if self.has_truth else None
+        return self.like.run_metrics(values) if self.has_truth else {}
 
     @property
     def contents(self) -> dict[str, str]:

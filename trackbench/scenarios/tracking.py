@@ -20,7 +20,7 @@ from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several, together
 from trackbench.registry import register
-from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.base import Opening, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
@@ -32,7 +32,7 @@ _EVERYTHING = Score()
 
 @register("scenarios", "tracking")
 @dataclass(frozen=True, kw_only=True)
-class Tracking:
+class Tracking(Scenario):
     """A target that is seen by sensors: each a part of its own, in any combination.
 
     What filters believe of it is ``assume``, of the scenario and of each filter.

@@ -114,7 +114,9 @@ def _column(key: Key, stored: Array, again: Array) -> Column:
 
 def _drawing(experiment: Experiment) -> set[str]:
     """The filters that draw: each has a number of particles."""
-    return {label for p in experiment.points for label, f in p.filters.items() if hasattr(f, "N")}
+    return {
+        label for p in experiment.points for label, f in p.filters.items() if f.particle_count > 1
+    }
 
 
 def _judged(columns: list[Column], drawing: Collection[str]) -> Iterator[Finding]:

@@ -50,7 +50,7 @@ def _averages(
     for (label, metric), rows in frame.groupby(["filter", "metric"], sort=False):
         if label not in here.filters:
             continue
-        counts: frozenset[str] = getattr(here.filters[label], "counts", frozenset())
+        counts = here.filters[label].counts
         at = np.searchsorted(here.scenario.steps, rows["step"])
         for window, mask in here.scenario.windows.items():
             inside = rows[mask[at]]

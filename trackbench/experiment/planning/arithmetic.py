@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from trackbench.core import elementary, linalg, noise, sums
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.models.base import GammaMotion
+from trackbench.scenarios.base import Scenario
 
 
 @cache
@@ -66,16 +68,15 @@ def hangs_on_numpys(*parts: Any) -> bool:
     So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
     """
     return any(
-        not type(part).__module__.startswith("trackbench.")
-        or not noise.is_erlang(getattr(_noise_of(part), "shape", 1))
+        not type(part).__module__.startswith("trackbench.") or not _is_of_our_noise(part)
         for part in parts
         if part is not None
     )
 
 
-def _noise_of(part: Any) -> Any:
-    """The process noise of a scenario that names one."""
-    return getattr(part.model.motion, "noise", None) if hasattr(part, "model") else None
+def _is_of_our_noise(part: Any) -> bool:
+    motion = part.model.motion if isinstance(part, Scenario) else None
+    return not isinstance(motion, GammaMotion) or noise.is_erlang(motion.noise.shape)
 
 
 def _inputs() -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.code import add_sources, code_digest
 from trackbench.experiment.reading.resolved import as_config
+from trackbench.hooks import Part
 
 
 def block_key(task: BlockTask, used: int) -> str:
@@ -39,7 +40,7 @@ def _part(part: Any) -> list[Any]:
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
     for inner in parts:
-        read |= getattr(inner, "contents", {})
+        read |= inner.contents if isinstance(inner, Part) else {}
     # What was read makes the numbers: the file itself may have been edited since.
     keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
     takes_numpys = bool(code) or arithmetic.hangs_on_numpys(part)

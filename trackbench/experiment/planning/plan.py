@@ -1,11 +1,10 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.problems import Problem, UserError
@@ -14,7 +13,7 @@ from trackbench.experiment.reading.metric_names import number_per_run
 from trackbench.experiment.reading.plugins import Plugin
 from trackbench.experiment.reading.shared import shared
 from trackbench.filters.base import AnyFilter
-from trackbench.scenarios.base import Scenario, truth_components
+from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
@@ -106,19 +105,9 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 
     Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
     """
-    N = particle_count(tracker)
+    N, boosted = tracker.particle_count, tracker.most_particles
     most = min(_WIDEST, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
-    return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // (_boost(tracker) * N)))
-
-
-def _boost(tracker: AnyFilter) -> int:
-    """By how much a filter's cloud is larger in its first steps."""
-    return int(getattr(tracker, "boost", 1)) if getattr(tracker, "boost_scans", 0) else 1
-
-
-def particle_count(tracker: AnyFilter) -> int:
-    """The filter's N, or 1 for a filter without particles."""
-    return int(getattr(tracker, "N", 1))
+    return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted))
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
@@ -164,16 +153,14 @@ def cautions(point: Point) -> list[str]:
     """What filters say about this scenario that is no mistake but should be known."""
     out = []
     for label, tracker in point.filters.items():
-        warn = getattr(tracker, "cautions", None)
-        out += [f"{label}: {text}" for text in (warn(point.seen_by(label)) if warn else [])]
+        out += [f"{label}: {text}" for text in tracker.cautions(point.seen_by(label))]
     return out
 
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
-    n_x = len(truth_components(scenario))
-    cloud = _boost(tracker) * particle_count(tracker) * n_x * _TEMPORARIES
-    held: Callable[[Any], int] = getattr(tracker, "held", lambda model: 0)
-    return 8 * width * (cloud + held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
+    n_x = len(scenario.components)
+    cloud = tracker.most_particles * n_x * _TEMPORARIES
+    return 8 * width * (cloud + tracker.held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
 
 
 def _read_bytes(experiment: Experiment) -> int:
@@ -191,7 +178,7 @@ def _read_bytes(experiment: Experiment) -> int:
 def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
     """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
     settings, steps = experiment.settings, len(point.scenario.steps)
-    n_x = len(truth_components(point.scenario))
+    n_x = len(point.scenario.components)
     per_run = 60 + series * steps
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps

@@ -1,13 +1,14 @@
 """What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
 
-from typing import Any
-
+from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.reading.parts import build_plain
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.parts import build_plain
 from trackbench.experiment.reading.source import Source, dotted
 from trackbench.keys import MistakenKeyError
 from trackbench.models.assumed import Assume
+from trackbench.scenarios.base import Scenario
 
 
 def read_assumed(source: Source, label: str, problems: list[Problem]) -> Assume | None:
@@ -22,13 +23,11 @@ def read_assumed(source: Source, label: str, problems: list[Problem]) -> Assume 
     return build_plain(Assume, source, keys, problems)
 
 
-def check_assumed(source: Source, point: Point, label: str, problems: list[Problem]) -> Any:
+def check_assumed(
+    source: Source, point: Point, label: str, problems: list[Problem]
+) -> Scenario | None:
     """The scenario as this filter sees it; None, with the reason said, if there is no such model."""
     keys = ("filters", label, "assume")
-    if label in point.assumed and not hasattr(point.scenario, "believing"):
-        what = f"of scenario {point.scenario.kind} filters assume what it says"  # type: ignore[attr-defined]
-        problems.append(Problem(source.key_mark(keys), dotted(keys), what))
-        return None
     try:
         seen = point.seen_by(label)
         _ = seen.model

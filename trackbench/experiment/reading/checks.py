@@ -4,14 +4,21 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from trackbench.experiment.reading.definition import (
+    DrawnExhibit,
+    Exhibit,
+    Labelled,
+    Point,
+    Settings,
+    labels_to_run,
+)
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.reading.definition import Point, Settings, labels_to_run
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import unknown
-from trackbench.filters.base import prior_kind
+from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
 from trackbench.registry import Group
-from trackbench.scenarios.base import truth_components
+from trackbench.scenarios.base import Scenario
 
 _NEEDS = {
     "state.planar": "a target in the plane",
@@ -47,39 +54,38 @@ def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -
     return labels_to_run(known, settings.only, settings.reference)
 
 
-def has(scenario: Any, need: str) -> bool:
+def has(scenario: Scenario, need: str) -> bool:
     """Whether a scenario has what a filter needs: ``motion.jacobian``, ``prior.first``."""
     part, _, name = need.partition(".")
     if part == "state":
-        return truth_components(scenario) == moving(2)
+        return scenario.components == moving(2)
     if part == "prior":
-        kind = prior_kind(scenario)
+        kind = scenario.prior_kind
         return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
     return hasattr(getattr(scenario.model, part), name)
 
 
 def check_fit(
-    source: Source, keys: Keys, tracker: Any, scenario: Any, problems: list[Problem]
+    source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario, problems: list[Problem]
 ) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
-    for need in getattr(tracker, "needs", ()):
+    for need in tracker.needs:
         if not has(scenario, need):
             what = f"{tracker.kind} needs {_in_words(need)}, which there is not here"
             problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
-    conflicts = getattr(tracker, "conflicts", None)
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
-    if conflicts and not unmet:
-        problems += _conflicts(source, keys, conflicts(scenario))
+    if not unmet:
+        problems += _conflicts(source, keys, tracker.conflicts(scenario))
 
 
-def check_bound(source: Source, scenario: Any, problems: list[Problem]) -> None:
+def check_bound(source: Source, scenario: Scenario, problems: list[Problem]) -> None:
     """A lower bound that the experiment asks for must exist."""
     if source.data.get("bound") is None:
         return
-    why = getattr(scenario, "no_bound", None)
-    if not hasattr(scenario, "bounds") or why:
+    why = scenario.no_bound
+    if why is not None:
         what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
         problems.append(Problem(source.mark(("bound",)), "bound", what))
 
@@ -99,7 +105,7 @@ def check_named_filters(
     source: Source,
     settings: Settings,
     group: Group,
-    parts: dict[str, Any],
+    parts: dict[str, Exhibit],
     problems: list[Problem],
 ) -> None:
     """Tables and figures may name filters only that the experiment has.
@@ -107,8 +113,8 @@ def check_named_filters(
     They do under ``filters``, and under what they declare as ``label_keys``.
     """
     for name, part in parts.items():
-        for key in ("filters", *getattr(part, "label_keys", ())):
-            for where, label in _labels(getattr(part, key, None), (group, name, key)):
+        for key in ("filters", *part.label_keys):
+            for where, label in _labels(getattr(part, key), (group, name, key)):
                 if label not in (*settings.filters, settings.bound):
                     problems.append(no_filter(source, settings, where, label))
 
@@ -124,7 +130,8 @@ def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
     elif isinstance(value, tuple):
         inner = enumerate(value)
     else:
-        inner = ((key, getattr(value, key)) for key in getattr(value, "label_keys", ()))
+        keys = value.label_keys if isinstance(value, Labelled) else ()
+        inner = ((key, getattr(value, key)) for key in keys)
     for key, part in inner:
         yield from _labels(part, (*where, key))
 
@@ -138,31 +145,30 @@ def no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Pr
 def check_drawable(
     source: Source,
     group: Group,
-    parts: dict[str, Any],
+    parts: dict[str, Exhibit],
     points: list[Point | None],
     problems: list[Problem],
 ) -> None:
     """What tables and figures say themselves about these points."""
     there = [point for point in points if point is not None]
     for name, part in parts.items() if there and len(there) == len(points) else ():
-        conflicts = getattr(part, "conflicts", None)
-        problems += _conflicts(source, (group, name), conflicts(there) if conflicts else {})
+        problems += _conflicts(source, (group, name), part.conflicts(there))
 
 
 def check_figures(
     source: Source,
     settings: Settings,
-    figures: dict[str, Any],
+    figures: dict[str, DrawnExhibit],
     points: list[Point | None],
     problems: list[Problem],
 ) -> None:
     """A figure may show only runs and components that there are."""
-    sizes = [len(truth_components(p.scenario)) for p in points if p is not None]
+    sizes = [len(p.scenario.components) for p in points if p is not None]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
-        for key, most in limits.items():
-            number = getattr(figure, key, None)
-            if isinstance(number, int) and number > most:
+        for key in figure.numbers:
+            number, most = getattr(figure, key), limits[key]
+            if number > most:
                 where = ("figures", name, key)
                 what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
                 problems.append(Problem(source.mark(where), dotted(where), what))
@@ -172,7 +178,7 @@ def with_recorded_runs(
     source: Source, settings: Settings, points: list[Point | None], problems: list[Problem]
 ) -> Settings:
     """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
-    counts = [getattr(p.scenario, "recorded_runs", None) for p in points if p is not None]
+    counts = [p.scenario.recorded_runs for p in points if p is not None]
     most = min((count for count in counts if count is not None), default=None)
     if most is None or ("runs" in source.data and settings.runs <= most):
         return settings

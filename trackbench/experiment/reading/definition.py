@@ -1,8 +1,8 @@
 """What an experiment is: the top level of its file, and what becomes of it once it is validated."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import StringConstraints
 
@@ -10,6 +10,7 @@ from trackbench.experiment.reading.plugins import Plugin
 from trackbench.experiment.reading.published import Published
 from trackbench.experiment.reading.source import Source
 from trackbench.filters.base import AnyFilter
+from trackbench.hooks import Part
 from trackbench.keys import ONE_LINE, Count, Natural
 from trackbench.models.assumed import Assume
 from trackbench.registry import Group
@@ -88,9 +89,59 @@ class Point:
         """The scenario with the model that this filter assumes."""
         if label not in self.assumed:
             return self.scenario
-        scenario: Any = self.scenario
-        seen: Scenario = scenario.believing(self.assumed[label])
-        return seen
+        return self.scenario.believing(self.assumed[label])
+
+
+class Labelled:
+    """Base of what holds labels of filters."""
+
+    label_keys: ClassVar[tuple[str, ...]] = ()
+    """keys, beside ``filters``, that hold labels, alone or in mappings and lists"""
+
+
+class Exhibit(Labelled, Part):
+    """Base of tables and figures: what they show, and what they need for it."""
+
+    asks: ClassVar[dict[str, str]] = {}
+    """keys that name metrics, and each one's role: per_step, per_run, summary, expression, comparison"""
+    needs: ClassVar[dict[str, str]] = {}
+    """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
+
+    @property
+    def title(self) -> str:
+        """Its heading, a key of most."""
+        return ""
+
+    @property
+    def filters(self) -> tuple[str, ...] | None:
+        """Labels of the filters that it shows, a key of most; None shows all."""
+        return None
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """What it cannot show of these points, by key (``""``: as a whole)."""
+        return {}
+
+
+class DrawnExhibit(Exhibit):
+    """Base of figures: what must be kept of the runs for them."""
+
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """which of its keys ``run`` and ``component`` are numbers of these, from 1"""
+
+    @property
+    def shown_runs(self) -> int:
+        """Runs whose tracks must be kept."""
+        return 0
+
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether the tracks' covariances must be kept, too."""
+        return False
+
+    @property
+    def shown_components(self) -> tuple[int, ...] | None:
+        """The components of the tracks, if lines of them over the plane are all that is drawn."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -100,26 +151,26 @@ class Experiment:
     settings: Settings
     points: list[Point]
     left_out: dict[str, AnyFilter]
-    tables: dict[str, Any]
-    figures: dict[str, Any]
+    tables: dict[str, Exhibit]
+    figures: dict[str, DrawnExhibit]
     source: Source
     published: Published
     plugins: tuple[Plugin, ...] = ()
 
     @property
-    def parts(self) -> dict[Group, dict[str, Any]]:
+    def parts(self) -> dict[Group, dict[str, Exhibit]]:
         """Tables and figures by name."""
-        return {"tables": self.tables, "figures": self.figures}
+        return {"tables": self.tables, "figures": {**self.figures}}
 
     @property
     def shown_runs(self) -> int:
         """How many runs' whole tracks the figures need."""
-        return max((getattr(f, "shown_runs", 0) for f in self.figures.values()), default=0)
+        return max((f.shown_runs for f in self.figures.values()), default=0)
 
     @property
     def shown_covariances(self) -> bool:
         """Whether a figure needs those tracks' covariances too."""
-        return any(getattr(f, "shown_covariances", False) for f in self.figures.values())
+        return any(f.shown_covariances for f in self.figures.values())
 
     def title_of(self, key: tuple[int, str]) -> str:
         """A filter at a grid point, for people."""

@@ -2,25 +2,27 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.derived import marginals, sizes
+from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
 from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.experiment.reading.definition import Exhibit, Point, Settings
+from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.reading.definition import Point, Settings
-from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.filters.base import AnyFilter, Filter
+from trackbench.hooks import Part
 from trackbench.registry import Group
-from trackbench.scenarios.base import truth_components
+from trackbench.scenarios.base import Scenario
 
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
@@ -44,7 +46,7 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     return None if names is None else frozenset({"lost", *map(base_name, names)})
 
 
-def number_per_run(settings: Settings, scenario: Any, label: str, tracker: Any) -> int:
+def number_per_run(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """How many metrics of a filter per_run.csv holds, rather too many: it is not asked what it notes."""
     wanted = kept_metrics(settings, "per_run.csv")
     if wanted is not None:
@@ -64,13 +66,14 @@ class Names:
     given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
     """numbers beside them: times, and the filters' keys"""
 
-    def add(self, settings: Settings, scenario: Any, tracker: Any, series: set[str]) -> None:
+    def add(
+        self, settings: Settings, scenario: Scenario, tracker: AnyFilter, series: set[str]
+    ) -> None:
         """Take over the names that a filter's series give."""
         self.series |= series
         values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
-        counts: frozenset[str] = getattr(tracker, "counts", frozenset())
         with np.errstate(all="ignore"):
-            per_run = per_run_metrics(scenario, values, counts, np.ones(1, dtype=bool))
+            per_run = per_run_metrics(scenario, values, tracker.counts, np.ones(1, dtype=bool))
             one = StepSums(np.ones(1), np.ones(1), np.ones(1))
             medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
             result = FilterResult(per_run, dict.fromkeys(sorted(series), one), medians, None, [])
@@ -95,7 +98,7 @@ def check_metrics(
     source: Source,
     settings: Settings,
     points: list[Point | None],
-    parts: dict[Group, dict[str, Any]],
+    parts: dict[Group, dict[str, Exhibit]],
     problems: list[Problem],
 ) -> None:
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
@@ -105,7 +108,7 @@ def check_metrics(
     """
     there = [p for p in points if p is not None and len(p.filters) == len(settings.filters)]
     whole = there and all(None not in p.filters.values() for p in there)
-    if not whole or not all(getattr(p.scenario, "has_truth", True) for p in there):
+    if not whole or not all(p.scenario.has_truth for p in there):
         return
     chosen = list({point.scenario: point for point in reversed(there)}.values())
     asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
@@ -127,16 +130,16 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
         yield Asked(("per_step", i), word, "base")
 
 
-def asked_by_parts(parts: dict[Group, dict[str, Any]]) -> Iterator[Asked]:
+def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
     """What tables and figures say of themselves.
 
     In ``asks`` a key of the config and the role of what it names, in ``needs`` a metric and its role.
     """
     for group, built in parts.items():
         for name, part in built.items():
-            for word, role in getattr(part, "needs", {}).items():
+            for word, role in part.needs.items():
                 yield Asked((group, name), word, role, named=False)
-            for key, role in getattr(part, "asks", {}).items():
+            for key, role in part.asks.items():
                 value = getattr(part, key)
                 if isinstance(value, str):
                     yield Asked((group, name, key), value, role)
@@ -154,11 +157,11 @@ def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
         done = set()  # filters mostly have the same series
         for label, tracker in point.filters.items():
             series = set(_series(settings, point.scenario, label, tracker))
-            names.given |= set(getattr(tracker, "__dataclass_fields__", ()))
+            names.given |= _keys(tracker)
             try:
                 if noted:
                     series |= _noted(settings, point.seen_by(label), tracker)
-                alike = frozenset(series), frozenset(getattr(tracker, "counts", ()))
+                alike = frozenset(series), tracker.counts
                 if alike not in done:
                     names.add(settings, point.scenario, tracker, series)
                 done.add(alike)
@@ -167,28 +170,34 @@ def _names(settings: Settings, points: list[Point], noted: bool) -> Any:
     return names
 
 
-def _series(settings: Settings, scenario: Any, label: str, tracker: Any) -> Iterator[str]:
-    nowhere = np.zeros((len(truth_components(scenario)), 1))
+def _series(
+    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
+) -> Iterator[str]:
+    nowhere = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(nowhere, nowhere).items():
         yield joined("squared", quantity)
         if len(error) == 1:
             yield joined("error", quantity)
         if settings.reference is not None and label != settings.reference:
             yield joined("distance", quantity)
-    yield from ("nees", "outside", *(f"nees_{name}" for name in marginals(scenario)))
-    if hasattr(scenario, "observables") and hasattr(tracker, "expectation"):
+    yield from ("nees", "outside", *(f"nees_{name}" for name in scenario.marginals))
+    if tracker.knows_expectations:
         for name in scenario.observables(nowhere):
             yield from (f"squared_{name}", f"error_{name}")
 
 
-def _noted(settings: Settings, scenario: Any, tracker: Any) -> set[str]:
+def _keys(part: Part) -> set[str]:
+    return {field.name for field in fields(cast(Any, part))}
+
+
+def _noted(settings: Settings, scenario: Scenario, tracker: AnyFilter) -> set[str]:
     """Names of what a filter notes at a step, from the first step of one run."""
-    if not hasattr(tracker, "diagnostics"):
+    if type(tracker).diagnostics is Filter.diagnostics:
         return set()
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
-    if "N" in getattr(tracker, "__dataclass_fields__", ()):  # nothing is known of the memory yet
-        tracker = replace(tracker, N=min(tracker.N, _FEW))
+    if "N" in _keys(tracker):  # nothing is known of the memory yet
+        tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _FEW))
     with guarded(), np.errstate(all="ignore"):
         state = tracker.init(model, data.prior, rng)
         k = int(scenario.steps[1])

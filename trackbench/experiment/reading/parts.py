@@ -30,7 +30,7 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         return None
     cls = known[kind]
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
-    also = ["preset"] if getattr(cls, "presets", {}) else []
+    also = ["preset"] if cls.presets else []
     if group == "filters":  # of every filter: see `trackbench.experiment.reading.assuming`
         own.pop("assume", None)
         also.append("assume")
@@ -125,7 +125,7 @@ def _with_preset(
 ) -> dict[str, Any]:
     data = {k: v for k, v in at(source, keys).items() if k != "kind"}
     name = data.get("preset")
-    presets = getattr(cls, "presets", {})
+    presets = cls.presets
     if presets and name is None:
         data.pop("preset", None)
     if name is None or not presets:

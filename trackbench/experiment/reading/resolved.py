@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
@@ -13,6 +13,7 @@ from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.source import Keys, scalar
 from trackbench.experiment.reading.validate import at, file_keys
+from trackbench.hooks import Part
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
@@ -42,8 +43,8 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     out["scenario"] = written(first.scenario, ("scenario",))
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
-    parts = {"filters": filters, "tables": experiment.tables, "figures": experiment.figures}
-    for group, built in parts.items():
+    groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)
+    for group, built in groups.items():
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
     for label, assume in first.assumed.items():
         keys = ("filters", label, "assume")
@@ -98,7 +99,7 @@ _Dumper.add_representer(str, _Dumper.represent_word)
 def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
-    out = {"kind": part.kind} if hasattr(part, "kind") else {}
+    out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
     for key in (field for field in fields(part) if field.init):
         value = getattr(part, key.name)
         if key.name in files and value is not None:
@@ -109,7 +110,7 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
 
 def _plain(value: Any, shown: Callable[[str], str]) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        if hasattr(value, "kind"):
+        if isinstance(value, Part):
             return as_config(value, shown)
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, dict):

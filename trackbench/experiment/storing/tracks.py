@@ -9,6 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
+from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
 from trackbench.experiment.files import replacing
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import Experiment
@@ -65,25 +66,25 @@ class Shown(Kept):
     """
 
     def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
-        figures = [f for f in self.experiment.figures.values() if getattr(f, "shown_runs", 0)]
-        exact = _most_runs([f for f in figures if not hasattr(f, "shown_components")])
+        figures = [f for f in self.experiment.figures.values() if f.shown_runs]
+        exact = _most_runs([f for f in figures if f.shown_components is None])
         arrays = {"truth": tracks.truth[..., : max(exact, 1)]}
         if exact:
             arrays["measurements"] = tracks.measurements[..., :exact]
         mine = [f for f in figures if f.filters is None or label in f.filters]
-        drawn = [f for f in mine if hasattr(f, "shown_components")]
+        drawn = [f for f in mine if f.shown_components is not None]
         runs = _most_runs(mine)
         if len(drawn) < len(mine):
             arrays[f"mean/{label}"] = tracks.mean[..., :runs]
         elif drawn:
-            components = sorted({c for f in drawn for c in f.shown_components})
+            components = sorted({c for f in drawn for c in f.shown_components or ()})
             arrays[f"mean/{label}"] = _grained(tracks.mean[..., :runs], components)
-        if tracks.cov is not None and any(hasattr(f, "shown_covariances") for f in mine):
+        if tracks.cov is not None and any(f.shown_covariances for f in mine):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
 
 
-def _most_runs(figures: list[Any]) -> int:
+def _most_runs(figures: list[DrawnExhibit]) -> int:
     return max((f.shown_runs for f in figures), default=0)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.keys import NonNegative, Positive
-from trackbench.models.base import AXES, moving
+from trackbench.models.base import AXES, Motion, moving
 from trackbench.models.linear import Linear
 from trackbench.registry import register
 
@@ -30,7 +30,7 @@ class Axis(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PerAxis:
+class PerAxis(Motion):
     """Base of the motions whose axes do not couple."""
 
     def axis(self, T: float) -> Axis:

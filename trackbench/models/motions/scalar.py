@@ -11,6 +11,7 @@ from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
 from trackbench.core.grid import Interval
 from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.models.base import Motion
 from trackbench.models.linear import Linear
 from trackbench.registry import register
 
@@ -19,7 +20,7 @@ _TAIL = 1e-12  # probability of gamma noise beyond the support handed to the poi
 
 @register("motions", "sine-gamma")
 @dataclass(frozen=True, kw_only=True)
-class SineGamma:
+class SineGamma(Motion):
     """``x_k = 1 + sin(w pi s) + phi1 x_{k-1} + v``, v ~ Gamma(shape, rate): van der Merwe's motion.
 
     Van der Merwe et al. 2000, section 6.1; hdepf paper, eq. 12.
@@ -45,7 +46,7 @@ class SineGamma:
 
 @register("motions", "ar1")
 @dataclass(frozen=True, kw_only=True)
-class Autoregressive:
+class Autoregressive(Motion):
     """``x_k = phi x_{k-1} + N(0, q)``; phi = 1 is a random walk."""
 
     phi: Finite = 1.0

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.keys import Finite, NonNegative, Positive
-from trackbench.models.base import moving
+from trackbench.models.base import Motion, moving
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register
@@ -20,7 +20,7 @@ _STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn
 
 @register("motions", "ct")
 @dataclass(frozen=True, kw_only=True)
-class CoordinatedTurn:
+class CoordinatedTurn(Motion):
     """Turn at constant speed and a known rate (Bar-Shalom, Li & Kirubarajan 2001, eq. 11.7.1-4)."""
 
     turn_rate_deg_s: Finite
@@ -50,7 +50,7 @@ class CoordinatedTurn:
 
 @register("motions", "ct-unknown")
 @dataclass(frozen=True, kw_only=True)
-class UnknownTurn:
+class UnknownTurn(Motion):
     """Turn at constant speed whose rate is estimated with the state and walks at random.
 
     Bar-Shalom, Li & Kirubarajan 2001, section 11.7.2. The state is (px, vx, py, vy, turn_rate), the rate

@@ -17,6 +17,7 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.given import keys_at
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.scenarios.tracking import Tracking
 
@@ -29,7 +30,7 @@ NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}
 
 @register("figures", "banana")
 @dataclass(frozen=True, kw_only=True)
-class Banana:
+class Banana(FigureKind):
     """Where a target may be given its range and azimuth, and the Gaussians that conversions make of it.
 
     Draws its own samples, from the experiment's seed. Axes run along and across the line of sight.
@@ -90,7 +91,7 @@ class Banana:
 
 @register("figures", "posterior")
 @dataclass(frozen=True, kw_only=True)
-class Posterior:
+class Posterior(FigureKind):
     """One run's measurement and the filters' 2-sigma ellipses at one step, seen from the true target."""
 
     title: str = ""
@@ -108,6 +109,7 @@ class Posterior:
     predicted: str | None = None
     """label of a filter whose prediction from the step before is drawn, too"""
     label_keys: ClassVar[tuple[str, ...]] = ("predicted",)
+    numbers: ClassVar[tuple[str, ...]] = ("run",)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """It shows a measurement of a radar, so there must be one at that point and step."""
@@ -116,7 +118,7 @@ class Posterior:
         scenario = points[self.point - 1].scenario
         if not isinstance(scenario, Tracking) or not isinstance(scenario.sensor, RangeAzimuth):
             return {"": "there is no range and azimuth to show"}
-        driven_by = getattr(scenario.target, "motion", None)
+        driven_by = scenario.target.own_motion
         if self.predicted is not None and not isinstance(driven_by, WhiteAcceleration):
             return {"predicted": "the motion is not white noise acceleration"}
         first, last = scenario.steps[1], scenario.steps[-1]

@@ -12,6 +12,7 @@ from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions, over_runs
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @register("figures", "bars")
 @dataclass(frozen=True, kw_only=True)
-class Bars:
+class Bars(FigureKind):
     """A statistic per filter with its confidence interval, and the published number beside it."""
 
     asks: ClassVar[dict[str, str]] = {"metric": "expression"}

@@ -10,6 +10,7 @@ from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.figures.curves import Curves
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ class Bias(Curves):
 
 @register("figures", "dots")
 @dataclass(frozen=True, kw_only=True)
-class Dots:
+class Dots(FigureKind):
     """Metrics of summary.csv, a dot with two standard errors per filter; a panel row per grid point."""
 
     asks: ClassVar[dict[str, str]] = {"columns": "summary"}

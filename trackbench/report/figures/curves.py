@@ -9,6 +9,7 @@ import numpy as np
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curves:
+class Curves(FigureKind):
     """Keys shared by the kinds that draw a line per filter in a panel per grid point."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
@@ -149,6 +150,7 @@ class Estimates(Curves):
     """number of the run, from 1"""
     component: Count = 1
     """number of the state's component, from 1"""
+    numbers: ClassVar[tuple[str, ...]] = ("run", "component")
 
     @property
     def shown_runs(self) -> int:

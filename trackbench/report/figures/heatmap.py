@@ -12,6 +12,7 @@ from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import missing_paths
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @register("figures", "heat-map")
 @dataclass(frozen=True, kw_only=True)
-class HeatMap:
+class HeatMap(FigureKind):
     """A statistic over the grid and the filters; without a grid, the paired z of every two filters."""
 
     asks: ClassVar[dict[str, str]] = {"metric": "comparison"}

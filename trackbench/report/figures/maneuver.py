@@ -11,8 +11,8 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.scenarios.base import truth_components
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,7 @@ _AXES = ("x", "y")
 
 @register("figures", "track")
 @dataclass(frozen=True, kw_only=True)
-class Track:
+class Track(FigureKind):
     """The true track in the plane and, one panel per filter, estimates of the first runs over it."""
 
     title: str = ""
@@ -37,7 +37,7 @@ class Track:
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The state must have the two components."""
-        last = min(len(truth_components(p.scenario)) for p in points) - 1
+        last = min(len(p.scenario.components) for p in points) - 1
         if all(0 <= c <= last for c in self.components):
             return {}
         return {"components": f"{list(self.components)}: the state has components 0 to {last}"}
@@ -101,7 +101,7 @@ def _truth(
 
 @register("figures", "mean-and-std")
 @dataclass(frozen=True, kw_only=True)
-class MeanAndStd:
+class MeanAndStd(FigureKind):
     """Mean error and standard deviation over the runs, per axis and step; maneuvers are shaded.
 
     Adaptive Kalman filter paper, eqs. 13 and 14: truth minus estimate, the opposite sign of `bias` in
@@ -119,8 +119,8 @@ class MeanAndStd:
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The scenario must have errors in x and y."""
-        scenario: Any = points[0].scenario
-        nowhere = np.zeros((len(truth_components(scenario)), 1))
+        scenario = points[0].scenario
+        nowhere = np.zeros((len(scenario.components), 1))
         if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
             return {}
         return {"": "there are no errors in x and y to show"}

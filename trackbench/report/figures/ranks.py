@@ -9,6 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 @register("figures", "critical-difference")
 @dataclass(frozen=True, kw_only=True)
-class CriticalDifference:
+class CriticalDifference(FigureKind):
     """Mean rank of each filter over the runs; bars join filters that do not differ (Nemenyi test).
 
     Demsar 2006. A lost run has the worst rank.

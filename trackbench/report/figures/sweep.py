@@ -11,6 +11,7 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.grids import missing_paths
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, lef
 
 @register("figures", "rmse-vs-parameter")
 @dataclass(frozen=True, kw_only=True)
-class RmseVsParameter:
+class RmseVsParameter(FigureKind):
     """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
 
     Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero

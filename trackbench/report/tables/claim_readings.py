@@ -11,6 +11,7 @@ from trackbench.registry import register
 from trackbench.report.agreement import CLAIM_WORDS, NOT_MEASURED
 from trackbench.report.evidence import Evidence
 from trackbench.report.judging import judge
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.readings import readings
@@ -31,7 +32,7 @@ class _Reading(NamedTuple):
 
 @register("tables", "claim-readings")
 @dataclass(frozen=True, kw_only=True)
-class ClaimReadings:
+class ClaimReadings(TableKind):
     """The points of the grid, each a reading of a paper, by how many of its claims hold there.
 
     For a paper that prints no numbers. Of equal readings the one with fewer claims that fail comes

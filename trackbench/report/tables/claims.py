@@ -3,16 +3,18 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from trackbench.experiment.reading.definition import Labelled
 from trackbench.registry import register
 from trackbench.report import agreement, style
 from trackbench.report.evidence import Evidence
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.terms import Term
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claim:
+class Claim(Labelled):
     """That one filter's metric is less than another's."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("less", "than")
@@ -27,7 +29,7 @@ class Claim:
 
 @register("tables", "claims")
 @dataclass(frozen=True, kw_only=True)
-class Claims:
+class Claims(TableKind):
     """A row per claim, a column per value of the grid: paired difference, negative where it holds.
 
     A claim holds, or fails, beyond three standard errors of the paired difference in each of the

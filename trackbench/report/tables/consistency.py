@@ -8,14 +8,14 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import Estimate, anees_band
 from trackbench.registry import register
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.scenarios.base import truth_components
 
 
 @register("tables", "consistency")
 @dataclass(frozen=True, kw_only=True)
-class Consistency:
+class Consistency(TableKind):
     """Normalised errors and innovations over the runs at each step, and their chi-square bands.
 
     ANEES is NEES / n_x and ANIS is NIS / n_z: 1 if consistent. Averaged over M runs at one step they are
@@ -37,7 +37,7 @@ class Consistency:
         labels = results.chosen(self.filters)
         scenario = results.scenario
         n_z = len(scenario.model.sensor.components)
-        sizes = {"anees": len(truth_components(scenario)), "nis": n_z}
+        sizes = {"anees": len(scenario.components), "nis": n_z}
         heads = [
             "ANEES, median step",
             "steps in its band",

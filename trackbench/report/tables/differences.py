@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from trackbench.registry import register
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
 
 @register("tables", "differences")
 @dataclass(frozen=True, kw_only=True)
-class Differences:
+class Differences(TableKind):
     """Mean paired difference to a filter, a row per other filter, a column per metric of per_run.csv.
 
     Negative: smaller than the filter it is compared with. Runs that either filter lost are left out.

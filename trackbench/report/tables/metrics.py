@@ -9,14 +9,16 @@ from annotated_types import Interval
 
 from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.evaluation.statistics import Estimate
+from trackbench.experiment.reading.definition import Labelled
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gain:
+class Gain(Labelled):
     """A last row: by how many percent one filter's metric is below another's, on common runs."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("of", "over")
@@ -29,7 +31,7 @@ class Gain:
 
 @register("tables", "metrics")
 @dataclass(frozen=True, kw_only=True)
-class Metrics:
+class Metrics(TableKind):
     """A row per filter, a column per metric of summary.csv, such as `mean(rmse)`."""
 
     asks: ClassVar[dict[str, str]] = {"columns": "expression"}

@@ -19,6 +19,7 @@ from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.agreement import NEAR
 from trackbench.report.expressions import Expressions
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.terms import Term
@@ -57,7 +58,7 @@ class Distance(NamedTuple):
 
 @register("tables", "readings")
 @dataclass(frozen=True, kw_only=True)
-class Readings:
+class Readings(TableKind):
     """The points of the grid, each a reading of a paper, by their distance to what it prints.
 
     The distance is the root mean square, over the printed numbers of the filters, of

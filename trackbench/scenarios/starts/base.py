@@ -1,25 +1,17 @@
 """What a start is: from the first scans, or from what is known, the distribution of the first state."""
 
-from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+from abc import abstractmethod
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import Streams
+from trackbench.hooks import Part
+from trackbench.models.base import LocatingSensor
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several
-
-
-@runtime_checkable
-class LocatingSensor(Protocol):
-    """A sensor of which one measurement tells the position."""
-
-    axes: ClassVar[int]
-    """along so many axes"""
-
-    def located(self, z: Array, k: int) -> Gaussian:
-        """The position (axes, M) that a measurement gives, and its covariance."""
 
 
 class Opening(NamedTuple):
@@ -32,7 +24,7 @@ class Opening(NamedTuple):
     diffusion: float
 
 
-class Start:
+class Start(Part):
     """Base of the starts: frozen dataclasses of the group ``starts``."""
 
     scans: ClassVar[int] = 0
@@ -49,11 +41,11 @@ class Start:
         """The true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
         return nominal
 
+    @abstractmethod
     def prior(
         self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The first state's distribution; ``nominal`` is the mean it was drawn about, if it was."""
-        raise NotImplementedError
 
     def bound(
         self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float

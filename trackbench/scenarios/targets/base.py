@@ -1,5 +1,6 @@
 """What a target is: it flies, and is measured while it does."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,6 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.streams import Streams
+from trackbench.hooks import Part
 from trackbench.keys import Finite
 from trackbench.models.base import Motion, moving
 from trackbench.models.sensing import Measuring
@@ -61,7 +63,7 @@ class Launch:
         return np.array([self.x, self.vx, self.y, self.vy, *z])
 
 
-class Target:
+class Target(Part):
     """Base of the targets: frozen dataclasses of the group ``targets``."""
 
     @property
@@ -70,9 +72,9 @@ class Target:
         return moving(self.axes)
 
     @property
+    @abstractmethod
     def axes(self) -> int:
         """Axes of the space it moves in."""
-        raise NotImplementedError
 
     @property
     def own_motion(self) -> Motion | None:
@@ -84,14 +86,15 @@ class Target:
         """Spectral density of the white acceleration that drives it, m^2/s^3, as far as it is one."""
         return 0.0
 
+    @abstractmethod
     def start(self, timeline: Timeline) -> Array:
         """The state (n_x,) at the first scan, as far as it is not drawn."""
-        raise NotImplementedError
 
+    @abstractmethod
     def path(self, timeline: Timeline) -> Array:
         """States (n_x, K) without process noise, along which a bound is reckoned."""
-        raise NotImplementedError
 
+    @abstractmethod
     def fly(
         self,
         start: Array,
@@ -104,7 +107,6 @@ class Target:
 
         With ``scans``, of which a start is made, from the first on, and so many without a miss.
         """
-        raise NotImplementedError
 
     def check(self, timeline: Timeline) -> None:
         """Raise MistakenKeyError if it does not fit the time there is."""

@@ -1,0 +1,145 @@
+"""Hooks: what a part of an experiment may offer beside what it must, declared by the base of its group.
+
+A hook is a public method or attribute of the base that is no key. Every registered class stands on its
+base, so a hook is called and never looked up by its name. A class of one's own need not name the base:
+it is put on it when it is registered. What it misses, or spells nearly like a hook, is a mistake then.
+"""
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
+from types import new_class
+from typing import Any, ClassVar, NamedTuple
+
+_ALIKE = 0.8  # of two names: `bound` and `bounds` are 0.91, `estimated` and `estimate` 0.94
+_NOTHING = object()
+
+
+class Part:
+    """Root of the bases of all groups."""
+
+    kind: str = ""
+    """the name under which the class is registered"""
+    presets: ClassVar[dict[str, dict[str, Any]]] = {}
+    """named sets of keys, chosen in a config by ``preset: NAME``"""
+    besides: ClassVar[tuple[type, ...]] = ()
+    """protocols of hooks that have no default: a class has them or not"""
+
+    @property
+    def contents(self) -> dict[str, str]:
+        """Digests of the data files that were read, by path; without them the files are hashed anew."""
+        return {}
+
+    @classmethod
+    def explain(cls) -> str:
+        """Further lines for ``trackbench describe``."""
+        return ""
+
+
+class MistakenHookError(TypeError):
+    """A class that lacks what its base asks for, or has a name that is nearly one of its hooks."""
+
+
+class Hook(NamedTuple):
+    """A hook for people: ``diagnostics(state)``, whether there is no default, and what it is."""
+
+    form: str
+    needed: bool
+    text: str
+
+
+def on_base(cls: type[Any], base: type[Part]) -> type[Any]:
+    """The class itself, or one of the same name and keys with the base's hooks behind its own.
+
+    Raises MistakenHookError at what is missing or nearly spelt like a hook.
+    """
+    if not issubclass(cls, base):
+        own = {name: cls.__dict__.get(name) for name in ("__module__", "__qualname__", "__doc__")}
+        # A key without a default is no attribute of the class, and would meet the base's property.
+        own |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
+        cls = new_class(cls.__name__, (cls, base), {}, lambda body: body.update(own))
+    for mistake in _mistakes(cls, base):
+        raise MistakenHookError(mistake)
+    return cls
+
+
+def hooks(base: type[Part]) -> Iterator[Hook]:
+    """The hooks of a base, those without a default first."""
+    found = _declared(base)
+    for name in sorted(found, key=lambda name: not _is_needed(found[name])):
+        is_method = inspect.isroutine(found[name]) or isinstance(found[name], classmethod)
+        form = name + (_arguments(getattr(base, name, found[name])) if is_method else "")
+        yield Hook(form, _is_needed(found[name]), _text(name, found[name], base))
+
+
+def _declared(base: type[Part]) -> dict[str, Any]:
+    """What stands in the base by the name of each hook."""
+    found: dict[str, Any] = {}
+    for owner in _owners(base):
+        without = None if owner in base.besides else _NOTHING
+        found |= dict.fromkeys(inspect.get_annotations(owner), without) | vars(owner)
+    none = {"kind", "besides", *([f.name for f in fields(base)] if is_dataclass(base) else ())}
+    return {n: v for n, v in found.items() if not n.startswith("_") and n not in none}
+
+
+def _owners(base: type[Part]) -> list[type]:
+    """The classes that declare a base's hooks, its own last."""
+    own = [c for c in reversed(base.__mro__) if c.__module__.startswith("trackbench.")]
+    return [*base.besides, *own]
+
+
+def _is_needed(declared: Any) -> bool:
+    return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
+
+
+def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[str]:
+    known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
+    for name, declared in known.items():
+        if name not in keys and _is_needed(getattr(cls, name, _NOTHING)) and _is_needed(declared):
+            yield f"{_place(cls, '')}{cls.__name__} has no `{name}`"
+        if declared is not None and keys.get(name) is declared:
+            yield f"{_place(cls, name)}the key `{name}` is a hook's name, and needs a default"
+    for owner in set(cls.__mro__) - set(base.__mro__):
+        names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
+        for name in (n for n in names if not n.startswith("_")):
+            near = get_close_matches(name, known, 1, _ALIKE)
+            if near:
+                what = f"is no hook; did you mean `{near[0]}`? What is your own begins with _"
+                yield f"{_place(owner, name)}`{name}` {what}"
+
+
+def _place(cls: type[Any], name: str) -> str:
+    """``file:line: `` of a name in a class, or of the class, if there is a file."""
+    try:
+        lines, first = inspect.getsourcelines(cls)
+        file = inspect.getsourcefile(cls)
+    except (OSError, TypeError):
+        return f"{cls.__module__}: "
+    here = re.compile(rf"\s+(def\s+)?{name}\b" if name else r"class\b")
+    after = next((i for i, line in enumerate(lines) if here.match(line)), 0)
+    return f"{file}:{first + after}: "
+
+
+def _arguments(method: Any) -> str:
+    names = [n for n in inspect.signature(method).parameters if n != "self"]
+    return f"({', '.join(names)})"
+
+
+def _text(name: str, declared: Any, base: type[Part]) -> str:
+    """The first paragraph of its docstring; of an attribute the string under it."""
+    text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
+    return " ".join((text or "").split("\n\n")[0].split())
+
+
+def _is_plain(declared: Any) -> bool:
+    return not (inspect.isroutine(declared) or isinstance(declared, property | classmethod))
+
+
+def _under(name: str, base: type[Part]) -> str:
+    for owner in reversed(_owners(base)):
+        found = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
+        if found:
+            return found.group(1)
+    return ""
