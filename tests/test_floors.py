@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 import trackbench
-import trackbench.filters.base as filters_base
-import trackbench.scenarios.base as scenarios_base
 from tests.conftest import ROOT
-from trackbench.registry import Group, kinds
+from trackbench.hooks import hooks
+from trackbench.registry import GROUPS, Group, base_of, kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 FLOORS = {
     "core": 0,
+    "hooks": 0,
     "keys": 0,
     "registry": 0,
     "models": 1,
@@ -104,12 +104,10 @@ def test_the_design_names_every_module_of_the_house() -> None:
         assert re.search(rf"\b{room}(/|\.py)", house), room
 
 
-def test_every_hook_of_the_design_is_explained() -> None:
-    hooks = (ROOT / "docs" / "design.md").read_text().partition("## Hooks")[2].partition("They")[0]
-    of_filters, _, of_scenarios = hooks.partition("; a scenario")
-    for text, base in ((of_filters, filters_base), (of_scenarios, scenarios_base)):
-        for hook in re.findall(r"`(\w+)`", text):
-            assert f"``{hook}``" in base.__doc__, hook
+def test_every_hook_is_explained() -> None:
+    for group in GROUPS:
+        for hook in hooks(base_of(group)):
+            assert hook.text, f"{group}: {hook.form}"
 
 
 @pytest.mark.parametrize(

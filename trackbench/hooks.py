@@ -56,7 +56,7 @@ def on_base(cls: type[Any], base: type[Part]) -> type[Any]:
     Raises MistakenHookError at what is missing or nearly spelt like a hook.
     """
     if not issubclass(cls, base):
-        own = {name: cls.__dict__.get(name) for name in ("__module__", "__qualname__", "__doc__")}
+        own = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
         # A key without a default is no attribute of the class, and would meet the base's property.
         own |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda body: body.update(own))
