@@ -1,7 +1,5 @@
 """What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
 
-from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.reading.parts import build_plain
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.parts import build_plain

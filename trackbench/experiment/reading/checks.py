@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import (
     DrawnExhibit,
     Exhibit,
@@ -12,7 +13,6 @@ from trackbench.experiment.reading.definition import (
     Settings,
     labels_to_run,
 )
-from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import unknown
 from trackbench.filters.base import AnyFilter

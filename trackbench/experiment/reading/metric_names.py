@@ -14,10 +14,10 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, joined, per_run_metrics
 from trackbench.evaluation.summary import step_rows, summary_rows
-from trackbench.experiment.reading.definition import Exhibit, Point, Settings
-from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
+from trackbench.experiment.reading.definition import Exhibit, Point, Settings
+from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.hooks import Part

@@ -9,10 +9,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
-from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
 from trackbench.experiment.files import replacing
 from trackbench.experiment.planning.plan import Key
-from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
 
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
