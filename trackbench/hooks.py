@@ -79,15 +79,16 @@ def _declared(base: type[Part]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for owner in _owners(base):
         without = None if owner in base.besides else _NOTHING
-        found |= dict.fromkeys(inspect.get_annotations(owner), without) | vars(owner)
+        here = dict.fromkeys(inspect.get_annotations(owner), without) | dict(vars(owner))
+        found |= {name: what for name, what in here.items() if name not in found}
     none = {"kind", "besides", *([f.name for f in fields(base)] if is_dataclass(base) else ())}
     return {n: v for n, v in found.items() if not n.startswith("_") and n not in none}
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """The classes that declare a base's hooks, its own last."""
-    own = [c for c in reversed(base.__mro__) if c.__module__.startswith("trackbench.")]
-    return [*base.besides, *own]
+    """The classes that declare a base's hooks, its own first."""
+    own = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
+    return [*own, *base.besides]
 
 
 def _is_needed(declared: Any) -> bool:
@@ -138,7 +139,7 @@ def _is_plain(declared: Any) -> bool:
 
 
 def _under(name: str, base: type[Part]) -> str:
-    for owner in reversed(_owners(base)):
+    for owner in _owners(base):
         found = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
         if found:
             return found.group(1)

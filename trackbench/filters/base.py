@@ -47,11 +47,6 @@ class Filter(Part, Generic[State]):
         """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
         return {}
 
-    @property
-    def knows_expectations(self) -> bool:
-        """Whether it has an `expectation` of its own."""
-        return type(self).expectation is not Filter.expectation
-
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """What it cannot do there, by key (``""``: as a whole): mistakes before anything runs."""
         return {}
@@ -76,6 +71,12 @@ class Filter(Part, Generic[State]):
 
 
 AnyFilter = Filter[Any]
+
+
+def knows_expectations(tracker: AnyFilter) -> bool:
+    """Whether the filter knows posterior means of functions beside those of its estimate."""
+    return type(tracker).expectation is not Filter.expectation
+
 
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 """What a filter needs that knows its motion itself, of a planar target seen by its position."""

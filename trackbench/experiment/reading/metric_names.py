@@ -19,7 +19,7 @@ from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import Exhibit, Point, Settings
 from trackbench.experiment.reading.grammar import STATISTIC, STEP, plain
 from trackbench.experiment.reading.source import Keys, Source, dotted
-from trackbench.filters.base import AnyFilter, Filter
+from trackbench.filters.base import AnyFilter, Filter, knows_expectations
 from trackbench.hooks import Part
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
@@ -181,7 +181,7 @@ def _series(
         if settings.reference is not None and label != settings.reference:
             yield joined("distance", quantity)
     yield from ("nees", "outside", *(f"nees_{name}" for name in scenario.marginals))
-    if tracker.knows_expectations:
+    if knows_expectations(tracker):
         for name in scenario.observables(nowhere):
             yield from (f"squared_{name}", f"error_{name}")
 
