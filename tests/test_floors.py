@@ -12,8 +12,7 @@ import pytest
 
 import trackbench
 from tests.conftest import ROOT
-from trackbench.hooks import hooks
-from trackbench.registry import GROUPS, Group, base_of, kinds
+from trackbench.registry import Group, kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 FLOORS = {
@@ -102,12 +101,6 @@ def test_the_design_names_every_module_of_the_house() -> None:
     house = (ROOT / "docs" / "design.md").read_text().split("```")[1]
     for room in FLOORS.keys() - {"__main__"}:
         assert re.search(rf"\b{room}(/|\.py)", house), room
-
-
-def test_every_hook_is_explained() -> None:
-    for group in GROUPS:
-        for hook in hooks(base_of(group)):
-            assert hook.text, f"{group}: {hook.form}"
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args
 
+from trackbench.hooks import hooks, offered
 from trackbench.keys import part_group
-from trackbench.registry import GROUPS, Group, documentation, kinds
+from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
 
 
 def listing(groups: Sequence[str]) -> str:
@@ -24,20 +25,36 @@ def listing(groups: Sequence[str]) -> str:
 
 
 def description(kind: str) -> str:
-    """A kind's documentation and its keys; raises UserError if there is none of that name."""
+    """A kind's documentation and keys, or a group's hooks; raises UserError if there is neither."""
     from trackbench.experiment.problems import Mark, Problem, UserError
     from trackbench.experiment.reading.validate import unknown
 
+    if kind in GROUPS:
+        return _hooks_of(kind)
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not found:
-        known = [k for g in GROUPS for k in kinds(g)]
+        known = [*GROUPS, *(k for g in GROUPS for k in kinds(g))]
         raise UserError(
             Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
         )
     return "\n\n".join(_described(kind, group, cls) for group, cls in found)
 
 
-def _described(kind: str, group: str, cls: type[Any]) -> str:
+def _hooks_of(group: Group) -> str:
+    """What the classes of a group must have, and what they may have beside it."""
+    base = base_of(group)
+    found = list(hooks(base))
+    width = max(len(hook.form) for hook in found)
+    rows = [
+        [f"  {h.form:<{width}}  {h.text}" for h in found if h.needed is n] for n in (True, False)
+    ]
+    must = [f"a class of the group {group} has:", *rows[0]]
+    return "\n".join(
+        [f"{_paragraphs(base.__doc__ or '')[0]}", "", *must, "", "and may have:", *rows[1]]
+    )
+
+
+def _described(kind: str, group: Group, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     rows = list(_key_rows(cls, ""))
@@ -47,16 +64,18 @@ def _described(kind: str, group: str, cls: type[Any]) -> str:
         rows += _key_rows(Assume, "assume.")
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
-    for name, keys in getattr(cls, "presets", {}).items():
+    for name, keys in cls.presets.items():
         given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {given}")
     if group == "scenarios":
         lines += _component_rows(cls)
     if group == "sensors":
         lines.append(f"\n  components of the measurement: {','.join(cls.components)}")
-    explain = getattr(cls, "explain", None)
-    if explain is not None:
-        lines.append("\n" + explain())
+    own = offered(cls, base_of(group))
+    if own:
+        lines.append(f"\n  hooks (see `trackbench describe {group}`): {', '.join(own)}")
+    if cls.explain():
+        lines.append("\n" + cls.explain())
     return "\n".join(lines)
 
 
@@ -85,7 +104,7 @@ def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
         yield prefix + field.name, _default(field), text
         nested = _mappings(hints[field.name])
         for one in nested:
-            of_kind = f"[{getattr(one, 'kind')}]" if len(nested) > 1 else ""  # noqa: B009
+            of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
             yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
 
 

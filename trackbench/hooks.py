@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
+from inspect import getattr_static
 from types import new_class
 from typing import Any, ClassVar, NamedTuple
 
@@ -39,7 +40,10 @@ class Part:
 
 
 class MistakenHookError(TypeError):
-    """A class that lacks what its base asks for, or has a name that is nearly one of its hooks."""
+    """What a class lacks that its base asks for, or calls nearly like a hook: a line for each."""
+
+    def __str__(self) -> str:
+        return "; ".join(self.args)
 
 
 class Hook(NamedTuple):
@@ -60,8 +64,9 @@ def on_base(cls: type[Any], base: type[Part]) -> type[Any]:
         # A key without a default is no attribute of the class, and would meet the base's property.
         own |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda body: body.update(own))
-    for mistake in _mistakes(cls, base):
-        raise MistakenHookError(mistake)
+    mistakes = sorted(_mistakes(cls, base))
+    if mistakes:
+        raise MistakenHookError(*(f"{file}:{line}: {what}" for file, line, what in mistakes))
     return cls
 
 
@@ -72,6 +77,14 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
         is_method = inspect.isroutine(found[name]) or isinstance(found[name], classmethod)
         form = name + (_arguments(getattr(base, name, found[name])) if is_method else "")
         yield Hook(form, _is_needed(found[name]), _text(name, found[name], base))
+
+
+def offered(cls: type[Any], base: type[Part]) -> list[str]:
+    """Names of the hooks that have a default and that a class has an own of."""
+    keys = {f.name for f in fields(cls)}
+    names = [n for n, what in _declared(base).items() if n not in keys and not _is_needed(what)]
+    found = ((n, getattr_static(cls, n, None), getattr_static(base, n, None)) for n in names)
+    return [name for name, own, default in found if own is not default]
 
 
 def _declared(base: type[Part]) -> dict[str, Any]:
@@ -95,32 +108,34 @@ def _is_needed(declared: Any) -> bool:
     return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
 
 
-def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[str]:
+def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]]:
+    """File, line and what is wrong there."""
     known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
     for name, declared in known.items():
-        if name not in keys and _is_needed(getattr(cls, name, _NOTHING)) and _is_needed(declared):
-            yield f"{_place(cls, '')}{cls.__name__} has no `{name}`"
+        own = getattr_static(cls, name, declared)
+        if name not in keys and own is declared and _is_needed(declared):
+            yield *_place(cls, "class"), f"{cls.__name__} has no `{name}`"
         if declared is not None and keys.get(name) is declared:
-            yield f"{_place(cls, name)}the key `{name}` is a hook's name, and needs a default"
+            yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
+        if isinstance(declared, property) and inspect.isfunction(own):
+            yield *_place(cls, name), f"`{name}` is no method: put @property above it"
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
         for name in (n for n in names if not n.startswith("_")):
             near = get_close_matches(name, known, 1, _ALIKE)
-            if near:
-                what = f"is no hook; did you mean `{near[0]}`? What is your own begins with _"
-                yield f"{_place(owner, name)}`{name}` {what}"
+            what = f"`{name}` is no hook; did you mean `{''.join(near)}`? What is your own begins with _"
+            yield from [(*_place(owner, name), what)] if near else []
 
 
-def _place(cls: type[Any], name: str) -> str:
-    """``file:line: `` of a name in a class, or of the class, if there is a file."""
+def _place(cls: type[Any], name: str) -> tuple[str, int]:
+    """File and line of a name in a class, or of the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
-        file = inspect.getsourcefile(cls)
     except (OSError, TypeError):
-        return f"{cls.__module__}: "
-    here = re.compile(rf"\s+(def\s+)?{name}\b" if name else r"class\b")
+        return cls.__module__, 0
+    here = re.compile(rf"\s*(def\s+)?{name}\b")
     after = next((i for i, line in enumerate(lines) if here.match(line)), 0)
-    return f"{file}:{first + after}: "
+    return str(inspect.getsourcefile(cls)), first + after
 
 
 def _arguments(method: Any) -> str:
@@ -131,7 +146,7 @@ def _arguments(method: Any) -> str:
 def _text(name: str, declared: Any, base: type[Part]) -> str:
     """The first paragraph of its docstring; of an attribute the string under it."""
     text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
-    return " ".join((text or "").split("\n\n")[0].split())
+    return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
 
 
 def _is_plain(declared: Any) -> bool:

@@ -21,8 +21,10 @@ def list_(
     typer.echo(listing(chosen))
 
 
-def describe(kind: Annotated[str, typer.Argument(help="a kind from `trackbench list`")]) -> None:
-    """Print a kind's parameters, defaults and source."""
+def describe(
+    kind: Annotated[str, typer.Argument(help="a kind from `trackbench list`, or a group")],
+) -> None:
+    """Print a kind's parameters, defaults and source; of a group, what its classes may offer."""
     from trackbench.catalogue import description
 
     typer.echo(description(kind))

@@ -15,6 +15,7 @@ from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.checks import has
 from trackbench.experiment.reading.plugins import load_plugin, read_plugin
+from trackbench.hooks import MistakenHookError
 from trackbench.registry import kinds
 
 
@@ -26,6 +27,8 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
         load_plugin(plugin)
     except OSError as error:
         raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    except MistakenHookError as error:
+        raise UserError(*error.args) from None
     except (Exception, SystemExit) as error:
         raise UserError(f"{path}: {type(error).__name__}: {error}") from None
     own = {k: cls for k, cls in kinds("filters").items() if cls.__module__ == plugin.module}

@@ -6,7 +6,7 @@ filters, the proposals and the Kalman moments.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -45,15 +45,21 @@ class Distribution(Protocol):
         """Log-density at x (n, ...); shape of the broadcast batch."""
 
 
+@runtime_checkable
+class Covering(Protocol):
+    """A distribution whose tails matter, with draws that cover them."""
+
+    def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
+        """N draws (n, M, N) and their log-weights (M, N)."""
+
+
 def covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
     """N draws (n, M, N) for a cloud and their log-weights (M, N).
 
-    From what covers the prior's tails, if it has a method ``cover(rng, N)``; else its own samples.
+    From what covers the prior's tails, if it has that; else its own samples.
     """
-    cover = getattr(prior, "cover", None)
-    if cover is not None:
-        x, log_w = cover(rng, N)
-        return x, log_w
+    if isinstance(prior, Covering):
+        return prior.cover(rng, N)
     x = prior.sample(rng, N)
     return x, np.zeros(x.shape[1:])
 

@@ -15,7 +15,7 @@ State = TypeVar("State")
 
 
 class Filter(Part, Generic[State]):
-    """Init, step, estimate. All runs of a block at once; a switch is a mask over runs.
+    """A frozen dataclass with three pure functions, of all runs at once; a switch is a mask over runs.
 
     Equal filters compute equal estimates and have equal hashes: keys that are lists are tuples.
     """

@@ -7,7 +7,7 @@ positions in the even and velocities in the odd places of what all motions of a 
 
 from abc import abstractmethod
 from functools import cache
-from typing import ClassVar, NamedTuple, Protocol, cast, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, TypeAlias, cast, runtime_checkable
 
 import numpy as np
 
@@ -79,6 +79,10 @@ class DifferentiableSensor(Sensor, Protocol):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
+
+
+Differentiable: TypeAlias = tuple[DifferentiableMotion, DifferentiableSensor]
+"""A model of which both parts have a Jacobian, for a cast."""
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""What tables and figures are: frozen dataclasses of options that make something of a results folder."""
+"""What tables and figures are."""
 
 from abc import abstractmethod
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class TableKind(Exhibit):
-    """Base of the tables."""
+    """A table: a frozen dataclass of options, and the rows it makes of a results folder."""
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
@@ -21,7 +21,7 @@ class TableKind(Exhibit):
 
 
 class FigureKind(DrawnExhibit):
-    """Base of the figures."""
+    """A figure: a frozen dataclass of options, and what it draws of a results folder."""
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":

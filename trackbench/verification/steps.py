@@ -15,7 +15,7 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.reading.definition import Point
 from trackbench.report.results import Results
-from trackbench.scenarios.base import in_window
+from trackbench.scenarios.base import Scenario, in_window
 from trackbench.verification.findings import Finding, changed
 from trackbench.verification.summaries import HALF, near, stored_rows
 
@@ -83,7 +83,7 @@ def _of_runs(metric: str) -> str:
     return metric.removeprefix("a") if metric.startswith("anees") else metric
 
 
-def _size(metric: str, scenario: Any) -> int:
+def _size(metric: str, scenario: Scenario) -> int:
     """By what a normalised error is divided per step."""
     return sizes(scenario)[metric.partition("_")[2]] if metric.startswith("anees") else 1
 

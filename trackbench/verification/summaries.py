@@ -12,6 +12,7 @@ from trackbench.evaluation.summary import SummaryRow, summary_rows
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.storing.store import DIGITS
 from trackbench.report.results import Results
+from trackbench.scenarios.base import Scenario
 from trackbench.verification.findings import Finding, changed
 
 HALF = {name: 0.5 * 10.0 ** (1 - digits) for name, digits in DIGITS.items()}
@@ -84,7 +85,7 @@ def stored_rows(results: Results, point: dict[str, Any]) -> dict[tuple[str, str]
 
 
 def _found(
-    results: Results, point: dict[str, Any], scenario: Any
+    results: Results, point: dict[str, Any], scenario: Scenario
 ) -> dict[tuple[str, str], Bounded]:
     runs, found = results.runs(point), {}
     for label in dict.fromkeys(label for label, _ in runs):
@@ -95,7 +96,7 @@ def _found(
 
 
 @np.errstate(all="ignore")
-def _bounded(runs: dict[str, Array], scenario: Any) -> list[Bounded]:
+def _bounded(runs: dict[str, Array], scenario: Scenario) -> list[Bounded]:
     """The rows of one filter; their room from moving the values to where they may have been."""
 
     def rows(values: dict[str, Array]) -> list[SummaryRow]:

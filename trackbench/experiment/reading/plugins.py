@@ -13,6 +13,7 @@ from types import ModuleType
 
 from trackbench.experiment.problems import Problem, UserError, reason
 from trackbench.experiment.reading.source import Source, dotted
+from trackbench.hooks import MistakenHookError
 from trackbench.keys import regular
 from trackbench.registry import kinds
 
@@ -54,8 +55,8 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
         where = ("plugins", i)
         try:
             plugins.append(_loaded(folder, name, allowed))
-        except _RefusedError as why:
-            problems.append(Problem(source.mark(where), dotted(where), str(why)))
+        except (_RefusedError, MistakenHookError) as why:
+            problems += [Problem(source.mark(where), dotted(where), what) for what in why.args]
     if problems:
         raise UserError(*problems)
     return tuple(plugins)
@@ -77,6 +78,8 @@ def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
         load_plugin(plugin)
     except OSError as error:
         raise _RefusedError(f"{folder / name}: {reason(error)}") from None
+    except MistakenHookError:
+        raise
     except (Exception, SystemExit) as error:
         raise _RefusedError(f"{_last_place(error, name)}{type(error).__name__}: {error}") from None
     return plugin

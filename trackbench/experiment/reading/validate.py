@@ -12,7 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Mark, Problem
 from trackbench.experiment.reading.source import Keys, Source, dotted
-from trackbench.keys import IS_FILE, ONE_LINE, DataError
+from trackbench.keys import IS_FILE, ONE_LINE, DataError, MistakenKeyError
 
 T = TypeVar("T")
 
@@ -150,7 +150,9 @@ def _problems(
 
 def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]) -> Problem:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
-    where = _existing(source, keys, item["loc"] + getattr(ctx.get("error"), "path", ()))
+    error = ctx.get("error")
+    within = error.path if isinstance(error, MistakenKeyError) else ()
+    where = _existing(source, keys, item["loc"] + within)
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         inner = _within(cls, where[len(keys) : -1])
         known = [f.name for f in fields(inner)] if inner is not None else []

@@ -29,6 +29,7 @@ from trackbench.experiment.reading.shared import Shared, shared
 from trackbench.experiment.storing.manifest import manifest_of
 from trackbench.experiment.storing.outputs import remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
+from trackbench.scenarios.base import Scenario
 
 Row = Iterable[Any]
 
@@ -162,7 +163,7 @@ def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
     """The scenario's own lower bounds, as if of one more filter."""
     label, wanted = experiment.settings.bound, kept_metrics(experiment.settings, name)
     for point in experiment.points if label else []:
-        scenario: Any = point.scenario
+        scenario: Scenario = point.scenario
         prefix = [*point.values.values(), label]
         rows: Iterable[Any] = ()
         if name == "summary.csv":
@@ -174,27 +175,27 @@ def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
                 yield [*prefix, *_plain(row, DIGITS[name])]
 
 
-def _timed(rows: Iterable[StepRow], scenario: Any) -> Iterator[TimedRow]:
+def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
     steps, times = scenario.steps.tolist(), scenario.times.tolist()
     for i, metric, value, stderr, runs in rows:
         yield TimedRow(steps[i], times[i], metric, value, stderr, runs)
 
 
-def _per_run(result: FilterResult, scenario: Any) -> Iterator[Row]:
+def _per_run(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
     for metric, values in result.per_run.items():
         for run, value in enumerate(values.tolist()):
             yield run, metric, value
 
 
-def _per_step(result: FilterResult, scenario: Any) -> Iterator[Row]:
+def _per_step(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
     yield from _timed(step_rows(result, sizes(scenario)), scenario)
 
 
-def _summary(result: FilterResult, scenario: Any) -> Iterator[Row]:
+def _summary(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
     yield from summary_rows(result, sizes(scenario), scenario.windows)
 
 
-def _timing(result: FilterResult, scenario: Any) -> Iterator[Row]:
+def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
     blocks = np.array([t.cpu_s / t.runs for t in result.timing])

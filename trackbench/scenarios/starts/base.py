@@ -25,7 +25,7 @@ class Opening(NamedTuple):
 
 
 class Start(Part):
-    """Base of the starts: frozen dataclasses of the group ``starts``."""
+    """A frozen dataclass that makes the distribution of the first state."""
 
     scans: ClassVar[int] = 0
     """how many scans it uses up; the first state is that of the last of them"""

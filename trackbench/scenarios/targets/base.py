@@ -64,7 +64,7 @@ class Launch:
 
 
 class Target(Part):
-    """Base of the targets: frozen dataclasses of the group ``targets``."""
+    """A frozen dataclass that flies, the same path in every run or another, and is measured."""
 
     @property
     def components(self) -> tuple[str, ...]:
