@@ -11,7 +11,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 import pytest
 
-from trackbench.evaluation.block import BlockTask, Estimates, estimate, run_block, simulate
+from trackbench.evaluation.block import BlockTask, Filtered, estimate, run_block, simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
@@ -19,7 +19,7 @@ from trackbench.scenarios.base import Scenario
 ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
 
-Track = Callable[..., Estimates]
+Track = Callable[..., Filtered]
 
 
 def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
@@ -28,8 +28,8 @@ def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
     return cls(**({**cls.presets[preset], **keys} if preset else keys))
 
 
-def track(scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1) -> Estimates:
-    """Estimates of every step of so many runs."""
+def track(scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1) -> Filtered:
+    """Filtered of every step of so many runs."""
     task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
     with np.errstate(all="ignore"):
         return estimate(task, simulate(scenario, seed, 0, runs))

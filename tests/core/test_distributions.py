@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 
 from tests.conftest import random_covariance
-from trackbench.core.distributions import Gamma, Gaussian, Point, Shifted
+from trackbench.core.distributions import Gamma, Gaussian, PointMass, Shifted
 
 
 def test_gaussian_density_and_draws(rng: np.random.Generator) -> None:
@@ -44,4 +44,4 @@ def test_shifted_is_the_noise_around_its_location() -> None:
 
 
 def test_point_draws_itself(rng: np.random.Generator) -> None:
-    np.testing.assert_array_equal(Point(np.array([[1.0, 2.0]])).sample(rng, 3)[0, 1], [2.0] * 3)
+    np.testing.assert_array_equal(PointMass(np.array([[1.0, 2.0]])).sample(rng, 3)[0, 1], [2.0] * 3)

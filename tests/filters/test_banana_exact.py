@@ -10,7 +10,7 @@ from tests.conftest import make_filter, track
 from tests.filters.cross_speed import Posterior, exact_posterior
 from tests.papers import banana
 from trackbench.core import linalg
-from trackbench.evaluation.block import Estimates, simulate
+from trackbench.evaluation.block import Filtered, simulate
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.tracking import Tracking
 
@@ -35,7 +35,7 @@ def solved(speed: float, runs: int = RUNS) -> tuple[Tracking, Simulation, Poster
 
 
 @cache
-def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> Estimates:
+def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> Filtered:
     return track(banana(velocity_cross=speed), make_filter(kind, **dict(keys)), RUNS)
 
 

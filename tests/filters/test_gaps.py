@@ -5,7 +5,7 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe
-from trackbench.evaluation.block import BlockTask, Estimates, estimate, simulate
+from trackbench.evaluation.block import BlockTask, Filtered, estimate, simulate
 from trackbench.experiment.reading.checks import has
 from trackbench.registry import kinds
 
@@ -20,7 +20,7 @@ KINDS = [
 ]
 
 
-def track(kind: str, gaps: slice) -> Estimates:
+def track(kind: str, gaps: slice) -> Filtered:
     tracker = make_filter(kind)
     task = BlockTask(SCENARIO, tracker, 1, index=0, width=RUNS, used=RUNS)
     data = simulate(SCENARIO, 1, 0, RUNS)

@@ -36,7 +36,7 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
     """The results of a machine on which filters of this kind have other errors, or draw other noise."""
     rng, estimate = np.random.default_rng(1), block.estimate
 
-    def estimated(task: block.BlockTask, data: Any, *more: Any) -> block.Estimates:
+    def estimated(task: block.BlockTask, data: Any, *more: Any) -> block.Filtered:
         result = estimate(task, data, *more)
         if factors is None or task.filter.kind != kind:
             return result

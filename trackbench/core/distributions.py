@@ -213,7 +213,7 @@ class Shifted:
 
 
 @dataclass(frozen=True)
-class Point:
+class PointMass:
     """A known value (n, *batch): a distribution without spread."""
 
     mean: Array

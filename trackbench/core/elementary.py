@@ -111,10 +111,10 @@ def log_gamma(x: float) -> float:
     return (x - 0.5) * float(log(x)) - x + half_log_turn + rest - float(log(below))
 
 
-Kernel = Callable[[Array, Array], None]
+Elementwise = Callable[[Array, Array], None]
 
 
-def _piecewise(kernel: Kernel, x: ArrayLike, out: Array | None) -> Array:
+def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
     if isinstance(x, float):
         return _of_number(kernel, x)
     x = np.asarray(x, dtype=float)
@@ -132,7 +132,7 @@ def _piecewise(kernel: Kernel, x: ArrayLike, out: Array | None) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def _of_number(kernel: Kernel, x: float) -> Array:
+def _of_number(kernel: Elementwise, x: float) -> Array:
     out = np.empty(1)
     kernel(np.array([x]), out)
     return out[0]

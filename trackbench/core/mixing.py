@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.sums import total
 
-Shared: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
+Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the components that two states share, in the one and in the other."""
 
 
@@ -48,7 +48,7 @@ def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     return Gaussian(mean, cov)
 
 
-def padded(state: Gaussian, like: Gaussian, shared: Shared, unbiased: bool) -> Gaussian:
+def padded(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
     """A state (n, M) as one of another model's components, to mix with it.
 
     What it does not have comes from the other's own mean and covariance (unbiased: Yuan, Bar-Shalom et
@@ -70,7 +70,7 @@ def padded(state: Gaussian, like: Gaussian, shared: Shared, unbiased: bool) -> G
 
 
 @cache
-def shared(of: tuple[str, ...], like: tuple[str, ...]) -> Shared:
+def common(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
     """Where the components stand that two models have in common."""
     names = [name for name in like if name in of]
     return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)

@@ -20,7 +20,7 @@ from trackbench.evaluation.checked import (
     checked_numbers,
     told_to_copy,
 )
-from trackbench.evaluation.derived import Consistency, observed
+from trackbench.evaluation.derived import ConsistencySeries, observed
 from trackbench.evaluation.metrics import (
     FOUND,
     StepSums,
@@ -91,7 +91,7 @@ class BlockResult(NamedTuple):
     width: int
 
 
-class Estimates(NamedTuple):
+class Filtered(NamedTuple):
     """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
 
     mean: Array
@@ -139,7 +139,7 @@ def _stayed_finite(mean: Array) -> Mask:
 def _trimmed(
     task: BlockTask,
     data: Simulation,
-    result: Estimates,
+    result: Filtered,
     values: dict[str, Array],
     per_run: dict[str, Array],
     used: int,
@@ -180,7 +180,7 @@ def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simul
 
 
 @told_to_copy()
-def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimates:
+def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtered:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
     Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
@@ -194,7 +194,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
         prior = frozen(extended(prior, extra_std(model.motion)))
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
-    consistency, clock = Consistency(scenario, task.width), _Clock()
+    consistency, clock = ConsistencySeries(scenario, task.width), _Clock()
     with clock:
         state = tracker.init(model, prior, rng)
         found = tracker.estimate(state)
@@ -222,7 +222,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Estimat
     nees = errors.pop("nees")
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
-    return Estimates(mean, nees, kept, notes, clock.cpu_s)
+    return Filtered(mean, nees, kept, notes, clock.cpu_s)
 
 
 def _own_part(found: Gaussian, every: int, n: int) -> Gaussian:

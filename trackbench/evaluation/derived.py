@@ -14,7 +14,7 @@ from trackbench.scenarios.base import Scenario
 _ENOUGH = 1024  # columns: a call on so many is worth its price
 
 
-class Consistency:
+class ConsistencySeries:
     """Normalised errors squared of the whole state and of its marginals, many steps at a time."""
 
     def __init__(self, scenario: Scenario, runs: int) -> None:

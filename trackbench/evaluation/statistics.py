@@ -112,7 +112,7 @@ def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
 
 
 @_quietly
-def root(estimates: Estimates) -> Estimates:
+def rooted(estimates: Estimates) -> Estimates:
     """Square roots of estimates; delta method."""
     value, stderr = np.sqrt(estimates.value), estimates.stderr
     return Estimates(value, np.where(value > 0, stderr / (2.0 * value), stderr))

@@ -16,7 +16,7 @@ from trackbench.evaluation.statistics import (
     mean,
     mean_from_sums,
     median,
-    root,
+    rooted,
 )
 from trackbench.scenarios.base import in_window
 
@@ -80,7 +80,7 @@ def _time_means(
             there = mask & (number > 0)
             if there.any():
                 metric = f"time-mean({in_window(joined('rmse', quantity), window)})"
-                steps = root(mean_from_sums(total[there], squares[there], number[there]))
+                steps = rooted(mean_from_sums(total[there], squares[there], number[there]))
                 value, stderr = average(np.stack(steps)).tolist()
                 shares = result.per_run.get(metric)
                 if shares is not None:
@@ -133,7 +133,7 @@ def _step_metrics(
     average = mean_from_sums(*sums)
     if head in ("squared", "distance"):
         metric = "rmse" if head == "squared" else "distance"
-        yield joined(metric, quantity), root(average)
+        yield joined(metric, quantity), rooted(average)
     elif head == "error":
         yield joined("bias", quantity), average
         yield joined("std", quantity), _spread(*sums)

@@ -17,9 +17,9 @@ from trackbench.core.sums import total
 from trackbench.filters.axes import (
     Site,
     axis_step,
+    both_axes,
     choose,
     first_components,
-    joined,
     over_axes,
     per_axis,
     site,
@@ -171,7 +171,7 @@ class AdaptiveKF(Filter[Switched]):
     def estimate(self, state: Switched) -> Gaussian:
         """The maneuvering filter's position and velocity where it is on, else the other's."""
         turning = first_components(state.turning, 2)
-        return joined(choose(state.mode == TURNING, turning, state.quiet))
+        return both_axes(choose(state.mode == TURNING, turning, state.quiet))
 
     def diagnostics(self, state: Switched) -> dict[str, Array]:
         """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now.

@@ -50,7 +50,7 @@ def per_axis(prior: Distribution) -> Gaussian:
     return Gaussian(mean.copy(), np.broadcast_to(blocks, shape).copy())
 
 
-def joined(state: Gaussian) -> Gaussian:
+def both_axes(state: Gaussian) -> Gaussian:
     """Position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))

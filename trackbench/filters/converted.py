@@ -14,12 +14,10 @@ from trackbench.core.kalman import Innovation
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
-from trackbench.models.gaussian import Assumed, extended_prediction
+from trackbench.models.gaussian import AS_IT_IS, extended_prediction
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import Convertible, TwoPoint
 from trackbench.registry import register
-
-_AS_IT_IS = Assumed()
 
 
 @register("filters", "cmkf")
@@ -47,7 +45,7 @@ class CMKF(GaussianFilter):
     ) -> tuple[Gaussian, Innovation]:
         """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
         sensor = cast(RangeAzimuth, model.sensor)
-        predicted = extended_prediction(model, state, k, _AS_IT_IS)
+        predicted = extended_prediction(model, state, k, AS_IT_IS)
         expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         seen = convert(self.conversion, sensor.reading(z), expected)

@@ -17,7 +17,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.evolution import Evolution, Evolved, Fitness, Selection
 from trackbench.core.particles import Particles
 from trackbench.core.sums import mean, total
-from trackbench.filters.proposal import MERWE_DEMO, Proposed, ProposedCloud, UnscentedProposal
+from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposedCloud, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
@@ -176,7 +176,7 @@ class HDEPF(_Evolutionary):
 
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": MERWE_DEMO,
+        "merwe-demo": MERWE_PROPOSAL,
         "literal": {
             "weights": "naive",
             "fitness": "normalised",
@@ -186,7 +186,7 @@ class HDEPF(_Evolutionary):
             "final_weights": "fitness",
         },
         "published-level": {
-            **MERWE_DEMO,
+            **MERWE_PROPOSAL,
             "weights": "floor",
             "fitness": "normalised",
             "target": "ratio",

@@ -16,7 +16,7 @@ from trackbench.core.sums import dot, total
 from trackbench.filters.base import Filter
 from trackbench.keys import Count, NonNegative, Positive
 from trackbench.models.base import Model
-from trackbench.models.gaussian import Assumed, extended_step
+from trackbench.models.gaussian import AS_IT_IS, extended_step
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import TwoPoint, differenced
 from trackbench.registry import register
@@ -90,7 +90,7 @@ class GaussianSum:
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """An EKF per component, weighted by its innovation; then fewer components."""
         bank = Gaussian(state.mean, state.cov)
-        bank, innovation = extended_step(model, bank, z, k, Assumed())
+        bank, innovation = extended_step(model, bank, z, k, AS_IT_IS)
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
         w = _thinned(bank.mean, particles.normalise(log_w).w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))

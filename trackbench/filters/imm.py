@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.mixing import combined, padded, predicted_weights, shared, updated_weights
+from trackbench.core.mixing import combined, common, padded, predicted_weights, updated_weights
 from trackbench.core.sums import total
 from trackbench.filters.base import Filter
 from trackbench.filters.extended import EKF
@@ -74,7 +74,7 @@ class IMM(JumpMarkov):
         for j, own in enumerate(models):
             like = state.states[j]
             padded_to = [
-                padded(s, like, shared(of, names[j]), self.mixing == "unbiased")
+                padded(s, like, common(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
             posterior, seen = self.filter.updated(own, combined(padded_to, mixing[:, j]), z, k)

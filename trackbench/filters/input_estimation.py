@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.filters.adaptive import AdaptiveKF, Switched
-from trackbench.filters.axes import axis_step, choose, joined, over_axes, per_axis, site
+from trackbench.filters.axes import axis_step, both_axes, choose, over_axes, per_axis, site
 from trackbench.filters.base import PLANAR_POSITION, Filter
 from trackbench.filters.switching import Detector, Exit
 from trackbench.keys import Count, NonNegative, OpenShare, Positive
@@ -161,7 +161,7 @@ class InputEstimation(Filter[Corrected]):
 
     def estimate(self, state: Corrected) -> Gaussian:
         """The corrected filter."""
-        return joined(state.quiet)
+        return both_axes(state.quiet)
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
         """``nis``; ``mode`` and ``alarm``: 1 where the state was just corrected; ``alarm_age_s``."""

@@ -8,12 +8,8 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
-from trackbench.models.gaussian import Assumed, extended_step
+from trackbench.models.gaussian import AS_IT_IS, extended_step
 from trackbench.registry import register
-
-LINEAR = ("motion.T", "motion.F", "sensor.H")
-"""What a filter of a linear model needs of it."""
-_AS_IT_IS = Assumed()
 
 
 @register("filters", "kf")
@@ -24,10 +20,10 @@ class KF(GaussianFilter):
     The covariance does not depend on the data, so it and the gain are computed once for all runs.
     """
 
-    needs: ClassVar[tuple[str, ...]] = LINEAR
+    needs: ClassVar[tuple[str, ...]] = ("motion.T", "motion.F", "sensor.H")
 
     def updated(
         self, model: Model, state: Gaussian, z: Array, k: int
     ) -> tuple[Gaussian, Innovation]:
         """Predict and update: of a linear model the extended step is the Kalman filter's."""
-        return extended_step(model, state, z, k, _AS_IT_IS)
+        return extended_step(model, state, z, k, AS_IT_IS)

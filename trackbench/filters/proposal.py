@@ -278,7 +278,7 @@ class UnscentedProposal(KalmanProposal[State]):
         return augmented_step(model, state, z, k, self._assumed, unscented)[0]
 
 
-MERWE_DEMO: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}
+MERWE_PROPOSAL: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}
 """The UKF proposal of van der Merwe's public demo."""
 
 
@@ -290,7 +290,7 @@ class UPF(UnscentedProposal[ProposedCloud], _ProposalFilter):
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
         "merwe-demo": {
-            **MERWE_DEMO,
+            **MERWE_PROPOSAL,
             "weights": "floor",
             "resampling": "residual",
             "transition_density": "increment",

@@ -12,13 +12,12 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
-from trackbench.models.gaussian import Assumed, extended_prediction
+from trackbench.models.gaussian import AS_IT_IS, extended_prediction
 from trackbench.models.motions.scalar import MerweMotion
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.registry import register
 
 _LARGEST_SHAPE = 20
-_AS_IT_IS = Assumed()
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
 
 
@@ -38,7 +37,7 @@ class PriorMean(Filter[Gaussian]):
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Predict; the measurement is not looked at."""
-        return extended_prediction(model, state, k, _AS_IT_IS)
+        return extended_prediction(model, state, k, AS_IT_IS)
 
     def estimate(self, state: Gaussian) -> Gaussian:
         """The prediction."""
@@ -67,7 +66,7 @@ class Inversion(Filter[Gaussian]):
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
-        predicted = extended_prediction(model, state, k, _AS_IT_IS)
+        predicted = extended_prediction(model, state, k, AS_IT_IS)
         return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 
     def estimate(self, state: Gaussian) -> Gaussian:

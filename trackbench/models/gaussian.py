@@ -40,6 +40,10 @@ class Assumed(NamedTuple):
         return exact if self.R is None else Gaussian(exact.mean, _either(self.R, exact.cov))
 
 
+AS_IT_IS = Assumed()
+"""The noise as it stands in the model."""
+
+
 def _either(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 

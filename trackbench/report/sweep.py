@@ -21,7 +21,7 @@ Values: TypeAlias = tuple[Any, ...]
 """The values of the swept paths at one point, in their order."""
 
 
-class Score(NamedTuple):
+class SweepScore(NamedTuple):
     """A filter's metric at one point."""
 
     point: Values
@@ -70,12 +70,12 @@ class Sweep:
         """The values of a path in the grid's order."""
         return list(dict.fromkeys(self.rows[path]))
 
-    def scores(self, label: str, metric: str) -> list[Score]:
+    def scores(self, label: str, metric: str) -> list[SweepScore]:
         """The metric of a filter at every point that has it."""
         chosen = (self.rows["filter"] == label) & (self.rows["metric"] == metric)
         columns = [*self.paths, "value", "stderr"]
         return [
-            Score(tuple(row[:-2]), row[-2], row[-1])
+            SweepScore(tuple(row[:-2]), row[-2], row[-1])
             for row in self.rows.loc[chosen, columns].itertuples(index=False, name=None)
         ]
 
@@ -100,7 +100,7 @@ def best_points(sweep: Sweep) -> Iterator[str]:
     metric = sweep.metrics[0]
     fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
     for label in sweep.varying:
-        groups: dict[Values, list[Score]] = {}
+        groups: dict[Values, list[SweepScore]] = {}
         for score in sweep.scores(label, metric):
             if np.isfinite(score.value):
                 groups.setdefault(tuple(score.point[i] for i in fixed), []).append(score)
@@ -109,7 +109,7 @@ def best_points(sweep: Sweep) -> Iterator[str]:
                 yield _best(sweep, label, metric, sorted(scores, key=lambda s: s.value))
 
 
-def _best(sweep: Sweep, label: str, metric: str, ranked: list[Score]) -> str:
+def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> str:
     first, second = ranked[:2]
     text = f"{label} at {_at(sweep, first.point)}: {metric} {first.value:.4g} ± {first.stderr:.2g}"
     name = metric.partition("(")[2].removesuffix(")")

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.bounds import posterior_cramer_rao
-from trackbench.core.distributions import Distribution, Point
+from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.streams import Streams
 from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, Natural, PartOf, Positive
 from trackbench.models.assumed import Assume
@@ -204,7 +204,7 @@ class Tracking(Scenario):
             return "the target is driven by a motion that is not linear"
         if any(s.outliers is not None or s.bias for s in _each(self._sensor)):
             return "the bound is of normal errors without a bias"
-        if self.prior_kind is Point:
+        if self.prior_kind is PointMass:
             return "the first state is known"
         return None
 

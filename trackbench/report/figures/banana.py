@@ -91,7 +91,7 @@ class Banana(FigureKind):
 
 @register("figures", "posterior")
 @dataclass(frozen=True, kw_only=True)
-class Posterior(FigureKind):
+class PosteriorEllipses(FigureKind):
     """One run's measurement and the filters' 2-sigma ellipses at one step, seen from the true target."""
 
     title: str = ""

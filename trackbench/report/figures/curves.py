@@ -143,7 +143,7 @@ class RmsePerRun(Curves):
 
 @register("figures", "estimates")
 @dataclass(frozen=True, kw_only=True)
-class Estimates(Curves):
+class EstimatesOfOneRun(Curves):
     """Truth and every filter's estimate of one component in one run."""
 
     run: Count = 1

@@ -14,7 +14,7 @@ from trackbench.report.terms import Term
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claim(Labelled):
+class ClaimRow(Labelled):
     """That one filter's metric is less than another's."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("less", "than")
@@ -41,7 +41,7 @@ class Claims(TableKind):
 
     title: str = ""
     """caption"""
-    claims: dict[str, Claim]
+    claims: dict[str, ClaimRow]
     """claims by their words"""
     digits: int = 3
     """significant digits of the values"""
@@ -50,7 +50,7 @@ class Claims(TableKind):
         """The table from a results folder."""
         points = results.points()
         names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
-        table = Table(self.title, ["Claim"], names, self.digits)
+        table = Table(self.title, ["ClaimRow"], names, self.digits)
         at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
@@ -59,7 +59,7 @@ class Claims(TableKind):
         return table
 
 
-def _compared(evidence: Evidence, claim: Claim) -> tuple[Term, str]:
+def _compared(evidence: Evidence, claim: ClaimRow) -> tuple[Term, str]:
     """The difference of the two filters on common runs, and what it says of the claim."""
     less, than = ((label, f"mean({claim.metric})") for label in (claim.less, claim.than))
     off, of_batches = evidence.of(lambda expressions: expressions.difference(less, than))

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian, Point
+from trackbench.core.distributions import Distribution, Gaussian, PointMass
 from trackbench.core.streams import Streams
 from trackbench.keys import MistakenKeyError, NonNegative
 from trackbench.models.sensing import Measuring
@@ -22,13 +22,13 @@ class Known(Start):
 
     def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
         """A point."""
-        return Point
+        return PointMass
 
     def prior(
         self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """All of it at the truth."""
-        return Point(opening.truth)
+        return PointMass(opening.truth)
 
 
 @register("starts", "gaussian")
