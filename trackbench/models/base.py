@@ -134,28 +134,33 @@ class Model(NamedTuple):
     sensor: Sensor
 
 
-class Scene(Protocol):
+class Scene(Part):
     """What a filter may ask of a scenario before anything runs."""
 
     @property
+    @abstractmethod
     def model(self) -> Model:
-        """Motion and sensor that the filter assumes."""
+        """Motion and sensor of the truth, which filters assume unless told otherwise."""
 
     @property
+    @abstractmethod
     def steps(self) -> Index:
         """Step numbers k (T + 1,), the prior's first."""
 
     @property
+    @abstractmethod
     def times(self) -> Array:
         """Times of the steps (T + 1,), s."""
 
     @property
     def prior_kind(self) -> type[Distribution]:
-        """The class of the prior."""
+        """The class of the prior, for filters that ask it for more than moments."""
+        return Gaussian
 
     @property
     def turns(self) -> tuple[float, ...]:
         """Sizes of the accelerations of the target's turns, m/s^2."""
+        return ()
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:

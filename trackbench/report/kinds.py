@@ -1,6 +1,7 @@
 """What tables and figures are."""
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from trackbench.experiment.reading.definition import DrawnExhibit, Exhibit
@@ -12,16 +13,24 @@ if TYPE_CHECKING:
     from trackbench.report.results import Results
 
 
+@dataclass(frozen=True, kw_only=True)
 class TableKind(Exhibit):
     """A table: a frozen dataclass of options, and the rows it makes of a results folder."""
+
+    title: str = ""
+    """caption"""
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
         """The table from a results folder."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class FigureKind(DrawnExhibit):
     """A figure: a frozen dataclass of options, and what it draws of a results folder."""
+
+    title: str = ""
+    """heading"""
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":

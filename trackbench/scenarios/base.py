@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution
 from trackbench.core.streams import Streams
-from trackbench.hooks import Part
 from trackbench.keys import MistakenKeyError
 from trackbench.models.assumed import Assume
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 
 
 class Simulation(NamedTuple):
@@ -27,23 +26,8 @@ class Simulation(NamedTuple):
     prior: Distribution
 
 
-class Scenario(Part):
+class Scenario(Scene):
     """A frozen dataclass whose fields are its YAML keys; equal scenarios simulate equal data."""
-
-    @property
-    @abstractmethod
-    def model(self) -> Model:
-        """Motion and sensor of the truth, which filters assume unless told otherwise."""
-
-    @property
-    @abstractmethod
-    def steps(self) -> Index:
-        """Step numbers k (T + 1,), the prior's first."""
-
-    @property
-    @abstractmethod
-    def times(self) -> Array:
-        """Times of the steps (T + 1,), s."""
 
     @property
     @abstractmethod
@@ -62,11 +46,6 @@ class Scenario(Part):
     def components(self) -> tuple[str, ...]:
         """Names of the truth's components, the first of every filter's state; default: the model's."""
         return self.model.motion.components
-
-    @property
-    def prior_kind(self) -> type[Distribution]:
-        """The class of the prior, for filters that ask it for more than moments."""
-        return Gaussian
 
     def believing(self, assume: Assume) -> "Scenario":
         """The scenario as a filter sees it that assumes this."""
@@ -113,11 +92,6 @@ class Scenario(Part):
     def spans(self) -> list[tuple[float, float]]:
         """Start and end times of stretches that a figure over time shades, s."""
         return []
-
-    @property
-    def turns(self) -> tuple[float, ...]:
-        """Sizes of the accelerations of the target's turns, m/s^2."""
-        return ()
 
 
 def in_window(name: str, window: str) -> str:

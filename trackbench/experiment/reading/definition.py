@@ -108,11 +108,6 @@ class Exhibit(Labelled, Part):
     """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
 
     @property
-    def title(self) -> str:
-        """Its heading, a key of most."""
-        return ""
-
-    @property
     def filters(self) -> tuple[str, ...] | None:
         """Labels of the filters that it shows, a key of most; None shows all."""
         return None

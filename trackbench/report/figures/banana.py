@@ -36,8 +36,6 @@ class Banana(FigureKind):
     Draws its own samples, from the experiment's seed. Axes run along and across the line of sight.
     """
 
-    title: str = ""
-    """heading"""
     ranges_km: tuple[Positive, ...]
     """measured ranges, a panel each"""
     sigma_range: Positive = 0.2
@@ -94,8 +92,6 @@ class Banana(FigureKind):
 class PosteriorEllipses(FigureKind):
     """One run's measurement and the filters' 2-sigma ellipses at one step, seen from the true target."""
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
     run: Count = 1

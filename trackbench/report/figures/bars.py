@@ -28,8 +28,6 @@ class Bars(FigureKind):
     asks: ClassVar[dict[str, str]] = {"metric": "expression"}
     label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
     metric: str = "mean(rmse)"

@@ -84,8 +84,6 @@ class Dots(FigureKind):
 
     asks: ClassVar[dict[str, str]] = {"columns": "summary"}
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
     columns: dict[str, str]

@@ -26,8 +26,6 @@ class Curves(FigureKind):
 
     label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
     x_label: str = "Step k"

@@ -27,8 +27,6 @@ class HeatMap(FigureKind):
 
     asks: ClassVar[dict[str, str]] = {"metric": "comparison"}
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
     metric: str = "mean(rmse)"

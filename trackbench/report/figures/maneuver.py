@@ -26,8 +26,6 @@ _AXES = ("x", "y")
 class Track(FigureKind):
     """The true track in the plane and, one panel per filter, estimates of the first runs over it."""
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] = ()
     """labels, a panel each; none draws the truth alone"""
     runs: Count = 50
@@ -112,8 +110,6 @@ class MeanAndStd(FigureKind):
         f"{metric}_{quantity}": "per_step" for metric in ("bias", "std") for quantity in "xy"
     }
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
 

@@ -27,8 +27,6 @@ class CriticalDifference(FigureKind):
 
     asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
 
-    title: str = ""
-    """heading"""
     filters: tuple[str, ...] | None = None
     """labels to rank; default: all"""
     metric: str = "rmse"

@@ -32,8 +32,6 @@ class RmseVsParameter(FigureKind):
 
     asks: ClassVar[dict[str, str]] = {"metric": "summary"}
 
-    title: str = ""
-    """heading"""
     parameter: str | None = None
     """path of the grid that is the horizontal axis; default: the only one"""
     metric: str = "mean(rmse_position)"

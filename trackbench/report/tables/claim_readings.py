@@ -41,8 +41,6 @@ class ClaimReadings(TableKind):
     say how many were tried, how many do as well, and at how many each claim holds.
     """
 
-    title: str = ""
-    """caption"""
     of: str
     """experiment whose claims in the published files are judged at every point"""
     rows: Count = 10

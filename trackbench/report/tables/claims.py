@@ -39,8 +39,6 @@ class Claims(TableKind):
     asks: ClassVar[dict[str, str]] = {"claims": "per_run"}
     label_keys: ClassVar[tuple[str, ...]] = ("claims",)
 
-    title: str = ""
-    """caption"""
     claims: dict[str, ClaimRow]
     """claims by their words"""
     digits: int = 3

@@ -25,8 +25,6 @@ class Consistency(TableKind):
 
     needs: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
 
-    title: str = ""
-    """caption"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
     digits: int = 3

@@ -20,8 +20,6 @@ class Differences(TableKind):
     asks: ClassVar[dict[str, str]] = {"columns": "per_run"}
     label_keys: ClassVar[tuple[str, ...]] = ("against",)
 
-    title: str = ""
-    """caption"""
     against: str
     """label of the filter that is subtracted"""
     columns: dict[str, str]

@@ -37,8 +37,6 @@ class Metrics(TableKind):
     asks: ClassVar[dict[str, str]] = {"columns": "expression"}
     label_keys: ClassVar[tuple[str, ...]] = ("gain",)
 
-    title: str = ""
-    """caption"""
     columns: dict[str, str]
     """header: metric of summary.csv, `cpu_s_per_run`, or an expression, `ratio(cpu_s_per_run, RPF)`"""
     filters: tuple[str, ...] | None = None

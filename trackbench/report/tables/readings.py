@@ -71,8 +71,6 @@ class Readings(TableKind):
     how many of them are not farther than the nearest by two paired standard errors.
     """
 
-    title: str = ""
-    """caption"""
     of: str
     """experiment whose rows in the published files are held against every point"""
     filters: tuple[str, ...] | None = None
