@@ -1,7 +1,7 @@
 """Filters that carry equal draws and learn from their moments: ensemble Kalman, particle flow."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -12,7 +12,8 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import dot, mean
-from trackbench.models.base import Model
+from trackbench.filters.base import Filter
+from trackbench.models.base import DifferentiableSensor, Model
 from trackbench.registry import register
 
 _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, section V)
@@ -26,7 +27,7 @@ class Ensemble(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnsembleFilter:
+class EnsembleFilter(Filter[Ensemble]):
     """Base of the filters whose state is equal draws."""
 
     N: Annotated[int, Ge(2)] = 100
@@ -89,7 +90,7 @@ class ExactFlow(EnsembleFilter):
     """steps in pseudo-time, each 1.2 times as long as the one before"""
     needs: ClassVar[tuple[str, ...]] = ("sensor.jacobian",)
 
-    def step(self, model: Any, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
+    def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move the particles, then let them flow from the prediction to the posterior."""
         x = model.motion.transition(state.x, k).sample(rng)
         predicted = self.estimate(Ensemble(x, state.nis))
@@ -97,11 +98,9 @@ class ExactFlow(EnsembleFilter):
         # The flow of all particles of a run is one affine map of their deviations from the mean.
         turn = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
         shift, done = np.zeros_like(start), 0.0
-        nis = state.nis
+        nis, sensor = state.nis, cast(DifferentiableSensor, model.sensor)
         for length in _lengths(self.steps):
-            A, pull, seen = _flow(
-                model.sensor, Gaussian(start, P), shift, z, k, done + 0.5 * length
-            )
+            A, pull, seen = _flow(sensor, Gaussian(start, P), shift, z, k, done + 0.5 * length)
             nis = nis if done else seen.nis
             turn = turn + length * linalg.matmul(A, turn)
             shift = shift + length * (linalg.matvec(A, shift) + pull)
@@ -111,7 +110,7 @@ class ExactFlow(EnsembleFilter):
 
 
 def _flow(
-    sensor: Any, prior: Gaussian, shift: Array, z: Array, k: int, time: float
+    sensor: DifferentiableSensor, prior: Gaussian, shift: Array, z: Array, k: int, time: float
 ) -> tuple[Array, Array, Innovation]:
     """A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt about the mean; what z is to that mean.
 

@@ -12,6 +12,7 @@ from trackbench.core import particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.particles import Particles
+from trackbench.filters.base import Filter
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
@@ -26,7 +27,7 @@ class Fitted(NamedTuple):
 
 @register("filters", "gpf")
 @dataclass(frozen=True, kw_only=True)
-class GaussianPF:
+class GaussianPF(Filter[Fitted]):
     """Gaussian particle filter: draws anew from a Gaussian at each step, so that nothing is resampled.
 
     Kotecha & Djuric 2003a. The moments are as right as N draws make them; that the posterior has no

@@ -34,7 +34,7 @@ class Mixture(NamedTuple):
 
 @register("filters", "gaussian-sum")
 @dataclass(frozen=True, kw_only=True)
-class GaussianSum:
+class GaussianSum(Filter[Mixture]):
     """Gaussian sum filter: extended Kalman filters over a split of what the start leaves open.
 
     Alspach & Sorenson 1972. Of two scans of a radar that is their azimuths, which together are azimuth
@@ -71,7 +71,7 @@ class GaussianSum:
         """Components at the start."""
         return self.split**2
 
-    def init(self, model: Any, prior: Distribution, rng: Generator) -> Mixture:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:
         """A component per pair of nodes, which together have the prior's moments."""
         width = self._width
         nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
@@ -80,7 +80,7 @@ class GaussianSum:
         )  # the mixture has the whole variance
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         if isinstance(prior, TwoPoint):
-            start = _of_azimuths(model.sensor, prior, one, two, width)
+            start = _of_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)
         else:
             start = _of_positions(prior, one, two, width)
         runs = start.mean.shape[1]
@@ -101,7 +101,9 @@ class GaussianSum:
         return _moments(state, state.w)
 
 
-def _of_azimuths(sensor: Any, prior: TwoPoint, one: Array, two: Array, width: float) -> Gaussian:
+def _of_azimuths(
+    sensor: RangeAzimuth, prior: TwoPoint, one: Array, two: Array, width: float
+) -> Gaussian:
     """Both scans' azimuths moved by C pairs of nodes, two-point differenced as if known that well."""
     s, shape = sensor.sigma_azimuth, (prior.first.shape[1], len(one))
     of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)

@@ -10,15 +10,12 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.mixing import combined, common, padded, predicted_weights, updated_weights
 from trackbench.core.sums import total
-from trackbench.filters.base import Filter
 from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.filters.jumping import JumpMarkov, own_components
 from trackbench.keys import MistakenKeyError, PartOf
 from trackbench.models.base import Model, extra_std
 from trackbench.models.extended import extended_gaussian
-from trackbench.models.linear import Linear
-from trackbench.models.motions.turn import Turning
 from trackbench.registry import register
 
 _EKF = EKF()
@@ -35,7 +32,7 @@ class Models(NamedTuple):
 
 @register("filters", "imm")
 @dataclass(frozen=True, kw_only=True)
-class IMM(JumpMarkov):
+class IMM(JumpMarkov[Models]):
     """Interacting multiple model filter (Blom & Bar-Shalom 1988).
 
     The first motion is the quiescent one: ``mode`` reports the weight of all others.

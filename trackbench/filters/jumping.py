@@ -1,7 +1,7 @@
 """Filters of several motions, between which the target jumps as a Markov chain does."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -14,16 +14,19 @@ from trackbench.core.regularisation import Kernel, jitter_each
 from trackbench.core.regularisation import Mode as Spread
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
+from trackbench.filters.base import Filter, State
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, extra_std
+from trackbench.models.linear import Linear
+from trackbench.models.motions.turn import Turning
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum
 
 
 @dataclass(frozen=True, kw_only=True)
-class JumpMarkov:
+class JumpMarkov(Filter[State]):
     """Keys shared by the filters of several motions."""
 
     motions: Annotated[tuple[Motion, ...], PartOf("motions")]
@@ -60,7 +63,7 @@ class JumpMarkov:
 
     def models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""
-        own: Any = model.motion
+        own = cast("Linear | Turning", model.motion)
         axes = (len(own.components) - len(extra_std(own))) // 2
         return [Model(motion.sampled(own.T, axes), model.sensor) for motion in self.motions]
 
@@ -72,7 +75,7 @@ def own_components(motion: SampledMotion) -> int:
 
 @register("filters", "mmpf")
 @dataclass(frozen=True, kw_only=True)
-class MultipleModelPF(JumpMarkov, ParticleFilter):
+class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
     """Multiple-model particle filter: every particle carries the motion that it follows.
 
     McGinnity & Irwin 2000; Ristic, Arulampalam & Gordon 2004, section 3.5.5, with the regularisation of
