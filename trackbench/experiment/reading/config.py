@@ -154,8 +154,10 @@ def _sections(source: Source, problems: list[Problem]) -> None:
 
 
 def _parts(group: Group, source: Source, problems: list[Problem]) -> dict[str, Any]:
-    parts = source.data.get(group) or {}
-    return {name: build_kind(group, source, (group, name), problems) for name in parts}
+    """The tables or figures, without those that have mistakes."""
+    names = source.data.get(group) or {}
+    built = {name: build_kind(group, source, (group, name), problems) for name in names}
+    return {name: part for name, part in built.items() if part is not None}
 
 
 def _published(
