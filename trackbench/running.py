@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+from trackbench.evaluation.precision import looks
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import Engine, cpu_count, engine
+from trackbench.experiment.computing.growing import begun, grown, said
 from trackbench.experiment.computing.runner import Outcome, execute
 from trackbench.experiment.files import touched
 from trackbench.experiment.planning.plan import (
@@ -130,6 +132,15 @@ def run_each(
         points = job.experiment.points
         for caution in dict.fromkeys(c for point in points for c in cautions(point)):
             _say(f"note: {caution}", options)
+
+    def more(i: int, outcome: Outcome) -> Plan | None:
+        bigger = grown(jobs[i].experiment, jobs[i].most, outcome)
+        if bigger is None:
+            return None
+        plan = _plan(bigger, jobs[i].most, options)
+        jobs[i] = jobs[i]._replace(experiment=bigger, plan=plan)
+        return plan
+
     with ExitStack() as stack:
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
             stack.enter_context(locked(folder, lambda line: _say(line, options)))
@@ -140,9 +151,10 @@ def run_each(
             workers,
             fresh=options.fresh,
             progress=not options.quiet,
+            more=more,
         )
-        for job, outcome in zip(jobs, stack.enter_context(closing(outcomes)), strict=True):
-            yield _reported(job, outcome, options, also)
+        for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
+            yield _reported(jobs[i], outcome, options, also)
 
 
 def preview(configs: Sequence[Path | str], options: Options) -> list[str]:
@@ -157,6 +169,8 @@ class _Job(NamedTuple):
     folder: Path
     plan: Plan
     line: str
+    most: int
+    """runs at most"""
 
 
 def _jobs(configs: list[Path], options: Options) -> list[_Job]:
@@ -188,10 +202,19 @@ def _job(config: Path, options: Options, alone: bool) -> _Job:
         folder /= experiment.settings.name
     _check_out(folder)
     check_memory(experiment, 1, options.save_tracks)
-    plan = make_plan(experiment, options.save_tracks)
+    most = experiment.settings.runs
+    plan = _plan(experiment, most, options)
     workers = min(_most_workers(options), len(plan.unique))
     needed = check_memory(experiment, workers, options.save_tracks)
-    return _Job(experiment, folder, plan, describe(experiment, plan, workers, needed))
+    line = describe(experiment, plan, workers, needed)
+    first = begun(experiment)
+    return _Job(first, folder, _plan(first, most, options), line, most)
+
+
+def _plan(experiment: Experiment, most: int, options: Options) -> Plan:
+    settings = experiment.settings
+    stops = list(looks(settings.min_runs, most)) if settings.until else []
+    return make_plan(experiment, options.save_tracks, stops)
 
 
 def _most_workers(options: Options) -> int:
@@ -200,7 +223,7 @@ def _most_workers(options: Options) -> int:
 
 def _reported(job: _Job, outcome: Outcome, options: Options, also: Also | None) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
-    for line in _what_happened(outcome):
+    for line in [*_what_happened(outcome), *said(job.experiment, job.most, outcome)]:
         _say(line, options)
     with touched() as paths:
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)

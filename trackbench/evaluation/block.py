@@ -5,7 +5,7 @@ same in a batch of 10 or of 10 000.
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -55,6 +55,8 @@ class BlockTask:
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
     """what the filter assumes that is not the scenario's"""
+    also: tuple[int, ...] = field(default=(), compare=False)
+    """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
 
     @property
     def seen(self) -> Scenario:
@@ -125,7 +127,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         per_run = per_run_metrics(task.scenario, values, task.filter.counts, finite)
         return {
             used: _trimmed(task, data, result, values, per_run, used)
-            for used in {task.used, task.width}
+            for used in {task.used, task.width, *task.also}
         }
 
 

@@ -1,10 +1,10 @@
 """Run plans: compute the blocks that are not kept yet, keep each, go on when one filter fails."""
 
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
 from trackbench.evaluation.merge import FilterResult, merge
@@ -47,6 +47,10 @@ class Outcome:
         return found
 
 
+More: TypeAlias = Callable[[int, Outcome], Plan | None]
+"""The plan that the one of this number goes on with when its blocks are there, if it does."""
+
+
 def execute(
     plans: Sequence[Plan],
     store: BlockStore,
@@ -54,6 +58,7 @@ def execute(
     workers: int,
     fresh: bool = False,
     progress: bool = True,
+    more: More = lambda i, outcome: None,
 ) -> Generator[Outcome]:
     """Compute and keep every block of the plans that is not kept yet; ``fresh`` computes them all.
 
@@ -65,23 +70,47 @@ def execute(
     outcomes = [Outcome(plan, store) for plan in plans]
     queue = Queue(workers)
     for outcome in outcomes:
-        for task in _missing(outcome, fresh):
-            queue.add(task, outcome.plan.plugins)
-            outcome.missing.add(task)
+        _want(outcome, queue, fresh)
     with closing(queue.run(open_engine)) as finished:
-        for outcome in outcomes:
+        for i, outcome in enumerate(outcomes):
             started = time.perf_counter()
             with _bar(outcome, progress) as bar:
-                while outcome.missing:
-                    before = len(outcome.missing)
-                    _settle(outcomes, queue, *next(finished))
-                    bar.update(before - len(outcome.missing))
-            if not any(other.missing for other in outcomes):
+                going_on = True
+                while going_on:
+                    while outcome.missing:
+                        before = len(outcome.missing)
+                        _settle(outcomes, queue, *next(finished))
+                        bar.update(before - len(outcome.missing))
+                    bigger = more(i, outcome)
+                    going_on = bigger is not None
+                    if bigger is not None:
+                        _enlarge(outcome, bigger, queue, bar)
+            if outcome is outcomes[-1]:
                 next(finished, None)  # nothing comes any more: the workers may go
             outcome.failures = _failures(outcome.plan, queue)
             outcome.deaths = sum(queue.deaths[task] for task in outcome.plan.unique)
             outcome.wall_s = time.perf_counter() - started
             yield outcome
+
+
+def _want(outcome: Outcome, queue: Queue, fresh: bool) -> None:
+    """Let the plan's blocks that are not kept wait."""
+    for task in _missing(outcome, fresh):
+        queue.add(task, outcome.plan.plugins)
+        outcome.missing.add(task)
+
+
+def _enlarge(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
+    """Go on with more runs; what was computed a moment ago is not computed again."""
+    before = set(outcome.plan.unique)
+    outcome.plan = bigger
+    for task in bigger.unique:
+        if task in before or outcome.store.get(task) is not None:
+            continue
+        queue.add(task, bigger.plugins)
+        outcome.missing.add(task)
+    bar.total = len(bigger.unique)
+    bar.refresh()
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:

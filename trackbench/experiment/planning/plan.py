@@ -1,6 +1,7 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -57,8 +58,8 @@ class Plan:
         return replace(self, tasks=tasks)
 
 
-def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
-    """Cut every filter's runs into blocks of its width."""
+def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
+    """Cut every filter's runs into blocks of its width; ``looks`` are numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     kept = _kept_series(experiment)
@@ -80,6 +81,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False) -> Plan:
                     shown=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
                     keep_steps=kept,
+                    also=tuple(n - block * width for n in looks if 0 < n - block * width < width),
                 )
                 for block in range(ceil(settings.runs / width))
             ]
@@ -142,8 +144,9 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
     points = f"{len(experiment.points)} points x " if len(experiment.points) > 1 else ""
     filters = len(experiment.points[0].filters)
+    most = "up to " if settings.until else ""
     return (
-        f"{settings.name}: {points}{filters} filters x {settings.runs} runs x {steps} steps, "
+        f"{settings.name}: {points}{filters} filters x {most}{settings.runs} runs x {steps} steps, "
         f"{len(plan.unique)} blocks on {workers} worker{'s' if workers > 1 else ''}, "
         f"about {needed / 1e6:.0f} MB"
     )

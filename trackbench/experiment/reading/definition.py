@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import StringConstraints
+from pydantic import AfterValidator, StringConstraints
 
 from trackbench.experiment.reading.plugins import Plugin
 from trackbench.experiment.reading.published import Published
@@ -18,6 +18,23 @@ from trackbench.scenarios.base import Scenario
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
+
+def _error(value: float | str) -> float | str:
+    """A standard error, or a share of the number that it belongs to; ValueError if it is neither."""
+    share = value.removesuffix("%") if isinstance(value, str) and value.endswith("%") else None
+    try:
+        number = (
+            float(value) if share is None and not isinstance(value, str) else float(share or "")
+        )
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < float("inf"):
+        raise ValueError("give a number greater than 0, or a share of the value such as 1%")
+    return value
+
+
+Error = Annotated[float | str, AfterValidator(_error)]
+"""How exact a number is to be: 0.02, or 1% of it."""
 
 Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
@@ -33,7 +50,11 @@ class Settings:
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
-    """Monte Carlo runs"""
+    """Monte Carlo runs; with `until`: at most so many"""
+    until: dict[str, Error] = field(default_factory=dict)
+    """standard errors that end the runs once every filter's is as small: {rms(rmse): 1%, anees: 0.02}"""
+    min_runs: Count = 50
+    """with `until`: runs before the first look at those errors"""
     verdict_seeds: Count = 4
     """independent batches, of streams of their own, that the runs are split into: a verdict on what is
     published needs every one of them"""

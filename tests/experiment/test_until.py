@@ -1,0 +1,87 @@
+"""`until`: runs go on until numbers are as exact as asked; what comes out is a batch like any other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import trackbench
+from tests.papers import merwe_text
+from trackbench.evaluation.precision import Wanted, looks
+from trackbench.evaluation.summary import SummaryRow
+from trackbench.experiment.problems import UserError
+from trackbench.running import Report
+
+TEXT = f"""name: u
+seed: 5
+runs: {{runs}}
+{{more}}
+scenario: {merwe_text(T=20).replace("{", "{{").replace("}", "}}")}
+filters: {{{{EKF: {{{{kind: ekf}}}}, PF: {{{{kind: pf, N: 400}}}}}}}}
+"""
+UNTIL = "until: {mean(rmse): 4%}\nmin_runs: 20"
+
+
+def run(folder: Path, runs: int, more: str = "", **options: object) -> Report:
+    config = folder / "u.yaml"
+    config.write_text(TEXT.format(runs=runs, more=more))
+    return trackbench.run(config, out=folder / "out", quiet=True, formats=(), **options)
+
+
+def files(folder: Path) -> list[bytes]:
+    return [(folder / "out" / f"{name}.csv").read_bytes() for name in ("per_run", "per_step")]
+
+
+def test_it_stops_when_every_filter_is_exact_enough(tmp_path: Path) -> None:
+    report = run(tmp_path, 4000, UNTIL)
+    summary = report.summary[report.summary["metric"] == "mean(rmse)"]
+    runs = int(summary["runs"].max())
+    assert runs in list(looks(20, 4000))
+    assert runs < 4000
+    assert (summary["stderr"] <= 0.04 * summary["value"]).all()
+    fewer = max(n for n in looks(20, 4000) if n < runs)
+    first = run(tmp_path, fewer).summary
+    first = first[first["metric"] == "mean(rmse)"]
+    assert (first["stderr"] > 0.04 * first["value"]).any()
+
+
+def test_the_bytes_are_those_of_so_many_runs(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("until", "again", "alone", "plain")]
+    for folder in folders:
+        folder.mkdir()
+    runs = run(folders[0], 4000, UNTIL).results.config["runs"]
+    run(folders[1], 4000, UNTIL, fresh=True, workers=1)
+    run(folders[2], runs, UNTIL, engine="serial")
+    run(folders[3], runs, fresh=True)
+    assert all(files(folder) == files(folders[0]) for folder in folders)
+
+
+def test_what_is_never_exact_enough_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "u.yaml"
+    config.write_text(TEXT.format(runs=60, more="until: {mean(rmse): 0.1%}\nmin_runs: 20"))
+    trackbench.run(config, out=tmp_path / "out", formats=())
+    said = capsys.readouterr().err
+    assert "up to 60 runs" in said
+    assert "PF: after all 60 runs the standard error of mean(rmse) is " in said
+    assert " times the 0.1 % that `until` asks" in said
+
+
+def test_looks_do_not_hang_on_what_is_seen() -> None:
+    assert list(looks(50, 300)) == [50, 75, 112, 168, 252, 300]
+    assert list(looks(50, 20)) == [20]
+    assert list(looks(1, 4)) == [1, 2, 3, 4]
+
+
+def test_a_share_is_of_the_value() -> None:
+    row = SummaryRow("mean(rmse)", -20.0, 0.3, 100, 0)
+    assert Wanted.read("mean(rmse)", "1%").share(row) == pytest.approx(1.5)
+    assert Wanted.read("mean(rmse)", 0.6).share(row) == pytest.approx(0.5)
+    assert np.isnan(Wanted.read("mean(rmse)", "1%").share(row._replace(value=0.0)))
+
+
+@pytest.mark.parametrize("error", ["0%", "-1", "x", "x%", "0", "nan%", ".inf"])
+def test_an_error_is_a_number_or_a_share(error: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"u\.yaml:4:21: until\.mean\(rmse\): give a number"):
+        run(tmp_path, 100, f"until: {{mean(rmse): {error}}}")
