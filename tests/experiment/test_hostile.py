@@ -25,7 +25,11 @@ from trackbench.verification import verify
 
 SCENARIO = merwe_text(T=3)
 GOOD = f"name: x\nruns: 2\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 10}}\n"
-RECORDED = f"{{kind: recorded, like: {SCENARIO}, measurements: %s}}"
+RECORDED = (
+    "{kind: tracking, target: {kind: measured, axes: 0, measurements: %s}, "
+    "sensor: {kind: scalar, sigma: 1}, start: {kind: given, mean: [0], sigma: [1]}, "
+    "assume: {motion: {kind: ar1, q: 1}}}"
+)
 OPTIONS = api.Options(engine="serial", quiet=True, formats=("svg",))
 
 
@@ -303,5 +307,5 @@ def test_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.endswith(r"caf\udce9/c.yaml: good, 1 filters" + "\n")
     (folder / "c.yaml").write_text(GOOD.replace(SCENARIO, RECORDED % "z.csv"))
-    with pytest.raises(UserError, match=r"3:11: scenario: the name of a folder it lies in"):
+    with pytest.raises(UserError, match=r"3:36: scenario.target: the name of a folder it lies in"):
         load(folder / "c.yaml")

@@ -271,7 +271,10 @@ HANDMADE = {
     "a use of a folder": MINIMAL.replace("{kind: pf, N: 10}", "{use: .}"),
     "a use of a name too long": MINIMAL.replace("{kind: pf, N: 10}", "{use: %s}" % ("a" * 300)),
     "data of a name too long": MINIMAL.replace(
-        SCENARIO, f"{{kind: recorded, like: {SCENARIO}, measurements: {'a' * 300}}}"
+        SCENARIO,
+        f"{{kind: tracking, target: {{kind: measured, measurements: {'a' * 300}}}, "
+        "sensor: {kind: position, sigma: 1}, start: {kind: one-scan, sigma_velocity: 1}, "
+        "assume: {motion: {kind: cv, q: 1}}}",
     ),
     "a null in the name of a published file": MINIMAL + 'published: ["a\\0b.csv"]\n',
     "a use of a device": MINIMAL.replace("{kind: pf, N: 10}", "{use: /dev/zero}"),

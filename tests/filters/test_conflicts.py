@@ -1,5 +1,6 @@
 """What filters say, before anything runs, of scenarios and keys with which they cannot work."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,10 @@ from tests.papers import banana, maneuver, merwe
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.checks import check_fit
 from trackbench.experiment.reading.source import Source
-from trackbench.scenarios.recorded import Recorded
+from trackbench.models.assumed import Assume
+from trackbench.scenarios.score import Score
+from trackbench.scenarios.starts.given import Given
+from trackbench.scenarios.targets.measured import Measured
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
     ("conversion", {}, ""),
@@ -33,11 +37,15 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
 ) -> None:
     seen = tmp_path / "m.csv"
     seen.write_text("run,step,range,azimuth\n0,3,2700000,1.2\n")
-    scenario = Recorded(
-        like=banana(scans=4),
-        measurements=str(seen),
-        prior_mean=(1.0e6, 0.0, 2.5e6, 0.0),
-        prior_sigma=(5e3, 1e2, 5e3, 1e2),
+    simulated = banana(scans=4)
+    scenario = replace(
+        simulated,
+        first=0,
+        last=None,
+        target=Measured(measurements=str(seen)),
+        start=Given(mean=(1.0e6, 0.0, 2.5e6, 0.0), sigma=(5e3, 1e2, 5e3, 1e2)),
+        assume=Assume(motion=simulated.target.own_motion),
+        score=Score(),
     )
     tracker: Any = make_filter(kind, **keys)
     (refused,) = refusals(tracker, scenario)

@@ -111,10 +111,13 @@ def test_a_recorded_path_is_flown(tmp_path: Path) -> None:
     ("text", "what"),
     [
         ("time,x\n0,1\n", "no column y"),
-        ("time,x,y\n0,1,2\n0,1,2\n", "the times must increase"),
-        ("time,x,y\n0,1,2\n1,,2\n", ":3: x: is missing"),
+        ("time,x,y\n0,1,2\n0,1,2\n", "needs two rows, at two times"),
+        ("time,x,y\n0,1,2\n0,1,3\n", "time 0 s is there twice, and not with the same"),
+        ("time,x,y\n0,1,2\n1,,2\n", "needs two rows"),
+        ("time,x,y\n0,1,2\n1,inf,2\n", ":3: x: 'inf' is not a finite number"),
         ("time,x,y,vx\n0,1,2,3\n1,1,2,3\n", "velocities are vx, vy, all or none"),
-        ("", "no column time"),
+        ("", "is empty"),
+        ("x,y\n1,2\n", "no column time or step; there are x, y"),
     ],
 )
 def test_mistakes_in_a_recorded_path(text: str, what: str, tmp_path: Path) -> None:

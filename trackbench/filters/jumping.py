@@ -1,7 +1,7 @@
 """Filters of several motions, between which the target jumps as a Markov chain does."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, cast
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -18,8 +18,7 @@ from trackbench.filters.base import Filter, State
 from trackbench.filters.bootstrap import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, extra_std
-from trackbench.models.linear import Linear
-from trackbench.models.motions.turn import Turning
+from trackbench.models.irregular import alike
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum
@@ -32,10 +31,10 @@ class JumpMarkov(Filter[State]):
     motions: Annotated[tuple[Motion, ...], PartOf("motions")]
     """motions of the models, such as [{kind: cv, q: 0.01}, {kind: ca, q: 0.001}]"""
     transition: tuple[tuple[Share, ...], ...]
-    """probability of going from model i (row) to model j in one step; rows sum to 1"""
+    """probability of going from model i (row) to model j in one step, however long; rows sum to 1"""
     initial: tuple[Share, ...] | None = None
     """probability of each model at the start; default: equal"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.T",)
+    needs: ClassVar[tuple[str, ...]] = ("motion.T|intervals",)
     excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
 
     def __post_init__(self) -> None:
@@ -63,9 +62,7 @@ class JumpMarkov(Filter[State]):
 
     def models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""
-        own = cast("Linear | Turning", model.motion)
-        axes = (len(own.components) - len(extra_std(own))) // 2
-        return [Model(motion.sampled(own.T, axes), model.sensor) for motion in self.motions]
+        return [Model(alike(motion, model.motion), model.sensor) for motion in self.motions]
 
 
 def own_components(motion: SampledMotion) -> int:

@@ -20,7 +20,7 @@ class KF(GaussianFilter):
     The covariance does not depend on the data, so it and the gain are computed once for all runs.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("motion.T", "motion.F", "sensor.H")
+    needs: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
 
     def updated(
         self, model: Model, state: Gaussian, z: Array, k: int

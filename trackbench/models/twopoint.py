@@ -23,13 +23,20 @@ class Convertible(Protocol):
         """Two-point differencing of converted scans."""
 
 
-def differenced(one: Gaussian, two: Gaussian, T: float, q: float) -> Gaussian:
+def differenced(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
     """The state at the second of two positions (axes, M), their difference over T for its velocity.
+
+    T may be each run's own (M,).
 
     White acceleration of density q adds q T / 3 per axis to the velocity's variance (Bar-Shalom, Li &
     Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
     """
     n, runs = 2 * len(two.mean), two.mean.shape[1]
+    if not isinstance(T, float | int):
+        every = np.ones(runs)
+        one, two = (
+            Gaussian(p.mean, with_trailing(p.cov, 1, leading=2) * every) for p in (one, two)
+        )
     noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
     mean, cov = np.empty((n, runs)), np.empty((n, n, *two.cov.shape[2:]))
     p, v = slice(0, n, 2), slice(1, n, 2)

@@ -62,6 +62,11 @@ class Scenario(Scene):
         return None
 
     @property
+    def cautions(self) -> tuple[str, ...]:
+        """Sentences on what is no mistake in its data but should be known."""
+        return ()
+
+    @property
     def lost_beyond(self) -> float | None:
         """Error beyond which a run is lost, in the unit of the first quantity of `errors`."""
         return None

@@ -8,19 +8,21 @@ from typing import Annotated
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.bounds import posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.streams import Streams
 from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, Natural, PartOf, Positive
 from trackbench.models.assumed import Assume
-from trackbench.models.base import Model, SampledMotion
+from trackbench.models.base import Model, Motion, SampledMotion
+from trackbench.models.irregular import Irregular
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several, together
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
+from trackbench.scenarios.recordings.columns import recorded_columns
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.base import Opening, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
@@ -48,35 +50,55 @@ class Tracking(Scenario):
     """time between steps, s"""
     first: Natural = 0
     """number of the first step"""
-    last: Natural
-    """number of the last step"""
+    last: Natural | None = None
+    """number of the last step; needed unless the target's own data say it"""
     begin: Finite | None = None
-    """time of the first step, s; default: 0"""
+    """time of the first step, s; default: 0, or what recorded data say"""
     assume: Assume = _NOTHING
     """motion and sensor that filters believe in; default: the ones that make the data"""
     score: Score = _EVERYTHING
     """what errors are measured, and over which steps"""
 
     def __post_init__(self) -> None:
+        self.start.check(self.components, self._sensor)
+        self._check_steps()
+        self.target.check(self._timeline)
+        self.score.check(self.components, self.steps)
+        if self.score.lost_sigmas is not None and self.position_sigma is None:
+            raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
+
+    def _check_steps(self) -> None:
+        """Raise MistakenKeyError if there is no step, or are too many."""
+        if self._own_timeline is not None:
+            for key in ("last", "first"):
+                if getattr(self, key):
+                    raise MistakenKeyError("the recorded data say it", key)
+            return
+        if self.last is None:
+            raise MistakenKeyError("`last` is required: the target has no steps of its own")
         if self.last - self.first > MOST_STEPS:
             raise MistakenKeyError(f"more than {MOST_STEPS} steps", "last")
         begun = self.first + self._skipped
         if self.last <= begun:
             what = f"{self.last} leaves no step to measure after step {begun}"
             raise MistakenKeyError(what, "last")
-        self.target.check(self._timeline)
-        self.start.check(self.components, self._sensor)
-        self.score.check(self.components, self.steps)
-        if self.score.lost_sigmas is not None and self.position_sigma is None:
-            raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
     @cached_property
     def _sensor(self) -> Measuring | Several:
         return together(self.sensor)
 
     @cached_property
+    def _own_timeline(self) -> Timeline | None:
+        return self.target.own_timeline(self._sensor, self.start, self.T)
+
+    @cached_property
     def _timeline(self) -> Timeline:
         """Every step, those that a start uses up included."""
+        if self._own_timeline is not None:
+            own = self._own_timeline
+            shift = 0.0 if self.begin is None else self.begin - own.times[0]
+            return own._replace(times=own.times + shift) if shift else own
+        assert self.last is not None
         steps = np.arange(self.first, self.last + 1)
         begin = 0.0 if self.begin is None else self.begin
         return Timeline(steps, np.asarray((steps - self.first) * self.T + begin), self.T)
@@ -98,7 +120,7 @@ class Tracking(Scenario):
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
             raise MistakenKeyError(what, "assume")
-        sampled = motion.sampled(self.T, self.target.axes)
+        sampled = self._sampled(motion)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise MistakenKeyError(what, "assume")
@@ -106,6 +128,13 @@ class Tracking(Scenario):
         if sensor.components != self._sensor.components:
             raise MistakenKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
+
+    def _sampled(self, motion: Motion) -> SampledMotion:
+        """The motion from step to step."""
+        line, axes = self._timeline, self.target.axes
+        if line.equal:
+            return motion.sampled(line.T, axes)
+        return Irregular(motion, axes, int(line.steps[1]), fixed(np.diff(line.times)))
 
     def believing(self, assume: Assume) -> "Tracking":
         """The same scenario as a filter that assumes this sees it."""
@@ -153,7 +182,7 @@ class Tracking(Scenario):
         state = self.target.start(self._timeline)
         information = self._sensor.information(state, self.first, certain=True)
         position = information[0::2, 0::2]
-        if len(information) < 2 or linalg.is_singular(position):
+        if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
             return None
         cov = linalg.inverse(position)
         half = 0.5 * (cov[0, 0] - cov[1, 1])
@@ -185,7 +214,12 @@ class Tracking(Scenario):
             start = self.start.truth(nominal, rng)
         flight = self.target.fly(start, self._timeline, self._sensor, rng, self.start.scans)
         scans, seen = np.split(flight.seen, [self.start.scans], axis=1)
-        opening = Opening(flight.truth[:, 0], scans, self.first, self.T, self.target.diffusion)
+        line = self._timeline
+        T = line.T if line.apart is None else line.apart
+        if isinstance(T, np.ndarray):
+            T = recorded_columns(T, rng)
+        first = int(line.steps[0])
+        opening = Opening(flight.truth[:, 0], scans, first, T, self.target.diffusion)
         prior = self.start.prior(opening, self._sensor, nominal if driven else None, rng)
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
@@ -200,6 +234,8 @@ class Tracking(Scenario):
     @property
     def no_bound(self) -> str | None:
         """Why there is no lower bound, if there is none."""
+        if self._own_timeline is not None:
+            return "the data are recorded"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
         if any(s.outliers is not None or s.bias for s in _each(self._sensor)):
@@ -235,6 +271,21 @@ class Tracking(Scenario):
         own = self.target.own_motion or ConstantVelocity(q=0.0)
         return own.sampled(self.T, self.target.axes)
 
+    @property
+    def has_truth(self) -> bool:
+        """Whether errors can be measured."""
+        return self.target.has_truth
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """How many runs there are, if one cannot have as many as one likes."""
+        return self.target.recorded_runs
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What was done to the target's data."""
+        return self.target.told
+
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """``diverged`` (M,): whether each of the last ten estimates is outside its own 1e-6 region.
 
@@ -242,10 +293,18 @@ class Tracking(Scenario):
         believes. It is no lost run, whose error would leave the averages: an overconfident filter is
         not to be better for it. Then the target's own numbers per run.
         """
-        last = values.get("outside", np.full((1, 1), np.nan))[-_IN_A_ROW:]
+        if not self.has_truth:
+            return {}
+        last = values.get("outside", np.full((1, 1), np.nan))
+        last = (last if self.recorded_runs is None else _settled(last))[-_IN_A_ROW:]
         sigma = np.nan if self.position_sigma is None else self.position_sigma
         own = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
         return {"diverged": last.min(axis=0)} | own  # NaN if one is
+
+
+def _settled(rows: Array) -> Array:
+    """Series (K, M) with what is missing at first, and what there is at last."""
+    return np.take_along_axis(rows, np.argsort(~np.isnan(rows), axis=0, kind="stable"), axis=0)
 
 
 def _each(sensor: Measuring | Several) -> tuple[Measuring, ...]:

@@ -153,8 +153,8 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
 
 
 def cautions(point: Point) -> list[str]:
-    """What filters say about this scenario that is no mistake but should be known."""
-    out = []
+    """What scenario and filters say that is no mistake but should be known."""
+    out = list(point.scenario.cautions)
     for label, tracker in point.filters.items():
         out += [f"{label}: {text}" for text in tracker.cautions(point.seen_by(label))]
     return out

@@ -23,9 +23,11 @@ from trackbench.scenarios.base import Scenario
 _NEEDS = {
     "state.planar": "a target in the plane",
     "motion.jacobian": "a motion with a Jacobian",
-    "motion.F": "a linear motion",
+    "motion.F": "a linear motion and steps of equal length",
+    "motion.F|linear": "a linear motion",
     "motion.Q": "a linear motion",
-    "motion.T": "a motion with a sampling time",
+    "motion.T": "steps of equal length (of recorded data: `resample`)",
+    "motion.T|intervals": "a motion with a sampling time",
     "sensor.H": "a linear sensor",
     "sensor.jacobian": "a sensor with a Jacobian",
     "sensor.per_axis": "a sensor of planar positions",
@@ -55,14 +57,14 @@ def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -
 
 
 def has(scenario: Scenario, need: str) -> bool:
-    """Whether a scenario has what a filter needs: ``motion.jacobian``, ``prior.first``."""
+    """Whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
     part, _, name = need.partition(".")
     if part == "state":
         return scenario.components == moving(2)
     if part == "prior":
         kind = scenario.prior_kind
         return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
-    return hasattr(getattr(scenario.model, part), name)
+    return any(hasattr(getattr(scenario.model, part), either) for either in name.split("|"))
 
 
 def check_fit(
@@ -180,9 +182,13 @@ def with_recorded_runs(
     """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
     counts = [p.scenario.recorded_runs for p in points if p is not None]
     most = min((count for count in counts if count is not None), default=None)
-    if most is None or ("runs" in source.data and settings.runs <= most):
+    if most is None:
         return settings
-    if "runs" in source.data:
+    if "runs" in source.data and settings.runs <= most:
+        most = settings.runs
+    elif "runs" in source.data:
         what = f"{settings.runs} is more than the {most} recorded runs"
         problems.append(Problem(source.mark(("runs",)), "runs", what))
-    return replace(settings, runs=most)
+    # There will never be more: a wider block would filter runs that are not there.
+    block = settings.block or (None if settings.until else "fit")
+    return replace(settings, runs=most, block=block)

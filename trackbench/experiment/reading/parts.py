@@ -14,6 +14,13 @@ from trackbench.registry import Group, kinds
 
 T = TypeVar("T")
 
+_GONE = {
+    ("scenarios", "recorded"): "recorded data are a target now: {kind: tracking, target: {kind: "
+    "measured, measurements: m.csv, truth: t.csv}, sensor: ..., start: one-scan, assume: {motion: "
+    "...}}; prior_mean and prior_sigma are the start {kind: given, mean: [...], sigma: [...]}"
+}
+"""What to say of kinds that there were."""
+
 
 def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]) -> Any:
     """The registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
@@ -26,6 +33,7 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
     kind = data["kind"]
     if not isinstance(kind, str) or kind not in known:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(known))}"
+        what = _GONE.get((group, kind), what) if isinstance(kind, str) else what
         problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
         return None
     cls = known[kind]
@@ -113,10 +121,13 @@ def _with_absolute_files(
     """Paths count from the folder of the YAML file they stand in."""
     out = dict(data)
     for key in file_keys(cls):
-        if isinstance(data.get(key), str):
-            mark = source.mark((*keys, key))
-            folder = Path(mark.file).parent if mark.line else Path()
-            out[key] = str((folder / data[key]).absolute())
+        mark = source.mark((*keys, key))
+        folder = Path(mark.file).parent if mark.line else Path()
+        given = data.get(key)
+        if isinstance(given, str):
+            out[key] = str((folder / given).absolute())
+        elif isinstance(given, list):
+            out[key] = [str((folder / g).absolute()) if isinstance(g, str) else g for g in given]
     return out
 
 

@@ -103,7 +103,7 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     for key in (field for field in fields(part) if field.init):
         value = getattr(part, key.name)
         if key.name in files and value is not None:
-            value = shown(value)
+            value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
         out[key.name] = _plain(value, shown)
     return out
 

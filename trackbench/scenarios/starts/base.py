@@ -15,12 +15,15 @@ from trackbench.models.several import Several
 
 
 class Opening(NamedTuple):
-    """What a start may look at: truth (n_x, M) at the first scan, the first scans (n_z, scans, M)."""
+    """What a start may look at: truth (n_x, M) at the first scan, the first scans (n_z, scans, M).
+
+    ``T`` is the time between two scans, s; of recorded runs perhaps each one's own (M,).
+    """
 
     truth: Array
     scans: Array
     first_step: int
-    T: float
+    T: float | Array
     diffusion: float
 
 
@@ -29,6 +32,8 @@ class Start(Part):
 
     scans: ClassVar[int] = 0
     """how many scans it uses up; the first state is that of the last of them"""
+    of_truth: ClassVar[bool] = False
+    """whether the prior is made of the truth, which no recorded target has"""
 
     def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
         """The class of `prior`, which filters may ask for more than moments."""

@@ -8,17 +8,19 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, PointMass
 from trackbench.core.streams import Streams
-from trackbench.keys import MistakenKeyError, NonNegative
+from trackbench.keys import Finite, MistakenKeyError, NonNegative
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several
 from trackbench.registry import register
-from trackbench.scenarios.starts.base import Opening, Start
+from trackbench.scenarios.starts.base import Opening, Start, repeated
 
 
 @register("starts", "known")
 @dataclass(frozen=True, kw_only=True)
 class Known(Start):
     """Every filter starts at the true first state."""
+
+    of_truth: ClassVar[bool] = True
 
     def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
         """A point."""
@@ -43,7 +45,7 @@ class GaussianStart(Start):
     sigma: tuple[NonNegative, ...]
     """standard deviation of each component: of (px, vx, py, vy) of a planar target, m and m/s"""
 
-    scans: ClassVar[int] = 0
+    of_truth: ClassVar[bool] = True
 
     def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
         """A standard deviation for each component."""
@@ -73,3 +75,34 @@ class GaussianStart(Start):
     ) -> Array:
         """The covariance."""
         return self.cov
+
+
+@register("starts", "given")
+@dataclass(frozen=True, kw_only=True)
+class Given(Start):
+    """Every filter starts from the same normal distribution, wherever the target really is."""
+
+    mean: tuple[Finite, ...]
+    """mean of each component: of (px, vx, py, vy) of a planar target, m and m/s"""
+    sigma: tuple[NonNegative, ...]
+    """standard deviation of each"""
+
+    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+        """A number for each component."""
+        for key in ("mean", "sigma"):
+            if len(getattr(self, key)) != len(components):
+                what = f"{len(getattr(self, key))} numbers for {', '.join(components)}"
+                raise MistakenKeyError(what, "start", key)
+
+    def prior(
+        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """What is given, in every run."""
+        mean = repeated(np.array(self.mean), opening.truth.shape[1])
+        return Gaussian(mean, np.diag(np.square(self.sigma)))
+
+    def bound(
+        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
+    ) -> Array:
+        """The covariance."""
+        return np.diag(np.square(self.sigma))

@@ -68,6 +68,7 @@ class TwoScan(_FromScans):
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first, second = opening.scans[:, 0], opening.scans[:, 1]
+            assert isinstance(opening.T, float | int)
             return TwoPoint(sensor, first, second, opening.T, opening.diffusion)
         one, two = (self.located(opening, sensor, scan) for scan in range(2))
         return differenced(one, two, opening.T, opening.diffusion)

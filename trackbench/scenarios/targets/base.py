@@ -14,17 +14,24 @@ from trackbench.keys import Finite
 from trackbench.models.base import Motion, moving
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Several
+from trackbench.scenarios.starts.base import Start
 
 STRAY = 10.0
 """Error beyond which a track has strayed, in standard deviations of a measured position."""
 
 
 class Timeline(NamedTuple):
-    """Numbers k (K,) of the scans from the first on, their times (K,), s, and the time between, s."""
+    """Numbers k (K,) of the scans from the first on, their times (K,), s, and the time between, s.
+
+    Of recorded data that time may differ from step to step (``equal``), and is the first one then; the
+    time between the two scans of a start is another, ``apart``, perhaps each run's own (M,), s.
+    """
 
     steps: Index
     times: Array
     T: float
+    equal: bool = True
+    apart: Array | float | None = None
 
 
 class Flight(NamedTuple):
@@ -85,6 +92,28 @@ class Target(Part):
     def diffusion(self) -> float:
         """Spectral density of the white acceleration that drives it, m^2/s^3, as far as it is one."""
         return 0.0
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether it is known where it really is."""
+        return True
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """How many runs there are, if one cannot have as many as one likes."""
+        return None
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Sentences on what is no mistake in its data but should be known."""
+        return ()
+
+    def own_timeline(self, sensor: Measuring | Several, start: Start, T: float) -> Timeline | None:
+        """The time there is, if its data say so: steps of T seconds, if they say only steps.
+
+        Raises DataError with the mistakes of the data, MistakenKeyError for what does not go with them.
+        """
+        return None
 
     @abstractmethod
     def start(self, timeline: Timeline) -> Array:

@@ -1,79 +1,112 @@
 """A target whose path comes from a file: fly a trajectory of one's own in every run."""
 
-import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.keys import DataError, DataFile, Place
 from trackbench.registry import register
-from trackbench.scenarios.recordings import read_columns
+from trackbench.scenarios.recordings.content import FromFiles
+from trackbench.scenarios.recordings.naming import Naming
+from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.targets.base import Timeline
 from trackbench.scenarios.targets.flown import Flown
 from trackbench.scenarios.targets.waypoints import smooth_path
 
+_POSITIONS = ("x", "y", "z")
+_VELOCITIES = ("vx", "vy", "vz")
+
 
 @register("targets", "recorded")
-@dataclass(frozen=True, kw_only=True)
-class RecordedPath(Flown):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedPath(FromFiles, Naming, Flown):
     """A recorded path, whose measurements are simulated anew in every run.
 
     Between its rows the target flies Akima's spline; where the file has velocities, the cubic that has
-    them too. The file covers all of the scenario's steps.
+    them too. The file covers all of the scenario's steps. Dates count from that of the first row.
     """
 
     file: DataFile
-    """CSV with the columns time (s), x, y (m) and perhaps z, vx, vy, vz"""
-    content: str = field(init=False, default="")
-    """digest of the numbers that were read"""
+    """CSV or Parquet with the columns time, x, y (m) and perhaps z, vx, vy, vz; or what gives them"""
+    run: str | int | None = None
+    """name of the run that is flown; needed if the file has several"""
 
     def __post_init__(self) -> None:
-        columns = read_columns(self.file, ("time", "x", "y"), ("z", "vx", "vy", "vz"))
-        given = [name for name in ("vx", "vy", "vz") if name in columns]
-        wanted = ["vx", "vy", *(["vz"] if "z" in columns else [])]
-        if given and given != wanted:
-            what = f"velocities are {', '.join(wanted)}, all or none"
-            raise DataError(Place(self.file, 1, 1, what))
-        if len(columns["time"]) < 2 or (np.diff(columns["time"]) <= 0.0).any():
-            raise DataError(Place(self.file, 1, 1, "the times must increase, from row to row"))
-        table = fixed(np.stack(list(columns.values())))
-        object.__setattr__(self, "_columns", dict(zip(columns, table, strict=True)))
-        digest = hashlib.sha256(repr(list(columns)).encode() + table.tobytes()).hexdigest()
-        object.__setattr__(self, "content", digest)
+        super().__post_init__()
+        self.check_names((*_POSITIONS, *_VELOCITIES))
+        with self.reading():
+            times, states = self._rows()
+        object.__setattr__(self, "_read", (fixed(times), fixed(states)))
+
+    def _rows(self) -> tuple[Array, Array]:
+        """Times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
+        found = Gathered(self, self.origin or None)
+        rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
+        (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
+        path = in_order(found, path)
+        if found.stepped:
+            raise self._mistake("a path needs a column time")
+        if len(found.runs) > 1:
+            raise self._mistake(f"has {len(found.runs)} runs: name one by `run`")
+        there = np.isfinite(path.values)
+        x, y, z, *moving = (bool(column.any()) for column in there)
+        if not (x and y):
+            raise self._mistake("a path needs the columns x and y")
+        if any(moving) and moving != [True, True, z]:
+            wanted = ", ".join(_VELOCITIES[: 2 + z])
+            raise self._mistake(f"velocities are {wanted}, all or none")
+        whole = np.flatnonzero(there[[x, y, z, *moving]].all(axis=0))
+        if len(whole) < 2:
+            raise self._mistake("a path needs two rows, at two times")
+        if len(whole) < len(path.time):
+            found.told.append(
+                f"{len(path.time) - len(whole)} rows with an empty cell were left out"
+            )
+        object.__setattr__(self, "_told", tuple(found.told))
+        return path.time[whole], path.values[:, whole]
+
+    def _mistake(self, what: str) -> DataError:
+        return DataError(Place(self.file, 1, 1, what))
 
     @property
-    def contents(self) -> dict[str, str]:
-        """Digest of the numbers that were read, by file."""
-        return {self.file: self.content}
+    def patterns(self) -> tuple[str, ...]:
+        """The file."""
+        return (self.file,)
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What was done to the rows."""
+        told: tuple[str, ...] = self.__dict__["_told"]
+        return told
 
     @property
     def axes(self) -> int:
         """Axes of the space it moves in."""
-        return 3 if "z" in self._read else 2
+        return 2 if np.isnan(self._path[1][2, 0]) else 3
 
     @property
-    def _read(self) -> dict[str, Array]:
-        columns: dict[str, Array] = self.__dict__["_columns"]
-        return columns
+    def _path(self) -> tuple[Array, Array]:
+        read: tuple[Array, Array] = self.__dict__["_read"]
+        return read
 
     def check(self, timeline: Timeline) -> None:
         """The file covers the time there is."""
-        first, last = self._read["time"][[0, -1]]
+        first, last = self._path[0][[0, -1]]
         if timeline.times[0] < first or timeline.times[-1] > last:
-            what = f"covers {first:g} to {last:g} s of {timeline.times[0]:g} to {timeline.times[-1]:g} s"
-            raise DataError(Place(self.file, 1, 1, what))
+            span = f"{timeline.times[0]:g} to {timeline.times[-1]:g} s"
+            raise self._mistake(f"covers {first:g} to {last:g} s of {span} (see `begin`)")
 
     def states(self, times: Array) -> Array:
         """States (n, K) at these times."""
-        names, columns = "xyz"[: self.axes], self._read
-        points = np.stack([columns[name] for name in names])
-        if "vx" not in columns:
-            return smooth_path(columns["time"], points, times)
+        at, values = self._path
+        positions, velocities = values[: self.axes], values[3 : 3 + self.axes]
+        if np.isnan(velocities).any():
+            return smooth_path(at, positions, times)
         from scipy.interpolate import CubicHermiteSpline
 
         out = []
-        for name in names:
-            spline = CubicHermiteSpline(columns["time"], columns[name], columns[f"v{name}"])
+        for position, velocity in zip(positions, velocities, strict=True):
+            spline = CubicHermiteSpline(at, position, velocity)
             out += [spline(times), spline.derivative()(times)]
         return np.stack(out)

@@ -1,5 +1,6 @@
 """Recorded data: the same numbers as simulated ones, gaps, no truth, and files with mistakes."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,21 @@ from trackbench.experiment.planning.plan import make_plan
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 
-LIKE = merwe_text(T=12, R=0.1)
+SIMULATED = json.loads(merwe_text(T=12, R=0.1)) | {"start": {"kind": "gaussian", "sigma": [0.75]}}
+MOTION, SENSOR, SCORE = SIMULATED["target"]["motion"], SIMULATED["sensor"], SIMULATED["score"]
 CONFIG = """
 name: mine
 seed: 4
 {runs}
 block: 4
 scenario:
-  kind: recorded
-  like: {like}
-  measurements: data/m.csv
-  {truth}
+  kind: tracking
+  target: {{kind: measured, axes: 0, measurements: data/m.csv{more}}}
+  sensor: {sensor}
+  start: {{kind: given, mean: [1.0], sigma: [0.75]}}
+  begin: 1
+  score: {score}
+  assume: {{motion: {motion}}}
 filters:
   UKF: {{kind: ukf}}
   EKF: {{kind: ekf}}
@@ -32,11 +37,14 @@ filters:
 tables:
   t: {{kind: metrics, columns: {{RMSE: rms(rmse), NIS: mean(nis)}}}}
 """
+TRUTH = ", truth: data/t.csv"
+"""What a target has beside its measurements."""
 
 
-def write(folder: Path, like: str = LIKE, truth: str = "truth: data/t.csv", runs: str = "") -> Path:
+def write(folder: Path, more: str = TRUTH, runs: str = "") -> Path:
     path = folder / "mine.yaml"
-    path.write_text(CONFIG.format(like=like, truth=truth, runs=runs))
+    words = {"sensor": json.dumps(SENSOR), "motion": json.dumps(MOTION), "score": json.dumps(SCORE)}
+    path.write_text(CONFIG.format(more=more, runs=runs, **words))
     return path
 
 
@@ -47,9 +55,10 @@ def run(config: Path, out: Path, **options: object) -> api.Report:
 @pytest.fixture
 def simulated(tmp_path: Path) -> Path:
     """A simulated batch of 6 runs, and the same data as CSV files."""
-    text = CONFIG.format(like=LIKE, truth="", runs="runs: 6")
+    text = write(tmp_path, runs="runs: 6").read_text()
     start, end = text.index("scenario:"), text.index("filters:")
-    (tmp_path / "sim.yaml").write_text(text[:start] + f"scenario: {LIKE}\n" + text[end:])
+    scenario = json.dumps(SIMULATED)
+    (tmp_path / "sim.yaml").write_text(text[:start] + f"scenario: {scenario}\n" + text[end:])
     out = run(tmp_path / "sim.yaml", tmp_path / "sim", save_tracks=True).folder
     with np.load(out / "tracks.npz") as tracks:
         (tmp_path / "data").mkdir()
@@ -59,7 +68,7 @@ def simulated(tmp_path: Path) -> Path:
         ):
             _, T, M = values.shape
             frame = {
-                "run": np.repeat(np.arange(M) + 3, T),  # any numbers, in order
+                "run": np.repeat(np.arange(M) + 3, T),
                 "step": np.tile(steps, M),
                 "z" if name == "m" else "x": values[0].T.ravel(),
             }
@@ -82,13 +91,24 @@ def test_all_runs_are_taken_and_no_more(simulated: Path, tmp_path: Path) -> None
         load(write(tmp_path), runs=7)
 
 
+def test_the_runs_that_are_chosen_come_in_their_order(simulated: Path, tmp_path: Path) -> None:
+    whole = run(write(tmp_path), tmp_path / "all").per_run.set_index(["filter", "metric"])
+    some = run(write(tmp_path, f"{TRUTH}, runs: [7, 3]"), tmp_path / "some").per_run
+    for label in ("UKF", "EKF", "Exact"):
+        before, now = whole.loc[(label, "rmse")], some[some["filter"] == label]
+        now = now[now["metric"] == "rmse"]["value"].tolist()
+        assert now == [before[before["run"] == m]["value"].item() for m in (4, 0)]
+    with pytest.raises(UserError, match=r"target.runs.0: there is no run '9'; there are 3, 4"):
+        load(write(tmp_path, ", runs: [9]"))
+
+
 def test_without_truth_there_are_no_errors_but_nis(simulated: Path, tmp_path: Path) -> None:
-    report = run(write(tmp_path, truth=""), tmp_path / "rec", save_tracks=True)
+    report = run(write(tmp_path, more=""), tmp_path / "rec", save_tracks=True)
     assert not report.failed
     assert not report.notes
     metrics = set(report.per_run["metric"])
     assert "nis" in metrics
-    assert not {m for m in metrics if m.startswith(("rmse", "nees", "distance"))}
+    assert not {m for m in metrics if m.startswith(("rmse", "nees", "distance", "diverged"))}
     before = pd.read_csv(simulated / "per_run.csv")
     nis = before[before["metric"] == "nis"].reset_index(drop=True)
     mine = report.per_run[report.per_run["metric"] == "nis"].reset_index(drop=True)
@@ -132,39 +152,39 @@ def test_a_gap_in_the_truth_is_no_error(simulated: Path, tmp_path: Path) -> None
     pd.testing.assert_frame_equal(now.reset_index(drop=True), kept)
 
 
-def test_a_prior_of_ones_own(simulated: Path, tmp_path: Path) -> None:
-    text = "prior_mean: [1.5]\n  prior_sigma: [0.5]"
-    path = write(tmp_path, truth=text)
-    path.write_text(path.read_text().replace("  Exact: {kind: grid}\n", ""))
-    report = run(path, tmp_path / "rec", save_tracks=True)
-    assert not report.failed
-    with np.load(report.folder / "tracks.npz") as tracks:
-        np.testing.assert_allclose(tracks["mean/UKF"][:, 0], 1.5)
-        np.testing.assert_allclose(tracks["cov/UKF"][:, :, 0], 0.25)
-
-
 GOOD = "run,step,z\n0,2,1.0\n0,3,1.1\n1,2,0.9\n"
 
 
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ("", "1:1: scenario: no column run; the columns must be run,step,z"),
+        ("", "1:1: scenario: is empty"),
         ("run,step,z\n", "1:1: scenario: has no rows"),
-        (GOOD.replace("run,step,z", "run,step,y"), "1:1: scenario: no column z; the columns"),
-        (GOOD.replace("run,step,z", "run,z,z"), "1:1: scenario: no column step"),
+        (
+            GOOD.replace("run,step,z", "run,step,y"),
+            "1:1: scenario: no column z; there are run, step",
+        ),
+        (
+            GOOD.replace("step", "tick"),
+            "1:1: scenario: no column time or step; there are run, tick",
+        ),
         ("run,step,z,z\n0,2,1,1\n", "1:1: scenario: two columns z"),
         (GOOD.replace("1.1", "high"), "3:1: scenario: z: 'high' is not a number"),
         (GOOD.replace("1.1", "inf"), "3:1: scenario: z: 'inf' is not a finite number"),
         (GOOD.replace("0,3,", "0,2.5,"), "3:1: scenario: step: '2.5' is not a whole number"),
-        (GOOD.replace("0,3,", "-1,3,"), "3:1: scenario: run: '-1' is not a whole number"),
-        (GOOD.replace("0,3,", "0,2,"), "3:1: scenario: run 0: step 2 is there twice"),
-        (GOOD + "1,5,1\n1,4,1\n", "6:1: scenario: run 1: step 4 comes after step 5"),
-        (GOOD.replace("0,3,", "0,1,"), "3:1: scenario: run 0: step 1 comes after step 2"),
-        (GOOD.replace("0,2,", "0,1,"), "2:1: scenario: run 0: step 1 is not one of 2 to 12"),
-        (GOOD.replace("0,3,", "0,13,"), "3:1: scenario: run 0: step 13 is not one of 2 to 12"),
+        (GOOD.replace("0,3,", ",3,"), "3:1: scenario: run: is missing"),
+        (GOOD.replace("0,3,", "0,2,"), "3:1: scenario: run 0: step 2 is there twice, and not"),
         (GOOD + "1,3\n", "5:1: scenario: 2 cells under 3 columns"),
         (GOOD + "\n1,x,3\n", "6:1: scenario: step: 'x' is not a whole number"),
+        (
+            GOOD.replace("step", "time").replace(",3,", ",,"),
+            "3:1: scenario: time: '' is not a time",
+        ),
+        (
+            "time,z\n2020-01-01T10:00,1\n2020-01-01 25:00,2\n",
+            "3:1: scenario: time: '2020-01-01 25:00' is not a time in ISO 8601",
+        ),
+        ("step,z\n1,1\n200000,2\n", "1:1: scenario: gives 200001 steps, more than 100000"),
         ("\0\1\2", "1:1: scenario: no"),
         (b"\xff\xfe\x00", "1:1: scenario: is not a text file in UTF-8"),
     ],
@@ -174,7 +194,7 @@ def test_files_with_mistakes(tmp_path: Path, content: str | bytes, expected: str
     data = tmp_path / "data" / "m.csv"
     data.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(UserError) as caught:
-        load(write(tmp_path, truth=""))
+        load(write(tmp_path, more=""))
     lines = str(caught.value).splitlines()
     assert len(lines) == 1
     assert lines[0].startswith(f"{data}:{expected}"), lines[0]
@@ -183,9 +203,9 @@ def test_files_with_mistakes(tmp_path: Path, content: str | bytes, expected: str
 def test_every_mistake_in_a_file_is_said(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     data = tmp_path / "data" / "m.csv"
-    data.write_text("run,step,z\n0,2,a\n0,3,b\n0,3,1\n0,3,1\n")
+    data.write_text("run,step,z\n0,2,a\n0,3,b\n0,3,1\n0,3\n")
     with pytest.raises(UserError) as caught:
-        load(write(tmp_path, truth=""))
+        load(write(tmp_path, more=""))
     found = [line.removeprefix(f"{data}:").split(":")[0] for line in str(caught.value).splitlines()]
     assert found == ["2", "3", "5"]
 
@@ -193,19 +213,21 @@ def test_every_mistake_in_a_file_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("measurements: data/m.csv", "measurements: data/no.csv", "no.csv:1:1: scenario: no such"),
-        (f"like: {LIKE}", "", "scenario.like: this key is required"),
-        ('"R": 0.1', '"R": -1', "scenario.like.sensor.R: -1 is not greater than 0"),
-        ('"tracking"', '"traking"', "did you mean tracking?"),
-        ("truth: data/t.csv", "truth: data/t.csv\n  prior_mean: [1.0]", "go together"),
         (
-            "truth: data/t.csv",
-            "truth: data/t.csv\n  prior_mean: [1, 2]\n  prior_sigma: [1, 2]",
-            "the prior needs 1 numbers: x",
+            "measurements: data/m.csv",
+            "measurements: data/no.csv",
+            "no.csv:1:1: scenario: no such",
         ),
-        ("truth: data/t.csv", "thruth: data/t.csv", "unknown key; did you mean truth?"),
-        ("measurements: data/m.csv", "measurements: 3", "3 is not a word"),
-        (f"like: {LIKE}", "like: nowhere.yaml", "8:9: scenario.like: cannot read"),
+        ("measurements: data/m.csv", "measurements: data/n*.csv", "no file has such a name"),
+        (TRUTH, ", truth_gap: 2", "scenario.target.truth_gap: there is no truth"),
+        ("sigma: [0.75]", "sigma: [1, 2]", "scenario.start.sigma: 2 numbers for x"),
+        (TRUTH, ", thruth: data/t.csv", "unknown key; did you mean truth?"),
+        (TRUTH, ", columns: {w: q}", "target.columns.w: there is no w; known: run, time"),
+        (TRUTH, ", units: {z: cubits}", "target.units.z: 'cubits' is not one of m, km"),
+        ("begin: 1", "last: 12", "scenario.last: the recorded data say it"),
+        ("start: {kind: given, mean: [1.0], sigma: [0.75]}", "start: known", "or as `given`"),
+        ("kind: tracking", "kind: recorded", "recorded data are a target now"),
+        ('"R": 0.1', '"R": 0.1, "detection": 0.5', "are of simulated measurements"),
     ],
 )
 def test_configs_with_mistakes(
@@ -219,13 +241,6 @@ def test_configs_with_mistakes(
         load(path)
     assert expected in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
-
-
-def test_truth_of_a_run_without_measurements(simulated: Path, tmp_path: Path) -> None:
-    with (tmp_path / "data" / "t.csv").open("a") as file:
-        file.write("99,1,1.0\n")
-    with pytest.raises(UserError, match="run 99 has no measurements in"):
-        load(write(tmp_path))
 
 
 def test_edited_data_are_filtered_again(
@@ -248,10 +263,3 @@ def test_data_edited_after_they_were_read_do_not_name_the_block(
     data.write_text(data.read_text().replace("\n3,2,", "\n3,2,1"))
     second = make_plan(load(write(tmp_path))).unique[0]
     assert block_key(first, first.used) != block_key(second, second.used)
-
-
-def test_like_from_a_file(simulated: Path, tmp_path: Path) -> None:
-    (tmp_path / "data" / "like.yaml").write_text(LIKE)
-    one = run(write(tmp_path, like="data/like.yaml"), tmp_path / "one").per_run
-    two = run(write(tmp_path), tmp_path / "two").per_run
-    pd.testing.assert_frame_equal(one, two)

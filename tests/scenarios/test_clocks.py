@@ -1,0 +1,319 @@
+"""Recorded data on clocks of their own: irregular steps, dates, units, several sensors and runs."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench import api
+from trackbench.core.earth import Geodetic, east_north_up
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
+
+T = np.array([0.0, 1.0, 1.7, 4.2, 4.3, 9.0, 9.5, 12.25, 13.0, 20.0, 20.1, 21.0])
+RNG = np.random.default_rng(3)
+X = np.stack([40.0 + 3.0 * T, -7.0 - 2.0 * T]) + RNG.normal(size=(2, len(T)))
+Q, SIGMA = 0.3, 2.0
+
+
+def table(names: str, *columns: Any) -> str:
+    rows = zip(*columns, strict=True)
+    return "\n".join([names, *(",".join(str(cell) for cell in row) for row in rows)]) + "\n"
+
+
+def config(folder: Path, target: dict[str, Any], **changes: Any) -> Path:
+    scenario = {
+        "kind": "tracking",
+        "target": {"kind": "measured", **target},
+        "sensor": {"kind": "position", "sigma": SIGMA},
+        "start": {"kind": "one-scan", "sigma_velocity": 10},
+        "assume": {"motion": {"kind": "cwna", "q": Q}},
+    }
+    filters = changes.pop("filters", {"KF": {"kind": "kf"}})
+    text = {"name": "x", "scenario": scenario | changes, "filters": filters}
+    path = folder / "c.yaml"
+    path.write_text(yaml.safe_dump(text))
+    return path
+
+
+def tracked(path: Path, **options: Any) -> dict[str, Any]:
+    """The tracks of a run, and what it said."""
+    out = path.parent / "out"
+    report = api.run(path, out=out, workers=1, quiet=True, formats=(), save_tracks=True, **options)
+    assert not report.failed
+    with np.load(out / "tracks.npz") as tracks:
+        return dict(tracks)
+
+
+def by_hand(times: Any, z: Any) -> np.ndarray:
+    """A Kalman filter of one axis of white acceleration, in scalars (Bar-Shalom 2001, 6.2.2)."""
+    x, v, a, b, c, out = z[0], 0.0, SIGMA**2, 0.0, 100.0, [z[0]]
+    for i in range(1, len(times)):
+        t = times[i] - times[i - 1]
+        x, v = x + t * v, v
+        a, b, c = (
+            a + 2 * t * b + t * t * c + Q * t**3 / 3,
+            b + t * c + Q * t * t / 2,
+            c + Q * t,
+        )
+        s = a + SIGMA**2
+        if not math.isnan(z[i]):
+            gain, other, nu = a / s, b / s, z[i] - x
+            x, v = x + gain * nu, v + other * nu
+            a, b, c = (1 - gain) * a, (1 - gain) * b, c - other * b
+        out.append(x)
+    return np.array(out)
+
+
+def test_motions_are_given_the_true_interval_of_each_step(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    found = tracked(config(tmp_path, {"measurements": "m.csv"}))
+    np.testing.assert_allclose(found["times"], T, rtol=1e-12)
+    for axis in range(2):
+        np.testing.assert_allclose(
+            found["mean/KF"][2 * axis, :, 0], by_hand(T, X[axis]), rtol=1e-10
+        )
+
+
+FILTERS = {
+    "KF": {"kind": "kf"},
+    "UKF": {"kind": "ukf"},
+    "CT": {
+        "kind": "ekf",
+        "assume": {"motion": {"kind": "ct-unknown", "q": 0.1, "turn_walk_deg_s": 1}},
+    },
+    "Singer": {"kind": "ckf", "assume": {"motion": {"kind": "singer", "sigma": 1, "tau": 5}}},
+    "IMM": {
+        "kind": "imm",
+        "motions": [{"kind": "cwna", "q": 0.1}, {"kind": "ca", "q": 0.01}],
+        "transition": [[0.9, 0.1], [0.1, 0.9]],
+    },
+    "RPF": {"kind": "rpf", "N": 50},
+    "PF": {"kind": "pf", "N": 50},
+}
+
+
+def test_equal_intervals_give_the_same_bytes_whether_or_not_a_later_one_differs(
+    tmp_path: Path,
+) -> None:
+    times = 2.0 * np.arange(10)
+    path = config(tmp_path, {"measurements": "m.csv"}, filters=FILTERS)
+    (tmp_path / "m.csv").write_text(table("time,x,y", times, *X[:, :10]))
+    equal = tracked(path)
+    times[-1] += 0.5
+    (tmp_path / "m.csv").write_text(table("time,x,y", times, *X[:, :10]))
+    irregular = tracked(path)
+    for label in FILTERS:
+        before, now = equal[f"mean/{label}"][:, :-1], irregular[f"mean/{label}"][:, :-1]
+        np.testing.assert_array_equal(before, now)
+        assert not np.array_equal(equal[f"mean/{label}"], irregular[f"mean/{label}"])
+
+
+ADAPTIVE = {
+    "kind": "adaptive-kf",
+    "preset": "paper-eta20",
+    "nmf": {"q": 0.01},
+    "mf": {"q": 0.01},
+}
+
+
+def test_a_filter_of_equal_steps_is_refused_or_resampled_for(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    filters = {"A": ADAPTIVE, "KF": {"kind": "kf"}}
+    with pytest.raises(UserError, match=r"adaptive-kf needs steps of equal length .*resample"):
+        load(config(tmp_path, {"measurements": "m.csv"}, filters=filters))
+    path = config(tmp_path, {"measurements": "m.csv", "resample": 1.0}, filters=filters)
+    (told,) = load(path).points[0].scenario.cautions
+    # 4.2 and 4.3 are at 4, 9.0 and 9.5 at 9 and 10, 20.0 and 20.1 at 20
+    assert told.startswith(
+        "resampled: measurements are taken to be up to 0.5 s from when they were, 2"
+    )
+    found = tracked(path)
+    np.testing.assert_array_equal(found["times"], np.arange(22.0))
+    z = np.full(22, np.nan)
+    for t, value in zip(T[::-1], X[0, ::-1], strict=True):
+        z[int(np.floor(t + 0.5))] = value  # of two the earlier, which is the nearer here
+    np.testing.assert_allclose(found["mean/KF"][0, :, 0], by_hand(np.arange(22.0), z), rtol=1e-10)
+
+
+def test_dates_units_and_names_change_nothing(tmp_path: Path) -> None:
+    path = config(tmp_path, {"measurements": "m.csv"})
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    plain = tracked(path)["mean/KF"]
+    dates = np.datetime64("2026-03-01T23:59:50", "us") + np.rint(T * 1e6).astype("m8[us]")
+    columns = {"time": "Zeit", "x": "east", "y": "north (ft)"}
+    units = {"x": "km", "y": "ft"}
+    target = {"measurements": "m.csv", "columns": columns, "units": units}
+    feet = X[1] / 0.3048
+    (tmp_path / "m.csv").write_text(table("east,Zeit,north (ft)", X[0] / 1000, dates, feet))
+    named = tracked(config(tmp_path, target))
+    np.testing.assert_allclose(named["times"], T, atol=1e-9)
+    np.testing.assert_allclose(named["mean/KF"], plain, rtol=1e-9)
+
+
+def test_rows_out_of_order_and_twice_are_told_of(tmp_path: Path) -> None:
+    order = [0, 2, 1, 3, 4, 5, 5, 6, 7, 8, 9, 11, 10]
+    path = config(tmp_path, {"measurements": "m.csv"})
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    plain = tracked(path)["mean/KF"]
+    (tmp_path / "m.csv").write_text(table("time,x,y", T[order], *X[:, order]))
+    np.testing.assert_array_equal(tracked(path)["mean/KF"], plain)
+    late, twice = load(path).points[0].scenario.cautions
+    assert late == "2 rows that came after later ones were put in order"
+    assert twice == "1 rows that say again what the one before says were left out"
+
+
+def test_each_run_starts_from_its_own_first_measurements(tmp_path: Path) -> None:
+    """The second run is later, elsewhere, and its first cell is empty."""
+    later = T + 1000.5
+    names = ["7"] * len(T) + ["other"] * (1 + len(T))
+    times = np.concatenate([T, [later[0] - 3.0], later])
+    x = [*X[0], "", *(X[0] + 5e5)]
+    y = np.concatenate([X[1], [1.0], X[1] - 5e5])
+    (tmp_path / "m.csv").write_text(table("run,time,x,y", names, times, x, y))
+    found = tracked(config(tmp_path, {"measurements": "m.csv"}))
+    np.testing.assert_allclose(found["times"], T, atol=1e-9)
+    first, second = found["mean/KF"][0].T
+    np.testing.assert_allclose(first, by_hand(T, X[0]), rtol=1e-10)
+    np.testing.assert_allclose(second, by_hand(T, X[0] + 5e5), rtol=1e-9)
+
+
+def test_two_scans_are_as_far_apart_as_they_were_in_each_run(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(table("time,x,y", T, *X))
+    (tmp_path / "b.csv").write_text(table("time,x,y", T[1:], *X[:, 1:]))
+    found = tracked(config(tmp_path, {"measurements": "?.csv"}, start="two-scan"))
+    velocity = found["mean/KF"][1, 0]
+    np.testing.assert_allclose(velocity[0], (X[0, 1] - X[0, 0]) / 1.0, rtol=1e-12)
+    np.testing.assert_allclose(velocity[1], (X[0, 2] - X[0, 1]) / 0.7, rtol=1e-9)
+
+
+def test_sensors_come_in_one_file_or_in_one_each(tmp_path: Path) -> None:
+    sensors = [
+        {"kind": "position", "sigma": SIGMA},
+        {"kind": "range-azimuth", "sigma_range": 5, "sigma_azimuth_mrad": 9},
+    ]
+    late = T[:-1] + 0.05
+    r, a = np.hypot(40 + 3 * late, -7 - 2 * late), np.arctan2(-7 - 2 * late, 40 + 3 * late)
+    (tmp_path / "p.csv").write_text(table("time,x,y", T, *X))
+    (tmp_path / "r.csv").write_text(table("time,range,azimuth", late, r / 1000, np.rad2deg(a)))
+    units = {"range": "km", "azimuth": "deg"}
+    filters = {"EKF": {"kind": "ekf"}, "UKF": {"kind": "ukf"}}
+    each = {"measurements": ["p.csv", "r.csv"], "units": units}
+    apart = tracked(config(tmp_path, each, sensor=sensors, filters=filters))
+    n, empty = len(T), [""] * len(T)
+    (tmp_path / "m.csv").write_text(
+        table(
+            "sensor,time,x,y,range,azimuth",
+            [1] * n + [2] * (n - 1),
+            np.concatenate([T, late]),
+            *([*row, *empty[1:]] for row in X),
+            [*empty, *(r / 1000)],
+            [*empty, *np.rad2deg(a)],
+        )
+    )
+    one = {"measurements": "m.csv", "units": units}
+    together = tracked(config(tmp_path, one, sensor=sensors, filters=filters))
+    for label in filters:
+        np.testing.assert_array_equal(apart[f"mean/{label}"], together[f"mean/{label}"])
+    assert np.isfinite(apart["measurements"][2:, ::2]).sum() == 2 * (n - 1)
+
+
+def test_the_truth_is_interpolated_within_its_gap_only(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    at = np.array([-1.0, 2.0, 4.0, 9.0, 15.0, 20.1])
+    (tmp_path / "t.csv").write_text(table("time,x,y", at, 40 + 3 * at, -7 - 2 * at))
+    target = {"measurements": "m.csv", "truth": "t.csv", "truth_gap": 3}
+    found = tracked(config(tmp_path, target))
+    truth = found["truth"][0, :, 0]
+    there = [True] * 3 + [False] * 2 + [True] + [False] * 4 + [True, False]
+    np.testing.assert_array_equal(np.isfinite(truth), there)
+    np.testing.assert_allclose(truth[there], (40 + 3 * T)[there], rtol=1e-12)
+    target.pop("truth_gap")
+    alone = tracked(config(tmp_path, target))["truth"][0, :, 0]
+    np.testing.assert_array_equal(np.isfinite(alone), np.isin(T, at))
+    (tmp_path / "t.csv").write_text(table("time,x,y", at + 0.001, at, at))
+    with pytest.raises(
+        UserError, match=r"t.csv:1:1: scenario: has no truth at any step: name a `truth_"
+    ):
+        load(config(tmp_path, target))
+
+
+def test_metrics_are_over_the_steps_that_have_a_truth(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
+    (tmp_path / "t.csv").write_text(table("time,x,y", T[5:], 40 + 3 * T[5:], -7 - 2 * T[5:]))
+    path = config(tmp_path, {"measurements": "m.csv", "truth": "t.csv"})
+    found = tracked(path)
+    report = api.run(path, out=tmp_path / "out", workers=1, quiet=True, formats=())
+    values = report.per_run.set_index("metric")["value"]
+    error = found["mean/KF"][0::2, 5:, 0] - found["truth"][0::2, 5:, 0]
+    square = (error**2).sum(axis=0)
+    assert values["rmse_position"] == pytest.approx(np.sqrt(square.mean()), rel=1e-6)
+    assert values["peak_position"] == pytest.approx(np.sqrt(square.max()), rel=1e-6)
+
+
+def test_places_on_the_earth() -> None:
+    """Against radii of curvature near the origin, and one scalar program far from it."""
+    a, f = 6378137.0, 1 / 298.257223563
+    e2 = f * (2 - f)
+    lat, lon = math.radians(50.8), math.radians(-1.1)
+    w = math.sqrt(1 - e2 * math.sin(lat) ** 2)
+    meridian, across = a * (1 - e2) / w**3, a / w
+    step = 1e-6
+    places = Geodetic(*(np.array(p) for p in ([lat + step, lat], [lon, lon + step], [0.0, 0.0])))
+    east, north, up = east_north_up(places, Geodetic(lat, lon, 0.0))
+    np.testing.assert_allclose(north, [meridian * step, 0.0], atol=1e-5)
+    np.testing.assert_allclose(east, [0.0, across * math.cos(lat) * step], atol=1e-5)
+    np.testing.assert_allclose(up, 0.0, atol=1e-5)
+
+    def cartesian(p: float, q: float, h: float) -> tuple[float, float, float]:
+        n = a / math.sqrt(1 - e2 * math.sin(p) ** 2)
+        flat = (n + h) * math.cos(p)
+        return flat * math.cos(q), flat * math.sin(q), (n * (1 - e2) + h) * math.sin(p)
+
+    far = lat + 0.02, lon - 0.03, 900.0
+    d = [u - v for u, v in zip(cartesian(*far), cartesian(lat, lon, 50.0), strict=True)]
+    expected = (
+        -math.sin(lon) * d[0] + math.cos(lon) * d[1],
+        -math.sin(lat) * (math.cos(lon) * d[0] + math.sin(lon) * d[1]) + math.cos(lat) * d[2],
+        math.cos(lat) * (math.cos(lon) * d[0] + math.sin(lon) * d[1]) + math.sin(lat) * d[2],
+    )
+    found = east_north_up(Geodetic(*(np.array([v]) for v in far)), Geodetic(lat, lon, 50.0))
+    np.testing.assert_allclose(found[:, 0], expected, rtol=1e-9)
+
+
+def test_latitude_speed_and_course_stand_for_positions_and_velocities(tmp_path: Path) -> None:
+    names = "time,latitude,longitude,speed,course"
+    rows = table(
+        names, [0, 10, 20], [50.0, 50.001, 50.0], [0.0, 0.0, ""], [10, 20, 30], [90, 180, 270]
+    )
+    (tmp_path / "m.csv").write_text(rows)
+    target = {"measurements": "m.csv", "units": {"speed": "kn"}}
+    sensor = {"kind": "position-velocity", "sigma": 5, "sigma_velocity": 1}
+    x, vx, y, vy = tracked(config(tmp_path, target, sensor=sensor))["measurements"][:, :, 0]
+    knot = 1852 / 3600
+    np.testing.assert_allclose(y, [111.229, np.nan], rtol=1e-5)  # 111 229 m a degree at 50 north
+    np.testing.assert_allclose(x, [0.0, np.nan], atol=1e-6)
+    np.testing.assert_allclose(vx, [0.0, -30 * knot], atol=1e-9)
+    np.testing.assert_allclose(vy, [-20 * knot, 0.0], atol=1e-9)
+
+
+def test_parquet_is_read_where_there_is_pyarrow(tmp_path: Path) -> None:
+    (tmp_path / "m.parquet").write_bytes(b"PAR1")
+    path = config(tmp_path, {"measurements": "m.parquet"})
+    try:
+        import pandas as pd
+        import pyarrow  # noqa: F401
+    except ImportError:
+        with pytest.raises(
+            UserError, match=r"m.parquet:1:1: scenario: reading Parquet takes pyarrow"
+        ):
+            load(path)
+        return
+    with pytest.raises(UserError, match=r"m.parquet:1:1: scenario: not a Parquet file"):
+        load(path)
+    pd.DataFrame({"time": T, "x": X[0], "y": X[1]}).to_parquet(tmp_path / "m.parquet")
+    found = tracked(path)
+    np.testing.assert_allclose(found["mean/KF"][0, :, 0], by_hand(T, X[0]), rtol=1e-10)

@@ -1,0 +1,74 @@
+"""A motion over intervals that differ from step to step, as recorded data have them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution
+from trackbench.models.base import Motion, SampledMotion, extra_std
+
+
+@dataclass(frozen=True, eq=False)
+class Irregular:
+    """At step k the motion over the interval before it, ``intervals[k - first]``, s.
+
+    It has a Jacobian, or is linear, where the motion itself is; but no T, nor one F of all steps.
+    """
+
+    motion: Motion
+    axes: int
+    first: int
+    intervals: Array
+
+    def over(self, k: int) -> SampledMotion:
+        """The motion from step k - 1 to step k."""
+        return self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
+
+    def transition(self, x: Array, k: int) -> Distribution:
+        """The distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+        return self.over(k).transition(x, k)
+
+    @property
+    def jacobian(self) -> Callable[[Array, int], Array]:
+        """d E[x_k] / d x_{k-1}, a function of x and k. AttributeError if the motion has none."""
+        self._one.jacobian  # type: ignore[attr-defined]  # noqa: B018
+        return self._jacobian
+
+    @property
+    def linear(self) -> bool:
+        """True. AttributeError if the motion is not linear."""
+        self._one.F  # type: ignore[attr-defined]  # noqa: B018
+        return True
+
+    @property
+    def Q(self) -> Array:
+        """Covariance (n, n) of the noise over the first interval, which is singular if all are."""
+        Q: Array = self._one.Q  # type: ignore[attr-defined]
+        return Q
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the state's components, in order."""
+        return self._one.components
+
+    @property
+    def extra_std(self) -> tuple[float, ...]:
+        """See `trackbench.models.base.extra_std`."""
+        return extra_std(self._one)
+
+    @cached_property
+    def _one(self) -> SampledMotion:
+        return self.over(self.first)
+
+    def _jacobian(self, x: Array, k: int) -> Array:
+        F: Array = self.over(k).jacobian(x, k)  # type: ignore[attr-defined]
+        return F
+
+
+def alike(motion: Motion, other: SampledMotion) -> SampledMotion:
+    """The motion over the intervals, and along the axes, of another."""
+    if isinstance(other, Irregular):
+        return Irregular(motion, other.axes, other.first, other.intervals)
+    axes = (len(other.components) - len(extra_std(other))) // 2
+    return motion.sampled(other.T, axes)  # type: ignore[attr-defined]

@@ -1,0 +1,15 @@
+"""Of what all recorded runs have, the columns of those in a block."""
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.streams import RunStreams, Streams
+
+
+def recorded_columns(values: Array, rng: Streams) -> Array:
+    """The columns (..., M) of the runs that have these streams, NaN for runs that were not recorded."""
+    assert isinstance(rng, RunStreams)
+    out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
+    there = [m for m in rng.runs if m < values.shape[-1]]
+    out[..., : len(there)] = values[..., there]
+    return out

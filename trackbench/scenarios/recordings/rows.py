@@ -1,0 +1,221 @@
+"""The rows of all files by sensor: whose they are, when they were, what they say."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from glob import glob
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackbench.core.arrays import Array
+from trackbench.keys import DataError, MistakenKeyError, Place
+from trackbench.scenarios.recordings.naming import Columns, Naming
+from trackbench.scenarios.recordings.tables import Table
+
+TICK = 1e-6
+"""s: times that are nearer to each other are one"""
+_MOST_MISTAKES = 20
+Numbers = NDArray[np.integer[Any]]
+
+
+class Rows(NamedTuple):
+    """R rows: number of their run, time (s, or a step's number), values (n, R), file and line."""
+
+    run: Numbers
+    time: Array
+    values: Array
+    file: Numbers
+    line: Numbers
+
+    def at(self, chosen: Numbers) -> "Rows":
+        """Some of the rows, or all in another order."""
+        run, time, values, file, line = self
+        return Rows(run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen])
+
+    @property
+    def ticks(self) -> Numbers:
+        """Times as whole numbers of `TICK`, by which they are told apart."""
+        return np.rint(self.time / TICK).astype(np.int64)
+
+
+@dataclass
+class Gathered:
+    """What the files have in common, found as they are read.
+
+    Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
+    """
+
+    naming: Naming
+    origin: tuple[float, ...] | None = None
+    since: float | None = None
+    stepped: bool = False
+    dated: bool = False
+    runs: list[str] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+
+    def place(self, rows: Rows, i: int, what: str) -> Place:
+        """A mistake at a row."""
+        return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
+
+    def timed(self, columns: Columns, table: Table, clock: str) -> Array:
+        """Times of a table's rows; all tables have clocks of one kind."""
+        stepped = columns.contents[clock] == "step"
+        if self.since is None:
+            self.stepped, self.dated = stepped, table.dated
+            self.since = float(table.columns[clock].min()) if table.dated else 0.0
+        if (stepped, table.dated) != (self.stepped, self.dated):
+            raise columns.mistake(f"its clock is not of the kind that {self.files[0]} has")
+        time = table.columns[clock]
+        if self.dated:
+            return (time - self.since) / 1e6
+        return time if stepped else time * self.naming.scale("time")
+
+    def numbers_of(self, names: Sequence[str]) -> Numbers:
+        """The runs' numbers."""
+        self.runs = list(dict.fromkeys([*self.runs, *names]))
+        known = {name: i for i, name in enumerate(self.runs)}
+        return np.array([known[name] for name in names], dtype=np.int32)
+
+
+def files_of(pattern: str) -> list[str]:
+    """The file, or all that a pattern matches, in order. Raises DataError if it matches none."""
+    if not any(c in pattern for c in "*?["):
+        return [pattern]
+    found = sorted(glob(pattern))
+    if not found:
+        raise DataError(Place(pattern, 1, 1, "no file has such a name"))
+    return found
+
+
+def read_rows(
+    found: Gathered,
+    patterns: Sequence[str],
+    sensors: Sequence[Sequence[str]],
+    least: int | None = None,
+) -> list[Rows]:
+    """Rows of the quantities that each sensor measures, from one file for all or a file for each.
+
+    A pattern may match a file per run. ``least`` quantities must be there, by default all. Raises
+    DataError with the line of every mistake.
+    """
+    shared = len(patterns) == 1
+    pieces: list[list[Rows]] = [[] for _ in sensors]
+    for n, pattern in enumerate(patterns):
+        measured = sensors if shared else sensors[n : n + 1]
+        for number, path in enumerate(files_of(pattern)):
+            rows = _rows_of_file(found, path, measured, least, str(number))
+            for m, of_sensor in enumerate(rows, 0 if shared else n):
+                pieces[m].append(of_sensor)
+    out = []
+    while pieces:
+        parts = pieces.pop(0)
+        joined = (np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
+        out.append(parts[0] if len(parts) == 1 else Rows(*joined))
+    return out
+
+
+def _rows_of_file(
+    found: Gathered, path: str, sensors: Sequence[Sequence[str]], least: int | None, name: str
+) -> list[Rows]:
+    """The rows by sensor of one file, which is the run of this name if it does not name runs."""
+    wanted = [quantity for components in sensors for quantity in components]
+    columns = Columns(path, found.naming, wanted, len(wanted) if least is None else least)
+    clock = columns.take("time", "time") or columns.take("step", "step")
+    if clock is None:
+        there = ", ".join(columns.names)[:200]
+        raise columns.mistake(f"no column time or step; there are {there} (see `columns`)")
+    run = columns.take("run", "label")
+    which = columns.take("sensor", "label") if len(sensors) > 1 else None
+    table = columns.read()
+    time = found.timed(columns, table, clock)
+    found.origin = found.origin or columns.first_place(table)
+    given = columns.quantities(table, found.origin)
+    if run is None:
+        runs = np.full(len(time), found.numbers_of([name])[0])
+    else:
+        runs = found.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
+    files = np.full(len(time), len(found.files), dtype=np.int32)
+    found.files.append(path)
+    out = []
+    for m, components in enumerate(sensors):
+        rows = Rows(runs, time, np.stack([given[c] for c in components]), files, table.lines)
+        out.append(
+            rows if which is None else rows.at(_of_sensor(columns, table, which, m, sensors))
+        )
+    return out
+
+
+def _of_sensor(
+    columns: Columns, table: Table, which: str, m: int, sensors: Sequence[Sequence[str]]
+) -> Numbers:
+    """The rows of one sensor, which the column names by its place in the config's list, from 1 on."""
+    words, numbers = table.words[which], [str(n + 1) for n in range(len(sensors))]
+    if strange := [word for word in words if word not in numbers]:
+        what = f"{which}: {strange[0][:40]!r} is not the number of a sensor, 1 to {len(sensors)}"
+        raise columns.mistake(what)
+    code = words.index(numbers[m]) if numbers[m] in words else -1
+    return np.flatnonzero(table.columns[which] == code)
+
+
+def chosen_runs(
+    found: Gathered, rows: list[Rows], chosen: Collection[str], within: tuple[str, ...] = ("runs",)
+) -> list[Rows]:
+    """The rows of the chosen runs (default: all), which are then numbered in their order.
+
+    That is the order they are chosen in, or that of their numbers if all are whole, or that in the file.
+    """
+    names = list(chosen) or found.runs
+    if not chosen and all(name.isascii() and name.isdigit() for name in names):
+        names = sorted(names, key=int)
+    known = set(found.runs)
+    for i, name in enumerate(names):
+        if name not in known:
+            what = f"there is no run {name!r}; there are {', '.join(found.runs[:20])}"
+            raise MistakenKeyError(what, *within, i)
+    wanted = {name: i for i, name in enumerate(names)}
+    place = np.array([wanted.get(name, -1) for name in found.runs], dtype=np.int32)
+    found.runs = names
+    out = []
+    while rows:
+        own = rows.pop(0)
+        own = own._replace(run=place[own.run])
+        out.append(own if (own.run >= 0).all() else own.at(np.flatnonzero(own.run >= 0)))
+    return out
+
+
+def in_order(found: Gathered, rows: Rows) -> Rows:
+    """The rows by run and time; what is out of order, or there twice, is told.
+
+    Raises DataError where two rows of a run and time differ.
+    """
+    order = np.argsort(rows.run, kind="stable")
+    if (np.diff(order) != 1).any():
+        rows = rows.at(order)
+    same = rows.run[1:] == rows.run[:-1]
+    late = int(((rows.time[1:] < rows.time[:-1]) & same).sum())
+    if late:
+        found.told.append(f"{late} rows that came after later ones were put in order")
+        rows = rows.at(np.lexsort((rows.time, rows.run)))
+    ticks = rows.ticks
+    again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
+    return _without_twins(found, rows, again) if len(again) else rows
+
+
+def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
+    """The rows without those that say again what the one before says."""
+    now, before = rows.values[:, again], rows.values[:, again - 1]
+    differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
+    if differ.any():
+        unit = "step {:.0f}" if found.stepped else "time {:.9g} s"
+        what = f"run {{}}: {unit} is there twice, and not with the same values"
+        mistaken = again[differ][:_MOST_MISTAKES]
+        raise DataError(
+            *(
+                found.place(rows, i, what.format(found.runs[rows.run[i]], rows.time[i]))
+                for i in mistaken.tolist()
+            )
+        )
+    found.told.append(f"{len(again)} rows that say again what the one before says were left out")
+    return rows.at(np.delete(np.arange(len(rows.run)), again))

@@ -1,0 +1,217 @@
+"""A target of which measurements were recorded, and perhaps the truth: nothing of it is simulated."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.streams import Streams
+from trackbench.keys import DataFile, MistakenKeyError, Positive
+from trackbench.models.base import moving
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.models.twopoint import TwoPoint
+from trackbench.registry import register
+from trackbench.scenarios.recordings.columns import recorded_columns
+from trackbench.scenarios.recordings.content import FromFiles
+from trackbench.scenarios.recordings.naming import Naming
+from trackbench.scenarios.recordings.recording import (
+    Clock,
+    laid_out,
+    one_clock,
+    opened,
+    with_scans,
+)
+from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
+from trackbench.scenarios.recordings.truths import truth_at
+from trackbench.scenarios.starts.base import Start, locating
+from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
+
+
+class Recording(NamedTuple):
+    """M runs on one clock: scans (n_z, s, M) that the start uses up, what is seen (n_z, K, M) after.
+
+    ``apart`` (M,) is the time between the last two of those scans, s; the truth (n_x, K + 1, M).
+    """
+
+    clock: Clock
+    scans: Array
+    apart: Array
+    seen: Array
+    truth: Array | None
+    told: tuple[str, ...]
+
+
+@register("targets", "measured")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured(FromFiles, Naming, Target):
+    """Recorded measurements, by which filters start and are judged; nothing is simulated.
+
+    Tables have a column ``time`` (seconds, or ISO 8601) or ``step``, one for each of the sensor's
+    components, and perhaps ``run``; of several sensors a file each, or a column ``sensor`` (1, 2, ...).
+    Steps are the times at which anything was measured, and motions are given the true time between them;
+    a start from scans takes the first of each run. A cell that is empty is a missing measurement.
+    """
+
+    measurements: DataFile | tuple[DataFile, ...]
+    """CSV or Parquet, or a list, a file for each sensor; a pattern (data/*.csv) has a file per run"""
+    truth: DataFile | None = None
+    """CSV or Parquet of the state, at times of its own: px, py (or x, y), and perhaps velocities"""
+    truth_gap: Positive | None = None
+    """longest time between two rows of the truth, s (or steps), within which it is interpolated on a
+    straight line; default: it counts at its own times only"""
+    truth_naming: Naming | None = None
+    """columns and units of the truth; default: as of the measurements"""
+    runs: tuple[str | int, ...] = ()
+    """names of the runs that are taken, in this order; default: all"""
+    resample: Positive | None = None
+    """seconds between steps, for filters that need equal ones: a measurement counts at the nearest"""
+    axes: Literal[0, 1, 2, 3] = 2
+    """axes of the space it moves in; 0: its state is one number, x"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
+            key = "truth_gap" if self.truth_gap is not None else "truth_naming"
+            raise MistakenKeyError("there is no truth", key)
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """All files, as they are given."""
+        return self._measured if self.truth is None else (*self._measured, self.truth)
+
+    @property
+    def _measured(self) -> tuple[str, ...]:
+        files = self.measurements
+        return files if isinstance(files, tuple) else (files,)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the truth's components, in order."""
+        return moving(self.axes) if self.axes else ("x",)
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is a file of it."""
+        return self.truth is not None
+
+    @property
+    def recorded_runs(self) -> int:
+        """How many runs there are."""
+        return self._recording.seen.shape[-1]
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What was done to the rows."""
+        return self._recording.told
+
+    @property
+    def _recording(self) -> "Recording":
+        """What was read for the scenario's own sensor and start."""
+        made: Recording = self.__dict__["_read"][1]
+        return made
+
+    def own_timeline(self, sensor: Measuring | Several, start: Start, T: float) -> Timeline:
+        """The steps of the files, those first that the start uses up."""
+        self._check(sensor, start)
+        asked = (sensor.components, start.scans, T)
+        if self.__dict__.get("_read", (None,))[0] != asked:
+            with self.reading():
+                object.__setattr__(self, "_read", (asked, self._made(sensor, start.scans, T)))
+        clock, apart = self._recording.clock, self._recording.apart
+        between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
+        own = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
+        if isinstance(own, np.ndarray) and issubclass(start.prior_kind(sensor), TwoPoint):
+            what = "two scans of a radar must be equally far apart in all runs: take one-scan"
+            raise MistakenKeyError(what, "start")
+        return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
+
+    def _made(self, sensor: Measuring | Several, scans: int, T: float) -> "Recording":
+        parts = sensor.rows if isinstance(sensor, Several) else [slice(None)]
+        found = Gathered(self, self.origin or None)
+        rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
+        rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
+        rows = [in_order(found, of_sensor) for of_sensor in rows]
+        telling = locating(sensor)
+        place = 0 if telling is None else parts.index(telling[1])
+        start = opened(found, rows[place], scans) if scans else None
+        clock = one_clock(found, rows, start, T, self.resample)
+        seen = laid_out(found, rows, clock, self.resample is not None)
+        first = np.full((len(sensor.components), scans, len(found.runs)), np.nan)
+        if start is not None:
+            first[parts[place]] = start.scans
+        truth = None if self.truth is None else self._truth(found, clock)
+        apart = np.full(len(found.runs), np.nan) if start is None else start.apart
+        told = tuple(dict.fromkeys(found.told))
+        return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
+
+    def _check(self, sensor: Measuring | Several, start: Start) -> None:
+        """Raise MistakenKeyError for what does not go with sensors and start."""
+        every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
+        if start.of_truth:
+            what = "recorded data start from their scans, or as `given`: what is true is not known"
+            raise MistakenKeyError(what, "start")
+        for one in every:
+            if one.bias or one.outliers is not None or one.detection != 1 or one.period != 1:
+                what = "bias, outliers, detection and period are of simulated measurements"
+                raise MistakenKeyError(what, "sensor")
+        plain = (name.rpartition(".")[2] for name in sensor.components)
+        names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
+        self.check_names(names, "target")
+        if self.truth_naming is not None:
+            self.truth_naming.check_names(names, "target", "truth_naming")
+        if len(self._measured) not in (1, len(every)):
+            what = f"{len(self._measured)} files for {len(every)} sensors"
+            raise MistakenKeyError(what, "target", "measurements")
+
+    def _truth(self, found: Gathered, clock: Clock) -> Array:
+        """The truth (n_x, K + 1, M) at the clock's steps."""
+        assert self.truth is not None
+        naming = self.truth_naming or self
+        of_truth = replace(found, naming=naming, runs=[], files=[], told=[])
+        (rows,) = read_rows(of_truth, [self.truth], [self.components], least=1)
+        (rows,) = chosen_runs(of_truth, [rows], ())
+        return truth_at(of_truth, in_order(of_truth, rows), clock, found.runs, self.truth_gap)
+
+    def start(self, timeline: Timeline) -> Array:
+        """No more than where the first scan stands: there is no true state at hand."""
+        return np.full(len(self.components), np.nan)
+
+    def path(self, timeline: Timeline) -> Array:
+        """The first run's truth (n_x, K), NaN where there is none."""
+        return self._padded()[..., 0]
+
+    def fly(
+        self,
+        start: Array,
+        timeline: Timeline,
+        sensor: Measuring | Several,
+        rng: Streams,
+        scans: int,
+    ) -> Flight:
+        """The recorded runs of these numbers; a run beyond the last is empty."""
+        made = self._recording
+        truth = recorded_columns(self._padded(), rng)
+        seen = recorded_columns(np.concatenate([made.scans, made.seen], axis=1), rng)
+        return Flight(truth, seen)
+
+    def _padded(self) -> Array:
+        """The truth at every step, those that the start uses up included."""
+        made = self._recording
+        runs, steps = self.recorded_runs, len(made.clock.steps)
+        out = np.full((len(self.components), steps, runs), np.nan)
+        if made.truth is not None:
+            out[:, steps - made.truth.shape[1] :] = made.truth
+        return out
+
+    def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
+        """``peak_position``, largest error in a window, m, and ``strayed``, where there is a truth."""
+        squared = values.get("squared_position")
+        if squared is None:
+            return {}
+        peaks = {n: np.sqrt(np.fmax.reduce(squared[m], axis=0)) for n, m in scored.windows.items()}
+        out = {f"peak_position[{n}]" if n else "peak_position": p for n, p in peaks.items()}
+        strayed = (peaks[""] > STRAY * scored.sigma).astype(float)
+        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
