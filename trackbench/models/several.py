@@ -1,5 +1,6 @@
 """Several sensors as one: their measurements one below the other, missing where one does not measure."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -44,6 +45,12 @@ class Several:
         wide = [with_trailing(H, batch, leading=2) for H in each]
         shape = x.shape[1:] if batch else ()
         return np.concatenate([np.broadcast_to(H, (*H.shape[:2], *shape)) for H in wide])
+
+    @property
+    def H(self) -> Callable[[int], Array]:
+        """Measurement matrix (n_z, n), a function of n. AttributeError if a sensor is not linear."""
+        each = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
+        return lambda n: np.concatenate([H(n) for H in each])
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""

@@ -1,4 +1,4 @@
-"""Sensors of position, and of position with velocity."""
+"""Sensors of position, of velocity, and of both."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -114,6 +114,27 @@ class PositionVelocity(LinearSensor):
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Signed errors (1, *batch) of the positions."""
         return {name: (mean - truth)[i : i + 1] for name, i in (("x", 0), ("y", 2))}
+
+
+@register("sensors", "velocity")
+@dataclass(frozen=True, kw_only=True)
+class VelocitySensor(LinearSensor):
+    """Both velocities of a planar target, as its own speed and course tell them."""
+
+    sigma: Positive
+    """standard deviation along each axis, m/s"""
+
+    components: ClassVar[tuple[str, ...]] = ("vx", "vy")
+    places: ClassVar[slice] = slice(1, 4, 2)
+
+    @cached_property
+    def R(self) -> Array:
+        """Noise covariance (2, 2), (m/s)^2."""
+        return fixed(self.sigma * self.sigma * np.eye(2))
+
+    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
+        """Signed errors (1, *batch) along each axis."""
+        return {name: (mean - truth)[i : i + 1] for name, i in (("vx", 1), ("vy", 3))}
 
 
 @register("sensors", "scalar")
