@@ -1,6 +1,6 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -58,7 +58,7 @@ class Track(FigureKind):
         tracks = next(filter(None, map(results.tracks, results.every_point)))
         truth = tracks["truth"][list(self.components), :, 0] / 1000.0
         times = tracks["times"]
-        wide, high = np.ptp(truth, axis=1)
+        wide, high = (np.ptp(row[np.isfinite(row)]) for row in self._seen(tracks, truth))
         width = min(style.WIDTH_IN, 2.0 + panels * (0.9 + 3.2 * wide / max(high, 1e-9)))
         figure, axes = style.subplots(
             1, panels, 4.2, width, squeeze=False, sharex=True, sharey=True
@@ -77,6 +77,15 @@ class Track(FigureKind):
         style.legend_outside(figure, list(axes[0]))
         return figure
 
+    def _seen(self, tracks: Mapping[str, Array], truth: Array) -> Array:
+        """What the axes must show: the truth (2, K), or else the first run's estimates."""
+        means = [tracks[f"mean/{label}"] for label in self.filters if f"mean/{label}" in tracks]
+        if np.isfinite(truth).any() or not means:
+            return truth
+        return np.concatenate(
+            [mean[list(self.components), :, 0] / 1000.0 for mean in means], axis=1
+        )
+
     def _estimates(self, ax: "Axes", mean: Array) -> None:
         x, y = mean[list(self.components), :, : self.runs] / 1000.0
         shown = x.shape[1]
@@ -90,11 +99,15 @@ def _truth(
     ax: "Axes", xy: Array, times: Array, turning: list[tuple[float, float]], thin: bool
 ) -> None:
     width = 0.7 if thin else 1.4
-    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width})
+    there = np.isfinite(xy).all(axis=0)
+    if not there.any():
+        return
+    points = {} if there.all() else {"marker": ".", "markersize": 2.0}  # one alone makes no line
+    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width} | points)
     for start, end in turning:
         during = (times >= start) & (times <= end)
         ax.plot(*xy[:, during], label="Maneuvers", color=style.COLOURS[1], linewidth=1.5 * width)
-    ax.plot(*xy[:, 0], "o", color="black", markersize=4, label="Start")
+    ax.plot(*xy[:, there][:, 0], "o", color="black", markersize=4, label="Start")
 
 
 @register("figures", "mean-and-std")
