@@ -1,12 +1,16 @@
 """Starting files for filters, sensors, motions, scenarios and experiments: they run as they are."""
 
+import json
+import os
 import re
 from importlib.resources import files
 from pathlib import Path
 
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.keys import DataError
 from trackbench.registry import GROUPS, kinds
+from trackbench.scenarios.recordings.recognition import config_parts, recognised
 
 _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),
@@ -33,6 +37,28 @@ def write_new(what: str, name: str, folder: Path) -> list[Path]:
     for path, text in filled.items():
         write_text(path, text)
     return list(filled)
+
+
+def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
+    """Write an experiment on recorded data, whatever can be guessed of them; never over a file."""
+    words = _words("experiment", name)
+    path = folder / f"{'_'.join(words)}.yaml"
+    mark = Mark(f"new experiment {name}")
+    if path.exists():
+        raise UserError(Problem(mark, "", f"there is a file {path}"))
+    try:
+        parts = config_parts(recognised(str(data)))
+    except DataError as error:
+        problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
+        raise UserError(*problems) from None
+    shown = json.dumps(os.path.relpath(data, folder))
+    text = _filled("recording.yaml", name, words).replace(
+        "measurements: @FILE@", f"measurements: {shown}"
+    )
+    for part, lines in {"@FILE@": data.name, **parts}.items():
+        text = text.replace(part, lines)
+    write_text(path, text)
+    return [path]
 
 
 def _words(what: str, name: str) -> list[str]:

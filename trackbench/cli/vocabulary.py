@@ -1,5 +1,6 @@
 """The commands about what a config may say: the kinds, their keys, a file to start from."""
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -32,17 +33,38 @@ def describe(
 
 def new(
     what: Annotated[str, typer.Argument(help="filter, sensor, motion, scenario or experiment")],
-    name: Annotated[str, typer.Argument(help="its name, such as my-sensor")],
+    name: Annotated[
+        str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option("--from", help="of an experiment: the table of data it is to use")
+    ] = None,
 ) -> None:
-    """Write a commented starting file that runs as it is, and its test."""
-    from trackbench.scaffold import WHAT, write_new
+    """Write a commented starting file that runs as it is, and its test.
 
-    paths = write_new(one_of("new", what, WHAT), name, Path())
+    With --from an experiment on recorded data: what their columns, units and errors are is guessed.
+    """
+    from trackbench.scaffold import WHAT, write_config_for, write_new
+
+    one_of("new", what, WHAT)
+    if data is not None and what != "experiment":
+        raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
+    if data is not None:
+        paths = write_config_for(data, name or _plain(data.stem), Path())
+    elif name is None:
+        raise typer.BadParameter("is required without --from", param_hint="NAME")
+    else:
+        paths = write_new(what, name, Path())
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")
     plugins = "" if what == "experiment" else " --allow-plugins"
     typer.echo(f"run it: trackbench run {config}{plugins}")
+
+
+def _plain(stem: str) -> str:
+    """A file's name as one of an experiment."""
+    return re.sub("[^A-Za-z0-9]+", "-", stem).strip("-")
 
 
 def schema() -> None:
