@@ -259,6 +259,12 @@ class Fails:
 
     def init(self, model, prior, rng):
         raise RuntimeError("two\\n lines \\x1b[31m")
+
+    def step(self, model, state, z, k, rng):
+        return state
+
+    def estimate(self, state):
+        return state
 '''
 
 
