@@ -48,7 +48,7 @@ class Claims(TableKind):
         """The table from a results folder."""
         points = results.points()
         names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
-        table = Table(self.title, ["ClaimRow"], names, self.digits)
+        table = Table(self.title, ["Claim"], names, self.digits)
         at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
