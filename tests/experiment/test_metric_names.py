@@ -34,6 +34,10 @@ def prepared(folder: Path, more: str) -> list[str]:
 @pytest.mark.parametrize(
     ("more", "mistake"),
     [
+        (
+            "until: {mean(rmsee): 1%}",
+            "7:22: until.mean(rmsee): 'mean(rmsee)' is no metric here; did you mean mean(rmse)?",
+        ),
         ("medians: [nes]", "7:11: medians.0: 'nes' is no metric here; did you mean nees?"),
         ("metrics: [rmze]", "7:11: metrics.0: 'rmze' is no metric here; did you mean rmse?"),
         ("per_step: [anes]", "7:12: per_step.0: 'anes' is no metric here; did you mean nees?"),

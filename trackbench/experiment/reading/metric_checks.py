@@ -62,6 +62,8 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
     ):
         for i, word in enumerate(words or ()):
             yield Asked((key, i), measured(word), role)
+    for word in settings.until:
+        yield Asked(("until", word), measured(word), "row")
 
 
 def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
@@ -105,7 +107,7 @@ def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
     """That the metric is not kept in the file it is taken from."""
     role, word = _where(asked, settings)
     kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    if role in ("base", "series") or kept is None or asked.measure.base in kept:
+    if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
         return None
     if word in names.given or not (asked.named or word in names.of(role)):
         return None

@@ -67,8 +67,10 @@ class Names:
 
     def of(self, role: str) -> set[str]:
         """What a key of such a role may name."""
-        found: set[str] = getattr(self, role)
-        return found | self.given if role == "summary" else found
+        if role == "summary":
+            return self.summary | self.given
+        found: set[str] = self.summary if role == "row" else getattr(self, role)
+        return found
 
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
