@@ -70,8 +70,11 @@ def load(folder: Path | str) -> Results:
 def compare(folder: Path | str) -> Comparison:
     """Hold a results folder against what is published again; writes comparison and paired.csv.
 
-    The published numbers are taken as they now are, and are in the manifest as that.
+    The published numbers are taken as they now are, and are in the manifest as that. Into a folder
+    that cannot be written nothing is.
     """
+    if _is_read_only(folder):
+        return hold_against_published(open_with_notes(Path(folder)))
     with _written_again(folder) as (results, paths):
         comparison = hold_against_published(results)
         write_comparison(results, comparison)
@@ -81,29 +84,47 @@ def compare(folder: Path | str) -> Comparison:
 
 
 def plot(
-    folder: Path | str, formats: Sequence[str] = ("png", "svg"), only: Sequence[str] = ()
+    folder: Path | str,
+    formats: Sequence[str] = ("png", "svg"),
+    only: Sequence[str] = (),
+    allow_plugins: bool = False,
 ) -> list[Path]:
-    """Draw the figures of a results folder again; returns the files written."""
-    with _written_again(folder) as (results, _):
+    """Draw the figures of a results folder again; returns the files written.
+
+    Those of plugins are drawn if their code may be run, and else left as they are.
+    """
+    with _written_again(folder, allow_plugins) as (results, _):
         return write_figures(results, formats, only)
 
 
-def report(folder: Path | str) -> list[Path]:
-    """Write report.html of a results folder, or index.html and the ledger over a folder of them."""
+def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
+    """Write report.html of a results folder, or index.html and the ledger over a folder of them.
+
+    That of a folder that cannot be written goes into the working directory, as NAME-report.html.
+    """
     folder = Path(folder)
     if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name
         return write_overview(folder)
-    with _written_again(folder) as (results, _):
+    if _is_read_only(folder):
+        here = Path(f"{folder.resolve().name}-report.html")
+        return [write_report(open_with_notes(folder, allow_plugins), path=here)]
+    with _written_again(folder, allow_plugins) as (results, _):
         return [write_report(results)]
 
 
+def _is_read_only(folder: Path | str) -> bool:
+    return os.path.isdir(folder) and not os.access(folder, os.W_OK)
+
+
 @contextmanager
-def _written_again(folder: Path | str) -> Iterator[tuple[Results, list[Path]]]:
+def _written_again(
+    folder: Path | str, allow_plugins: bool = False
+) -> Iterator[tuple[Results, list[Path]]]:
     """Results of which some files are written again; the manifest follows them.
 
     What else was changed since the run is said, and stays in the manifest as it was.
     """
-    results = open_with_notes(Path(folder))
+    results = open_with_notes(Path(folder), allow_plugins)
     with touched() as paths:
         try:
             yield results, paths

@@ -11,6 +11,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.filters.kalman import KF
 from trackbench.report import style
 from trackbench.report.results import Results
+from trackbench.scenarios.base import Scenario
 
 CONFIG = """
 name: small
@@ -76,6 +77,10 @@ def test_every_file_is_there(results: Results) -> None:
         assert (results.folder / f"tables/{name}.md").is_file()
 
 
+def simulated(results: Results) -> Scenario:
+    return api.prepare(results.folder / "config.yaml", api.Options()).points[0].scenario
+
+
 def drawn(results: Results, name: str) -> "object":
     return results.parts("figures")[name].draw(results)
 
@@ -98,8 +103,8 @@ def test_sweep_draws_the_summary_and_marks_the_least(results: Results) -> None:
 
 def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
     """Recomputed from the tracks of the same twelve runs."""
-    data = simulate(results.scenario, 3, 0, 12)
-    found = track(results.scenario, KF(), 12, seed=3)
+    data = simulate(simulated(results), 3, 0, 12)
+    found = track(simulated(results), KF(), 12, seed=3)
     e = (data.truth - found.mean)[[0, 2]]
     mean = e.mean(axis=2)
     std = np.sqrt(np.square(e).mean(axis=2) - mean**2)
@@ -125,7 +130,7 @@ def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
 
 
 def test_the_kept_tracks_are_the_estimates_to_a_dot_of_the_page(results: Results) -> None:
-    found = track(results.scenario, KF(), 12, seed=3)
+    found = track(simulated(results), KF(), 12, seed=3)
     kept = results.shown["point0/mean/KF"]
     positions = [0, 2]
     assert kept.dtype == np.float32

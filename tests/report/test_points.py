@@ -8,7 +8,6 @@ import pytest
 from tests.papers import banana_text, merwe_text
 from trackbench import api
 from trackbench.report import style
-from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 
 PLUGIN = """
@@ -113,14 +112,12 @@ def test_a_key_in_a_table_is_that_of_the_point(
     assert [cells[0].estimate.value for cells in results.tables["t"].cells] == expected
 
 
-def test_a_key_of_a_plugin_that_is_not_loaded_is_the_given_one(tmp_path: Path) -> None:
+def test_a_key_of_a_plugin_is_known_without_it(tmp_path: Path) -> None:
     results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [1, 2]}\n")
     unknown = Results(results.folder)
     unknown.config["filters"]["A"]["kind"] = "nobody-knows"
-    assert [keys_at(unknown, point, ("filters", "A"))["off"] for point in unknown.points()] == [
-        1,
-        2,
-    ]
+    found = [unknown.given(point).filters["A"]["off"] for point in unknown.points()]
+    assert found == [1, 2]
 
 
 def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:

@@ -29,19 +29,20 @@ def plot(
     format_: Annotated[
         str, typer.Option("--format", help="png, svg, pdf, separated by commas")
     ] = "png,svg",
+    allow_plugins: AllowPlugins = False,
 ) -> None:
     """Draw the figures of stored results again; computes no run."""
     from trackbench import api
 
-    for path in api.plot(folder, formats(format_), tuple(only or ())):
+    for path in api.plot(folder, formats(format_), tuple(only or ()), allow_plugins):
         typer.echo(path)
 
 
-def report(folder: Folder) -> None:
+def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
     """Write report.html of stored results; over a folder of several, index.html and a ledger."""
     from trackbench import api
 
-    for path in api.report(folder):
+    for path in api.report(folder, allow_plugins):
         typer.echo(path)
 
 

@@ -14,7 +14,6 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
-from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Share, Term, gain, quietly, quotient, together
 from trackbench.scenarios.base import in_window
@@ -174,7 +173,7 @@ class Expressions:
             return self._summary[label, name]
         if label not in self.results.filters:
             return MISSING
-        given = keys_at(self.results, self.point, ("filters", label)).get(name)
+        given = self.results.given(self.point).filters[label].get(name)
         if isinstance(given, int | float) and not isinstance(given, bool):
             return Term(float(given), 0.0, None, 1)
         return MISSING

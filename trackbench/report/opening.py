@@ -2,13 +2,16 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.reading.definition import Settings
+from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.validate import build
 from trackbench.experiment.storing.manifest import FORMAT
 from trackbench.experiment.storing.outputs import RAW, Damage, damage
+from trackbench.registry import Group
 from trackbench.report.results import Results
 
 _KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float}
@@ -54,12 +57,33 @@ def _grid_columns(results: Results) -> list[str]:
     return columns[: columns.index("filter")]
 
 
-def open_with_notes(folder: Path) -> Results:
-    """The same, and a note to stderr of what else was changed since: it is gone on with."""
+def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
+    """The same, and a note to stderr of what else was changed since: it is gone on with.
+
+    So it is without the tables and figures of plugins whose code may not be run.
+    """
     results = open_results(folder)
-    for line in changed_since(results):
+    changed = changed_since(results)
+    if allow_plugins:
+        changed += _edited(results, load_plugins(results.source, folder, allowed=True))
+    for line in (*changed, *_left_out(results)):
         print(f"note: {line}", file=sys.stderr)
     return results
+
+
+def _edited(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
+    recorded = results.manifest.get("plugins", {})
+    now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
+    edited = [name for name, digest in now.items() if recorded.get(name) != digest]
+    return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
+
+
+def _left_out(results: Results) -> Iterator[str]:
+    groups: tuple[Group, ...] = ("tables", "figures")
+    for group in groups:
+        for name, kind in results.left_out(group).items():
+            what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
+            yield f"{results.folder}: {group}.{name} is left as it is: {what}"
 
 
 def changed_since(results: Results) -> list[str]:

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import inspect
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -66,8 +67,10 @@ class Entry:
     link: str
 
 
-def write_report(results: Results, comparison: Comparison | None = None) -> Path:
-    """Write report.html into the results folder."""
+def write_report(
+    results: Results, comparison: Comparison | None = None, path: Path | None = None
+) -> Path:
+    """Write report.html into the results folder, or another file."""
     comparison = comparison or compare(results)
     tables = [table.texts() for table in results.tables.values()]
     pairs, undecided = _pairs(results)
@@ -98,7 +101,7 @@ def write_report(results: Results, comparison: Comparison | None = None) -> Path
         )
         if there
     ]
-    return _write(results.folder / "report.html", "report.html", context)
+    return _write(path or results.folder / "report.html", "report.html", context)
 
 
 def write_index(folder: Path, found: list[tuple[Results, Comparison]]) -> Path:
@@ -166,15 +169,16 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 def _figures(results: Results) -> list[Drawing]:
     from markupsafe import Markup
 
-    drawings = []
-    for name, spec in results.parts("figures").items():
-        path = results.folder / "figures" / f"{name}.svg"
+    drawings, specs = [], results.parts("figures")
+    for name, keys in results.config.get("figures", {}).items():
+        spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
         contents = [path.read_bytes()] if path.is_file() else []
-        contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
+        if spec is not None:
+            contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
         if not contents:
             continue
-        caption = spec.title or name
-        title = f"{caption}. {(type(spec).__doc__ or '').splitlines()[0]}"
+        caption = keys.get("title") or name
+        title = f"{caption}. {inspect.getdoc(type(spec)) if spec else ''}".partition("\n")[0]
         drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
     return drawings
 

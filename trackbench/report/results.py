@@ -18,9 +18,10 @@ from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.published import Published, read_published
 from trackbench.experiment.reading.source import Source, read
+from trackbench.experiment.storing.given import FILE, Given, points_in
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
-from trackbench.registry import Group
+from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
@@ -39,6 +40,8 @@ class Results:
     """what the manifest is going to say, as long as it is not written"""
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
+    points_given: tuple[Given, ...] | None = None
+    """what is known of the points, if not by the folder"""
 
     @property
     def target(self) -> Path:
@@ -73,13 +76,20 @@ class Results:
         return found
 
     def parts(self, group: Group) -> dict[str, Any]:
-        """The experiment's tables or figures, built from the config."""
+        """The experiment's tables or figures, built from the config; of plugins if they are loaded."""
         problems: list[Problem] = []
-        names = self.config.get(group, {})
+        left_out = self.left_out(group)
+        names = [name for name in self.config.get(group, {}) if name not in left_out]
         built = {name: build_kind(group, self.source, (group, name), problems) for name in names}
         if problems:
             raise UserError(*sorted(set(problems)))
         return built
+
+    def left_out(self, group: Group) -> dict[str, str]:
+        """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
+        known = kinds(group) if self.config.get("plugins") else None
+        named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
+        return {name: kind for name, kind in named.items() if known is not None and kind not in known}
 
     @cached_property
     def published(self) -> Published:
@@ -92,19 +102,22 @@ class Results:
             mark=self.source.mark(("published",)),
         )
 
-    @cached_property
-    def scenario(self) -> Scenario:
-        """The scenario as the config describes it."""
-        problems: list[Problem] = []
-        built = build_kind("scenarios", self.source, ("scenario",), problems)
-        if problems:
-            raise UserError(*sorted(set(problems)))
-        return built
+    def given(self, point: dict[str, Any]) -> Given:
+        """What is known of a point besides its numbers: scenario, filters, components, shading."""
+        found = next((g for g in self._given if is_same(g.values, point)), None)
+        if found is None:
+            raise UserError(f"{self.folder / FILE}: {point} is not in it: run the experiment again")
+        return found
 
-    @property
-    def shaded(self) -> list[tuple[float, float]]:
-        """Start and end times of what a figure over time shades; none unless the scenario says."""
-        return list(self.scenario.spans)
+    @cached_property
+    def _given(self) -> tuple[Given, ...]:
+        if self.points_given is not None:
+            return self.points_given
+        try:
+            return tuple(points_in(self._path(FILE).read_text(encoding="utf-8")))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            what = "cannot be read: run the experiment again"
+            raise UserError(f"{self.folder / FILE}: {what}") from None
 
     @property
     def labels(self) -> list[str]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from trackbench import api
+from trackbench.experiment.storing.given import FILE, points_in, points_text
 from trackbench.report.opening import NotWholeError, changed_since, open_results
 from trackbench.verification.again import computed_again
 from trackbench.verification.findings import CHANGED, Finding, changed, verdict
@@ -49,7 +50,10 @@ def _found(folder: Path, runs: int, allow_plugins: bool) -> Iterator[Finding]:
         yield changed("summary.csv: is of other points than the config's grid")
         return
     with TemporaryDirectory() as temporary:
-        results = replace(results, out=Path(temporary))
+        given = points_text(experiment.points, folder)
+        if (folder / FILE).is_file() and (folder / FILE).read_text(encoding="utf-8") != given:
+            yield changed(f"{FILE}: is not what the config makes of the points")
+        results = replace(results, out=Path(temporary), points_given=tuple(points_in(given)))
         yield from follow_from_runs(results, points)
         yield from follow_from_steps(results, points)
         yield from made_again(results)

@@ -15,7 +15,7 @@ from trackbench.experiment.storing.manifest import FORMAT
 from trackbench.experiment.storing.packing import PACKED, left_out, opened, packed, there
 from trackbench.keys import regular
 
-RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz")
+RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
 _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),

@@ -27,6 +27,7 @@ from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
 from trackbench.experiment.reading.shared import Shared, shared
+from trackbench.experiment.storing.given import write_points
 from trackbench.experiment.storing.manifest import manifest_of
 from trackbench.experiment.storing.outputs import remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
@@ -93,6 +94,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     _write_published(folder / "published", published)
+    write_points(folder, experiment.points)
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)

@@ -11,15 +11,13 @@ from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.storing.given import given_at
 from trackbench.keys import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 from trackbench.report import style
-from trackbench.report.given import keys_at
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.scenarios.tracking import Tracking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -111,13 +109,14 @@ class PosteriorEllipses(FigureKind):
         """It shows a measurement of a radar, so there must be one at that point and step."""
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
-        scenario = points[self.point - 1].scenario
-        if not isinstance(scenario, Tracking) or not isinstance(scenario.sensor, RangeAzimuth):
+        point = points[self.point - 1]
+        scenario = given_at(point).scenario
+        if _kind(scenario) != "tracking" or _kind(scenario["sensor"]) != "range-azimuth":
             return {"": "there is no range and azimuth to show"}
-        driven_by = scenario.target.own_motion
-        if self.predicted is not None and not isinstance(driven_by, WhiteAcceleration):
+        driven_by = _kind(scenario["target"].get("motion"))
+        if self.predicted is not None and driven_by != "cwna":
             return {"predicted": "the motion is not white noise acceleration"}
-        first, last = scenario.steps[1], scenario.steps[-1]
+        first, last = point.scenario.steps[1], point.scenario.steps[-1]
         if not first <= self.step <= last:
             return {"step": f"{self.step} is not one of the steps {first} to {last}"}
         return {}
@@ -138,7 +137,7 @@ class PosteriorEllipses(FigureKind):
         point = results.every_point[self.point - 1]
         tracks = results.tracks(point)
         if tracks:  # not every filter failed here
-            self._panel(ax, tracks, results, keys_at(results, point, ("scenario",)))
+            self._panel(ax, tracks, results, results.given(point).scenario)
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
@@ -184,6 +183,11 @@ class PosteriorEllipses(FigureKind):
             1e-3 * edges[0][1], edges[0][0], edges[1][0], color="#999999", alpha=0.6, lw=0.8,
             label="Measurement, 2 σ",
         )  # fmt: skip
+
+
+def _kind(part: Any) -> str | None:
+    """The kind of a part in plain data; None of several sensors, and of none."""
+    return part.get("kind") if isinstance(part, dict) else None
 
 
 def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:

@@ -53,9 +53,9 @@ class Track(FigureKind):
     def draw(self, results: Results) -> "Figure":
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
-        turning = results.shaded
         # of the first point where not every filter failed
-        tracks = next(filter(None, map(results.tracks, results.every_point)))
+        point = next(filter(results.tracks, results.every_point))
+        turning, tracks = results.given(point).spans, results.tracks(point)
         truth = tracks["truth"][list(self.components), :, 0] / 1000.0
         times = tracks["times"]
         wide, high = (np.ptp(row[np.isfinite(row)]) for row in self._seen(tracks, truth))
@@ -96,7 +96,7 @@ class Track(FigureKind):
 
 
 def _truth(
-    ax: "Axes", xy: Array, times: Array, turning: list[tuple[float, float]], thin: bool
+    ax: "Axes", xy: Array, times: Array, turning: list[list[float]], thin: bool
 ) -> None:
     width = 0.7 if thin else 1.4
     there = np.isfinite(xy).all(axis=0)
@@ -143,7 +143,7 @@ class MeanAndStd(FigureKind):
         rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
         for (metric, sign, words), row in zip(rows, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
-                for start, end in results.shaded:
+                for start, end in results.given(point).spans:
                     ax.axvspan(start, end, color="#eeeeee", lw=0, zorder=0, label="Maneuvers")
                 chosen = frame[frame["metric"] == f"{metric}_{quantity}"]
                 for i, label in enumerate(labels):

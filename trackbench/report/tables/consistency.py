@@ -33,9 +33,6 @@ class Consistency(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         labels = results.chosen(self.filters)
-        scenario = results.scenario
-        n_z = len(scenario.model.sensor.components)
-        sizes = {"anees": len(scenario.components), "nis": n_z}
         heads = [
             "ANEES, median step",
             "steps in its band",
@@ -43,7 +40,12 @@ class Consistency(TableKind):
             "steps in its band ",
         ]
         table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
+        every: dict[str, dict[int, None]] = {"ANEES": {}, "ANIS": {}}
         for point in results.points():
+            given = results.given(point)
+            sizes = {"anees": len(given.components), "nis": len(given.measured)}
+            for name, n in zip(every, sizes.values(), strict=True):
+                every[name][n] = None
             frame = results.at(results.per_step, point)
             for label in labels:
                 rows = frame[frame["filter"] == label]
@@ -55,9 +57,11 @@ class Consistency(TableKind):
                     cells += _cells(value if metric == "anees" else value / n, n, runs)
                 table.add([*(str(v) for v in point.values()), label], cells)
         runs = int(results.config["runs"])
-        for name, n in (("ANEES", sizes["anees"]), ("ANIS", sizes["nis"])):
+        for name, n in ((name, n) for name, found in every.items() for n in found):
             low, high = anees_band(n, runs)
-            table.notes.append(f"95 % band of {name} over {runs} runs: {low:.3f} to {high:.3f}.")
+            of = f" of {n} components" if len(every[name]) > 1 else ""
+            band = f"{low:.3f} to {high:.3f}"
+            table.notes.append(f"95 % band of {name}{of} over {runs} runs: {band}.")
         return table
 
 
