@@ -21,7 +21,9 @@ COMMANDS = ("plot", "report", "compare")
 QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ("svg",)}
 
 
-def cli(*words: object, cwd: Path, before: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
+def cli(
+    *words: object, cwd: Path, before: tuple[str, ...] = ()
+) -> subprocess.CompletedProcess[str]:
     """A command in a process that has loaded nothing yet."""
     run = [*before, sys.executable, "-m", "trackbench", *map(str, words)]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -49,7 +51,8 @@ def test_no_scenario_is_loaded_to_read_a_folder(made: Path, tmp_path: Path) -> N
 def test_on_the_scenario_that_new_scenario_writes(tmp_path: Path, command: str) -> None:
     assert cli("new", "scenario", "my-radar", cwd=tmp_path).returncode == 0
     config = (tmp_path / "my_radar.yaml").read_text()
-    more = "  c: {kind: consistency}\nfigures:\n  e: {kind: estimates}\n  t: {kind: track, filters: [EKF]}"
+    more = "  c: {kind: consistency}\nfigures:\n  e: {kind: estimates}\n"
+    more += "  t: {kind: track, filters: [EKF]}"
     (tmp_path / "my_radar.yaml").write_text(config.replace("figures:", more))
     run = ("my_radar.yaml", "--allow-plugins", "--runs", 3, "--workers", 1, "--set", "block=fit")
     assert cli("run", *run, cwd=tmp_path).returncode == 0

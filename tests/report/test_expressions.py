@@ -9,6 +9,7 @@ import pytest
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.measure import measure
+from trackbench.experiment.storing.given import Given
 from trackbench.report.expressions import Expressions
 
 RUNS = 120
@@ -27,7 +28,10 @@ class Folder:
 
     @property
     def config(self):
-        return {"runs": RUNS, "filters": {"A": {"kind": "none", "N": 4}, "B": {}}}
+        return {"runs": RUNS}
+
+    def given(self, point):
+        return Given(point, {}, {"A": {"kind": "none", "N": 4}, "B": {}}, [], [], [])
 
     def runs(self, point):
         return self.values

@@ -113,7 +113,7 @@ def summary_lines(comparison: Comparison) -> list[str]:
 
 def markdown(results: Results, comparison: Comparison) -> str:
     """Counts, published numbers per table, rank agreement, claims."""
-    title = results.config["title"] or results.config["name"]
+    title = results.title
     parts = [
         f"# Published and measured: {title}",
         "\n".join(f"- {line}" for line in summary_lines(comparison)),

@@ -49,7 +49,7 @@ def _ledger(folder: Path, found: list[tuple[Results, Comparison]]) -> str:
     lines = [f"- {line}" for line in summary_lines(together([c for _, c in found]))]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
     for results, comparison in found:
-        title = results.config["title"] or results.config["name"]
+        title = results.title
         name = results.folder.relative_to(folder).as_posix()
         parts.append(f"## [{results.config['name']}]({name}/): {title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]

@@ -75,7 +75,7 @@ def write_report(
     tables = [table.texts() for table in results.tables.values()]
     pairs, undecided = _pairs(results)
     context = {
-        "title": results.config["title"] or results.config["name"],
+        "title": results.title,
         "facts": _facts(results),
         "failed": {row["filter"]: row["reason"] for row in results.failed},
         "verdict_lines": summary_lines(comparison),
@@ -177,7 +177,7 @@ def _figures(results: Results) -> list[Drawing]:
             contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
         if not contents:
             continue
-        caption = keys.get("title") or name
+        caption = results.filled(keys.get("title") or name)
         title = f"{caption}. {inspect.getdoc(type(spec)) if spec else ''}".partition("\n")[0]
         drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
     return drawings
@@ -230,7 +230,7 @@ def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
     report = results.folder / "report.html"
     return Entry(
         name=config["name"],
-        title=config["title"],
+        title=results.filled(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
         numbers=verdict_counts(number.best for number in comparison.numbers),

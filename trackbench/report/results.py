@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Container
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from io import TextIOWrapper
 from itertools import product
@@ -22,6 +22,7 @@ from trackbench.experiment.storing.given import FILE, Given, points_in
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group, kinds
+from trackbench.report import style
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
@@ -83,13 +84,28 @@ class Results:
         built = {name: build_kind(group, self.source, (group, name), problems) for name in names}
         if problems:
             raise UserError(*sorted(set(problems)))
-        return built
+        titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
+        return {
+            name: replace(part, title=self.filled(part.title)) if name in titled else part
+            for name, part in built.items()
+        }
+
+    def filled(self, text: str) -> str:
+        """A title with the number of runs in the place of ``{runs}``."""
+        return text.replace("{runs}", str(self.config["runs"]))
+
+    @property
+    def title(self) -> str:
+        """The experiment's title, or else its name."""
+        return self.filled(self.config["title"] or self.config["name"])
 
     def left_out(self, group: Group) -> dict[str, str]:
         """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
         known = kinds(group) if self.config.get("plugins") else None
         named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
-        return {name: kind for name, kind in named.items() if known is not None and kind not in known}
+        return {
+            name: kind for name, kind in named.items() if known is not None and kind not in known
+        }
 
     @cached_property
     def published(self) -> Published:
@@ -134,6 +150,10 @@ class Results:
         """Labels of the filters that were run, in the config's order."""
         config = self.config
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
+
+    def look(self, label: str) -> dict[str, Any]:
+        """Colour and dash of a filter, the same in every figure of the experiment."""
+        return style.line([*self.config["filters"], label].index(label))
 
     @property
     def grid(self) -> list[str]:

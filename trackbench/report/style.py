@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from trackbench.core.arrays import Array
 from trackbench.experiment.reading.points import single_paths
 from trackbench.report.svg import compact
 
@@ -16,13 +17,21 @@ if TYPE_CHECKING:
 
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+DASHES: tuple[Any, ...] = (
+    *("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 1.5))),
+    *((0, (2.5, 2.5)), (0, (6, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (9, 1.5, 3, 1.5))),
+)
 FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
 BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 WIDTH_IN = 7.0
 FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Formats of a figure and what a file leaves unsaid, so that equal figures are equal files."""
+
+SPREAD = "± 2 standard errors"
+_MOST_BANDS = 3
+_BARS = 12  # along a line
+_UNITS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 
 _RC: Any = {
     "font.size": 9,
@@ -39,6 +48,7 @@ _RC: Any = {
     "savefig.dpi": 200,
     "svg.hashsalt": "trackbench",
     "svg.fonttype": "none",
+    "pdf.fonttype": 42,
     "path.simplify_threshold": 0.2,
 }
 
@@ -68,19 +78,94 @@ def line(index: int) -> dict[str, Any]:
     return {"color": colour, "linestyle": dash}
 
 
+def spread(
+    ax: "Axes", x: Array, low: Array, high: Array, colour: str, place: int, places: int
+) -> None:
+    """Two standard errors around the line at ``place`` of so many, said in the legend.
+
+    A band; where there are more than three, which would lie over each other to a grey, bars at some
+    of the x, no two lines' at the same.
+    """
+    if places <= _MOST_BANDS:
+        ax.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
+        ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
+        return
+    every = max(1, len(x) // _BARS)
+    chosen = slice(place * every // places, None, every)
+    ax.vlines(x[chosen], low[chosen], high[chosen], color=colour, linewidth=1.0)
+    ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+
+
 def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
     """One legend to the right of the axes, each label once."""
+    found = _legend(axes if isinstance(axes, Sequence) else [axes])
+    figure.legend(found.values(), found.keys(), loc="outside right upper")
+
+
+def legend_below(figure: "Figure", axes: "Sequence[Axes]") -> None:
+    """The same below the axes, in as many columns as there is room for."""
+    found = _legend(axes)
+    columns = max(1, int(figure.get_figwidth() / 1.7))
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+
+
+def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
+    """What the lines are, by label; the first of those of one label."""
     found: dict[str, Any] = {}
-    for ax in axes if isinstance(axes, Sequence) else [axes]:
+    for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    labels = [words(label) for label in found]
-    figure.legend(found.values(), labels, loc="outside right upper", fontsize=8, frameon=False)
+            found.setdefault(words(label), handle)
+    last = {label: found.pop(label) for label in [SPREAD] if label in found}
+    return found | last
+
+
+MOST_PANELS = 12
+_ACROSS = 4
+
+
+def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Figure", Any]:
+    """A figure and the axes (number, rows) of so many panels, four beside each other at most."""
+    across = min(number, _ACROSS)
+    blocks = -(-number // across)
+    figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
+    panes = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
+    for ax in panes[number:].flat:
+        ax.set_axis_off()
+    return figure, panes[:number]
+
+
+def title(figure: "Figure", text: str, shown: int = 1, of: int = 1) -> None:
+    """The heading, with how many of the grid's points are shown if not all are."""
+    part = f"the first {shown} of {of} points" if of > shown else ""
+    if text or part:
+        figure.suptitle(": ".join(filter(None, [text, part])), fontsize=9)
 
 
 def heading(point: dict[str, Any]) -> str:
-    """A grid point as the title of its panel: ``R = 0.1``."""
-    return ", ".join(f"{name(path)} = {number(value)}" for path, value in point.items())
+    """A grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
+    parts = zip(map(quantity, point), point.values(), strict=True)
+    return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
+
+
+def headings(points: Sequence[dict[str, Any]]) -> list[str]:
+    """The same of the points of `panels`, in lines that have room."""
+    width = 80 // min(len(points), _ACROSS)
+    return [words(heading(point), width) for point in points]
+
+
+def axis(path: str) -> str:
+    """A grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
+    key, unit = quantity(path)
+    return f"{key} ({unit})" if unit else key
+
+
+def quantity(path: str) -> tuple[str, str]:
+    """A grid's path as words, and the unit that its name ends in."""
+    key = name(path)
+    for ending, unit in _UNITS.items():
+        if key.endswith(f"_{ending}"):
+            return key.removesuffix(f"_{ending}").replace("_", " "), unit
+    return key.replace("_", " "), ""
 
 
 def name(path: str) -> str:

@@ -49,7 +49,7 @@ def _lines(sweep: Sweep, metric: str) -> "Figure | None":
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
     figure, ax = style.subplots()
     drawn = False
-    for i, label in enumerate(sweep.results.labels):
+    for label in sweep.results.labels:
         scores = [s for s in sweep.scores(label, metric) if np.isfinite(s.value)]
         if not scores:
             continue
@@ -57,7 +57,7 @@ def _lines(sweep: Sweep, metric: str) -> "Figure | None":
         y, stderr = (np.array([getattr(s, a) for s in scores]) for a in ("value", "stderr"))
         bars = np.where(np.isfinite(stderr), 2 * stderr, 0.0)
         ax.errorbar(
-            x, y, yerr=bars, label=label, marker="o", markersize=3, capsize=2, **style.line(i)
+            x, y, yerr=bars, label=label, marker="o", markersize=3, capsize=2, **sweep.results.look(label)
         )
         drawn = True
     if not drawn:

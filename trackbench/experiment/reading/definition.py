@@ -46,7 +46,7 @@ class Settings:
     name: Name
     """name of the experiment, and of its folder under results/"""
     title: str = ""
-    """one line for people"""
+    """one line for people; here and in titles of tables and figures {runs} is their number"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
@@ -156,6 +156,11 @@ class DrawnExhibit(Exhibit):
     def shown_components(self) -> tuple[int, ...] | None:
         """The components of the tracks, if lines of them over the plane are all that is drawn."""
         return None
+
+    @property
+    def shown_measurements(self) -> bool:
+        """Whether the positions that the first run's measurements tell must be kept."""
+        return False
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from typing import Any
 from trackbench.experiment.files import write_text
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.resolved import as_config
-from trackbench.scenarios.base import truth_components
 
 FILE = "points.json"
 
@@ -39,7 +38,7 @@ class Given:
 
 def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
     """What is to be known of a point; ``shown`` is how paths of data files are written."""
-    scenario: Any = point.scenario
+    scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
@@ -48,9 +47,9 @@ def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
         dict(point.values),
         as_config(scenario, shown),
         filters,
-        list(truth_components(scenario)),
+        list(scenario.components),
         list(scenario.model.sensor.components),
-        [[float(t) for t in span] for span in getattr(scenario, "spans", ())],
+        [[float(t) for t in span] for span in scenario.spans],
     )
 
 

@@ -12,6 +12,10 @@ from trackbench.evaluation.merge import FilterResult
 from trackbench.experiment.files import replacing
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.starts.base import locating
 
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
@@ -39,10 +43,10 @@ class Kept:
         prefix = prefix_of(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
-        arrays |= self._arrays(label, result.tracks)
+        arrays |= self._arrays(label, result.tracks, scenario)
         self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
-    def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
+    def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
         arrays = {"truth": tracks.truth, "measurements": tracks.measurements}
         arrays[f"mean/{label}"] = tracks.mean
         return arrays if tracks.cov is None else arrays | {f"cov/{label}": tracks.cov}
@@ -61,15 +65,21 @@ class Shown(Kept):
     """The same of the filters and runs that figures show, and no more than they show of them.
 
     A figure that only draws lines over the plane says so by ``shown_components``, the components it
-    draws. Its estimates are float32, rounded to the page's grain, NaN in the other components.
+    draws. Its estimates are float32, rounded to the page's grain, NaN in the other components; where it
+    draws measurements, ``seen`` are the positions of the first run's.
     """
 
-    def _arrays(self, label: str, tracks: Tracks) -> dict[str, Array]:
+    def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
         figures = [f for f in self.experiment.figures.values() if f.shown_runs]
         exact = _most_runs([f for f in figures if f.shown_components is None])
         arrays = {"truth": tracks.truth[..., : max(exact, 1)]}
         if exact:
             arrays["measurements"] = tracks.measurements[..., :exact]
+        seen = None
+        if any(f.shown_measurements for f in figures):
+            seen = measured_positions(scenario, tracks.measurements[..., :1])
+        if seen is not None:
+            arrays["seen"] = _grained(seen, list(range(len(seen))))
         mine = [f for f in figures if f.filters is None or label in f.filters]
         drawn = [f for f in mine if f.shown_components is not None]
         runs = _most_runs(mine)
@@ -81,6 +91,20 @@ class Shown(Kept):
         if tracks.cov is not None and any(f.shown_covariances for f in mine):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
+
+
+def measured_positions(scenario: Scenario, z: Array) -> Array | None:
+    """Positions (axes, T, r) that measurements (n_z, T, r) tell, NaN where there is none.
+
+    None if no sensor tells a position in one measurement.
+    """
+    sensor: Any = scenario.model.sensor
+    found = locating(sensor) if isinstance(sensor, Measuring | Several) else None
+    if found is None:
+        return None
+    one, rows = found
+    each = [one.located(z[rows, i], int(k)).mean for i, k in enumerate(scenario.steps[1:])]
+    return np.stack(each, axis=1)
 
 
 def _most_runs(figures: list[DrawnExhibit]) -> int:

@@ -162,13 +162,13 @@ class PosteriorEllipses(FigureKind):
             )
             ax.fill(1e-3 * across, along, color="#c9b26b", alpha=0.35, lw=0, label="Predicted, 2 σ")
         ax.plot(0.0, 0.0, "k+", label="Target")
-        for i, label in enumerate(results.chosen(self.filters)):
+        for label in results.chosen(self.filters):
             if f"cov/{label}" not in tracks:
                 continue
             mean = tracks[f"mean/{label}"][[0, 2], k, m]
             cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, m]
             along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
-            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **style.line(i))
+            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.look(label))
 
     def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
         azimuths = z[1] + 2e-3 * scenario["sensor"]["sigma_azimuth_mrad"] * np.linspace(

@@ -45,15 +45,14 @@ class Bars(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A row per filter, a panel per point of the grid."""
-        points = results.points()
+        every = results.points()
+        points = every[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
         labels = results.chosen(self.filters)
         labels = [b for b in labels if b not in lines]
         height = 0.9 + 0.26 * len(labels)
-        figure, axes = style.subplots(
-            1, len(points), height, sharex=True, sharey=True, squeeze=False
-        )
-        for ax, point in zip(axes[0], points, strict=True):
+        figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
+        for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
             expressions = Expressions(results, point)
             self._bars(ax, expressions, labels)
             for label, look in lines.items():
@@ -61,16 +60,15 @@ class Bars(FigureKind):
                     value = expressions.term(self.metric.of(str(label))).value
                     ax.axvline(value, label=label, **look)
             self._published(ax, results, point, labels)
-            ax.set_title(style.heading(point), fontsize=9)
+            ax.set_title(head)
             ax.set_xlabel(self.x_label or str(self.metric))
             if self.log:
                 ax.set_xscale("log")
             ax.grid(visible=False, axis="y")
         axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
-        style.legend_outside(figure, list(axes[0]))
+        style.title(figure, self.title, len(points), len(every))
+        style.legend_outside(figure, list(axes[:, 0]))
         return figure
 
     def _bars(self, ax: "Axes", expressions: Expressions, labels: list[str]) -> None:

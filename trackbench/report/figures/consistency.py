@@ -10,7 +10,7 @@ from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report import style
-from trackbench.report.figures.curves import Curves
+from trackbench.report.figures.curves import OverTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @register("figures", "anees")
 @dataclass(frozen=True, kw_only=True)
-class Anees(Curves):
+class Anees(OverTime):
     """Average normalised estimation error squared over time, with the band of a consistent filter."""
 
     metric: OfStep = measure("anees")
@@ -37,7 +37,7 @@ class Anees(Curves):
             runs = 1
             for rows, look in self.lines(results, results.per_step, point, self.metric):
                 if len(rows):
-                    ax.plot(rows["step"], rows["value"], **look)
+                    ax.plot(rows[self.x], rows["value"], **look)
                     runs = max(runs, int(rows["runs"].max()))
             band = anees_band(self.n_x, runs, self.level)
             name = f"{100 * self.level:g} % band"
@@ -47,7 +47,7 @@ class Anees(Curves):
 
 @register("figures", "bias")
 @dataclass(frozen=True, kw_only=True)
-class Bias(Curves):
+class Bias(OverTime):
     """Mean signed errors over time, a row of panels per quantity, with bands of two standard errors."""
 
     rows: dict[str, OfStep]
@@ -61,11 +61,12 @@ class Bias(Curves):
         for axes, point in panels:
             for ax, metric in zip(axes, self.rows.values(), strict=True):
                 ax.axhline(0.0, color="black", linewidth=0.6)
-                for rows, look in self.lines(results, results.per_step, point, metric):
-                    k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
+                lines = list(self.lines(results, results.per_step, point, metric))
+                for i, (rows, look) in enumerate(lines):
+                    k, value, stderr = (rows[c].to_numpy() for c in (self.x, "value", "stderr"))
                     ax.plot(k, value, **look)
                     low, high = value - 2 * stderr, value + 2 * stderr
-                    ax.fill_between(k, low, high, color=look["color"], alpha=0.15, lw=0)
+                    style.spread(ax, k, low, high, look["color"], i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
@@ -88,7 +89,8 @@ class Dots(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A column of panels per metric."""
-        points = results.points()
+        every = results.points()
+        points = every[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
@@ -100,7 +102,7 @@ class Dots(FigureKind):
             for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
                 found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
                 for i, label in enumerate(labels):
-                    look = {"color": style.line(i)["color"], "marker": "o", "markersize": 3.5}
+                    look = {"color": results.look(label)["color"], "marker": "o", "markersize": 3.5}
                     value, stderr = found.loc[label, ["value", "stderr"]]
                     ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
                 if metric in self.expected:
@@ -110,6 +112,5 @@ class Dots(FigureKind):
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(head)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title, len(points), len(every))
         return figure

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from trackbench.evaluation.measure import Measure, OfRun, OfStep, measure
+from trackbench.core.arrays import Array
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
@@ -29,8 +30,8 @@ class Curves(FigureKind):
 
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
-    x_label: str = "Step k"
-    """label of the horizontal axis"""
+    x_label: str = ""
+    """label of the horizontal axis; default: what it is"""
     y_label: str = ""
     """label of the vertical axis, with its unit"""
     log: bool = False
@@ -44,31 +45,38 @@ class Curves(FigureKind):
         """Each label to draw with its line style; the floor and the baseline last."""
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         drawn = results.chosen(self.filters)
-        for i, label in enumerate(b for b in drawn if b not in references):
-            yield label, style.line(i)
+        for label in (b for b in drawn if b not in references):
+            yield label, results.look(label)
         for name, look in references.items():
             if name in results.labels:
                 yield str(name), look
 
+    @property
+    def x_name(self) -> str:
+        """Label of the horizontal axis."""
+        return self.x_label
+
     def panels(
-        self, results: Results, rows: int = 1
+        self, results: Results, rows: int = 1, **layout: Any
     ) -> tuple["Figure", list[tuple[list["Axes"], dict[str, Any]]]]:
-        """A column of panels per grid point, side by side; one row of them shares its vertical axis."""
-        points = results.points()
+        """A column of panels per grid point; those of one row share their vertical axis."""
+        every = results.points()
+        points = every[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
-        figure, axes = style.subplots(
-            rows, len(points), height, sharex=rows > 1, sharey=rows == 1, squeeze=False
+        if len(points) > 4:
+            height *= 0.75
+        figure, axes = style.panels(
+            len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
         )
-        for column, point in zip(axes.T, points, strict=True):
-            column[0].set_title(style.heading(point))
-            column[-1].set_xlabel(self.x_label)
+        for column, head in zip(axes, style.headings(points), strict=True):
+            column[0].set_title(head)
+            column[-1].set_xlabel(self.x_name)
             for ax in column if self.log else ():
                 ax.set_yscale("log")
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
-        return figure, [(list(column), p) for column, p in zip(axes.T, points, strict=True)]
+        style.title(figure, self.title, len(points), len(every))
+        return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
 
     def lines(
         self, results: Results, frame: "pd.DataFrame", point: dict[str, Any], metric: Measure
@@ -90,10 +98,23 @@ class Curves(FigureKind):
         return figure
 
 
+@dataclass(frozen=True, kw_only=True)
+class OverTime(Curves):
+    """Keys shared by those whose horizontal axis are the steps."""
+
+    x: Literal["step", "time"] = "step"
+    """what the horizontal axis counts: steps, or seconds"""
+
+    @property
+    def x_name(self) -> str:
+        """Label of the horizontal axis."""
+        return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
+
+
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
-class RmseVsTime(Curves):
-    """A metric of per_step.csv over time, with bands of two standard errors."""
+class RmseVsTime(OverTime):
+    """A metric of per_step.csv over steps or time, with two standard errors on either side."""
 
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
@@ -102,15 +123,16 @@ class RmseVsTime(Curves):
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
-            for rows, look in self.lines(results, results.per_step, point, self.metric):
-                k, value, stderr = (rows[c].to_numpy() for c in ("step", "value", "stderr"))
+            lines = list(self.lines(results, results.per_step, point, self.metric))
+            for i, (rows, look) in enumerate(lines):
+                k, value, stderr = (rows[c].to_numpy() for c in (self.x, "value", "stderr"))
                 if self.log and len(value):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
                 ax.plot(k, value, **look)
                 low = value - 2 * stderr
                 low = np.maximum(low, 0.1 * value) if self.log else low
-                ax.fill_between(k, low, value + 2 * stderr, color=look["color"], alpha=0.15, lw=0)
+                style.spread(ax, k, low, value + 2 * stderr, look["color"], i, len(lines))
         return self.finish(figure)
 
 
@@ -119,10 +141,13 @@ class RmseVsTime(Curves):
 class RmsePerRun(Curves):
     """A metric of per_run.csv for each Monte Carlo run."""
 
-    x_label: str = "Run m"
-    """label of the horizontal axis"""
     metric: OfRun = measure("rmse")
     """metric of per_run.csv"""
+
+    @property
+    def x_name(self) -> str:
+        """Label of the horizontal axis."""
+        return self.x_label or "Run m"
 
     def draw(self, results: Results) -> "Figure":
         """One line per filter; a lost run leaves a gap."""
@@ -138,8 +163,8 @@ class RmsePerRun(Curves):
 
 @register("figures", "estimates")
 @dataclass(frozen=True, kw_only=True)
-class EstimatesOfOneRun(Curves):
-    """Truth and every filter's estimate of one component in one run."""
+class EstimatesOfOneRun(OverTime):
+    """Truth and every filter's estimate of one component in one run; below, the estimates' errors."""
 
     run: Count = 1
     """number of the run, from 1"""
@@ -153,17 +178,32 @@ class EstimatesOfOneRun(Curves):
         return self.run
 
     def draw(self, results: Results) -> "Figure":
-        """One line per filter over the truth's points."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
-            tracks = results.tracks(point)
-            if not tracks:  # every filter failed here
-                continue
-            k, run, c = tracks["steps"], self.run - 1, self.component - 1
-            truth = tracks["truth"][c, :, run]
-            ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
-            for label, look in self.labels(results):
-                if f"mean/{label}" in tracks:
-                    ax.plot(k, tracks[f"mean/{label}"][c, :, run], label=label, **look)
+        """One line per filter over the truth's points; errors only where there is a truth."""
+        tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
+        c, run = self.component - 1, self.run - 1
+        known = any(np.isfinite(t["truth"][c, :, run]).any() for t in tracks if t)
+        layout = {"height_ratios": [3, 2] * -(-len(tracks) // 4)} if known else {}
+        figure, panels = self.panels(results, 2 if known else 1, **layout)
+        for (axes, _), arrays in zip(panels, tracks, strict=True):
+            if arrays:  # not every filter failed here
+                self._panel(axes, results, arrays, c, run)
+        if known:
+            panels[0][0][1].set_ylabel("Estimate - truth")
+            figure.align_ylabels()
         style.legend_outside(figure, figure.axes)
         return figure
+
+    def _panel(
+        self, axes: list["Axes"], results: Results, tracks: dict[str, Array], c: int, run: int
+    ) -> None:
+        k, truth = tracks[f"{self.x}s"], tracks["truth"][c, :, run]
+        axes[0].plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
+        for below in axes[1:]:
+            below.set_yscale("linear")
+            below.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
+        for label, look in self.labels(results):
+            if f"mean/{label}" in tracks:
+                mean = tracks[f"mean/{label}"][c, :, run]
+                axes[0].plot(k, mean, label=label, **look)
+                for below in axes[1:]:
+                    below.plot(k, mean - truth, label=label, **look)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
+
+
 @register("figures", "heat-map")
 @dataclass(frozen=True, kw_only=True)
 class HeatMap(FigureKind):
@@ -82,18 +85,19 @@ class HeatMap(FigureKind):
         norm = (LogNorm if self.log else Normalize)(
             *((finite.min(), finite.max()) if len(finite) else (1, 2))
         )
-        height = 1.2 + 0.28 * len(levels)
-        figure, axes = style.subplots(1, len(panels), height, sharey=True, squeeze=False)
-        for ax, (name, values) in zip(axes[0], panels.items(), strict=True):
+        shown = dict(list(panels.items())[: style.MOST_PANELS])
+        figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
+        cell_in = (style.WIDTH_IN - 2.0) / min(len(shown), 4) / len(columns)
+        for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
-            _ticks(ax, [style.number(c) for c in columns], [style.number(v) for v in levels])
+            names = [style.number(c) for c in columns]
+            _ticks(ax, names, [style.number(v) for v in levels], cell_in)
             ax.set_title(style.words(name), fontsize=9)
-            ax.set_xlabel(style.name(x))
-            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
-        axes[0][0].set_ylabel(style.name(y))
-        figure.colorbar(image, ax=list(axes[0]), label=self.bar_label or str(self.metric))
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+            ax.set_xlabel(style.axis(x))
+            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
+        axes[0][0].set_ylabel(style.axis(y))
+        figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
+        style.title(figure, self.title)
         return figure
 
     def _pairs(self, results: Results, labels: list[str]) -> "Figure":
@@ -104,32 +108,37 @@ class HeatMap(FigureKind):
                 if pair.metric == metric and {pair.filter_a, pair.filter_b} <= set(labels):
                     i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
                     z[i, j], z[j, i] = pair.z, -pair.z
-        figure, ax = style.subplots(height_in=1.4 + 0.32 * len(labels))
+        figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.words(b) for b in labels]
-        _ticks(ax, names, names)
+        _ticks(ax, names, names, np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
-        _numbers(
-            ax, z, [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z], image
-        )
-        ax.set(xlabel="column", ylabel="row")
+        texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
+        _numbers(ax, z, texts, image, (style.WIDTH_IN - 2.5) / len(labels))
+        ax.set(xlabel="less that of this filter", ylabel=f"{metric} of this filter")
         ax.set_title(self.title, fontsize=9)
-        figure.colorbar(image, ax=ax, extend="both", label=f"z of {metric}, row minus column")
+        figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 
 
-def _ticks(ax: "Axes", columns: list[str], rows: list[str]) -> None:
-    ax.set_xticks(range(len(columns)), columns)
+def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> None:
+    """Upright where the columns are too narrow for what they are called."""
+    upright = max(map(len, columns)) * _LETTER_IN > cell_in
+    ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
     ax.set_yticks(range(len(rows)), rows)
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
 
 
-def _numbers(ax: "Axes", values: Array, texts: list[list[str]], image: Any) -> None:
-    """The numbers in the cells, black or white, whichever is legible."""
+def _numbers(
+    ax: "Axes", values: Array, texts: list[list[str]], image: Any, cell_in: float
+) -> None:
+    """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
+    if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
+        return
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
             r, g, b, _ = image.cmap(image.norm(value))

@@ -32,6 +32,8 @@ class Track(FigureKind):
     """number of runs drawn over each other"""
     components: tuple[int, int] = (0, 2)
     """numbers of the state's two positions, from 0"""
+    measurements: bool = True
+    """the first run's measurements as dots, where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The state must have the two components."""
@@ -50,6 +52,11 @@ class Track(FigureKind):
         """All that is drawn of those tracks, as lines."""
         return self.components
 
+    @property
+    def shown_measurements(self) -> bool:
+        """The positions that the first run's measurements tell must be kept."""
+        return self.measurements
+
     def draw(self, results: Results) -> "Figure":
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
@@ -57,47 +64,54 @@ class Track(FigureKind):
         point = next(filter(results.tracks, results.every_point))
         turning, tracks = results.given(point).spans, results.tracks(point)
         truth = tracks["truth"][list(self.components), :, 0] / 1000.0
-        times = tracks["times"]
-        wide, high = (np.ptp(row[np.isfinite(row)]) for row in self._seen(tracks, truth))
-        width = min(style.WIDTH_IN, 2.0 + panels * (0.9 + 3.2 * wide / max(high, 1e-9)))
+        seen = tracks["seen"][:2, :, 0] / 1000.0 if self._sees(tracks) else np.empty((2, 0))
+        estimates = [tracks[f"mean/{b}"][list(self.components)] / 1000.0 for b in self.filters
+                     if f"mean/{b}" in tracks]  # fmt: skip
+        width, height = _size(panels, truth, seen, *(mean[..., 0] for mean in estimates))
         figure, axes = style.subplots(
-            1, panels, 4.2, width, squeeze=False, sharex=True, sharey=True
+            1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
         for i, ax in enumerate(axes[0]):
             label = self.filters[i] if self.filters else ""
+            ax.plot(*seen, ".", color="#bbbbbb", markersize=2.0, label="Measurements, first run",
+                    rasterized=True, zorder=0)  # fmt: skip
             if label and f"mean/{label}" in tracks:
                 self._estimates(ax, tracks[f"mean/{label}"])
-            _truth(ax, truth, times, turning, thin=bool(label))
+            _truth(ax, truth, tracks["times"], turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
-            ax.set_title(label if panels > 1 or not self.title else self.title, fontsize=9)
+            ax.locator_params(nbins=5)
+            ax.set_title(style.words(label if panels > 1 or not self.title else self.title))
         axes[0][0].set_ylabel("y (km)")
         if self.title and panels > 1:
             figure.suptitle(self.title, fontsize=9)
-        style.legend_outside(figure, list(axes[0]))
+        style.legend_below(figure, list(axes[0]))
         return figure
 
-    def _seen(self, tracks: Mapping[str, Array], truth: Array) -> Array:
-        """What the axes must show: the truth (2, K), or else the first run's estimates."""
-        means = [tracks[f"mean/{label}"] for label in self.filters if f"mean/{label}" in tracks]
-        if np.isfinite(truth).any() or not means:
-            return truth
-        return np.concatenate(
-            [mean[list(self.components), :, 0] / 1000.0 for mean in means], axis=1
-        )
+    def _sees(self, tracks: dict[str, Array]) -> bool:
+        return self.measurements and "seen" in tracks and self.components == (0, 2)
 
     def _estimates(self, ax: "Axes", mean: Array) -> None:
         x, y = mean[list(self.components), :, : self.runs] / 1000.0
         shown = x.shape[1]
         name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
-        opacity = max(0.12, 1.0 / shown)
+        opacity = min(1.0, max(0.15, 2.0 / shown))
         ax.plot(x, y, color=style.COLOURS[0], linewidth=0.6, alpha=opacity, rasterized=True)
         ax.plot([], [], color=style.COLOURS[0], linewidth=1.0, label=name)
 
 
-def _truth(
-    ax: "Axes", xy: Array, times: Array, turning: list[list[float]], thin: bool
-) -> None:
+def _size(panels: int, *tracks: Array) -> tuple[float, float]:
+    """Width and height, in, of a figure whose panels have room for these tracks (2, T) and no more."""
+    points = np.concatenate(tracks, axis=1)
+    points = points[:, np.isfinite(points).all(axis=0)]
+    wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
+    room = style.WIDTH_IN / panels - 0.8  # beside the ticks
+    shape = float(np.clip(high / max(wide, 1e-9), 0.15, 10.0))
+    panel = min(room, 4.0 / shape)
+    return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
+
+
+def _truth(ax: "Axes", xy: Array, times: Array, turning: list[list[float]], thin: bool) -> None:
     width = 0.7 if thin else 1.4
     there = np.isfinite(xy).all(axis=0)
     if not there.any():
@@ -146,8 +160,8 @@ class MeanAndStd(FigureKind):
                 for start, end in results.given(point).spans:
                     ax.axvspan(start, end, color="#eeeeee", lw=0, zorder=0, label="Maneuvers")
                 chosen = frame[frame["metric"] == f"{metric}_{quantity}"]
-                for i, label in enumerate(labels):
-                    _line(ax, chosen[chosen["filter"] == label], sign, label, style.line(i))
+                for label in labels:
+                    _line(ax, chosen[chosen["filter"] == label], sign, label, results.look(label))
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")

@@ -35,7 +35,8 @@ class CriticalDifference(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A panel per point of the grid, one below the other."""
-        points = results.points()
+        every = results.points()
+        points = every[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
@@ -53,8 +54,7 @@ class CriticalDifference(FigureKind):
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the smallest)"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
             ax.set_title(words, pad=14, fontsize=9)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title, len(points), len(every))
         return figure
 
 

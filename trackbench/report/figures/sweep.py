@@ -63,10 +63,10 @@ class RmseVsParameter(FigureKind):
         frame = frame[frame["metric"] == str(self.metric)]
         figure, ax = style.subplots(1, 1, 3.6)
         labels = results.chosen(self.filters)
-        for i, label in enumerate(labels):
+        for label in labels:
             rows = frame[frame["filter"] == label].sort_values(path)
             x, y, stderr = (rows[c].to_numpy(dtype=float) for c in (path, "value", "stderr"))
-            self._line(ax, x, y, stderr, label, style.line(i))
+            self._line(ax, x, y, stderr, label, results.look(label))
         if self.log_x and len(frame):
             _logarithmic(ax, np.unique(frame[path].to_numpy(dtype=float)))
         if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
