@@ -56,9 +56,8 @@ def _lines(sweep: Sweep, metric: str) -> "Figure | None":
         x = [s.point[0] if numeric else values.index(s.point[0]) for s in scores]
         y, stderr = (np.array([getattr(s, a) for s in scores]) for a in ("value", "stderr"))
         bars = np.where(np.isfinite(stderr), 2 * stderr, 0.0)
-        ax.errorbar(
-            x, y, yerr=bars, label=label, marker="o", markersize=3, capsize=2, **sweep.results.look(label)
-        )
+        look = sweep.results.look(label)
+        ax.errorbar(x, y, yerr=bars, label=label, marker="o", markersize=3, capsize=2, **look)
         drawn = True
     if not drawn:
         style.close(figure)

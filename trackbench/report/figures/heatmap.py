@@ -133,9 +133,7 @@ def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> N
     ax.tick_params(length=0)
 
 
-def _numbers(
-    ax: "Axes", values: Array, texts: list[list[str]], image: Any, cell_in: float
-) -> None:
+def _numbers(ax: "Axes", values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
     """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
     if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
         return
