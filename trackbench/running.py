@@ -22,7 +22,7 @@ from trackbench.experiment.planning.plan import (
     describe,
     make_plan,
 )
-from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.experiment.problems import Mark, Problem, UserError, counted, reason
 from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.storing.lock import locked
@@ -258,11 +258,13 @@ def _say(text: str, options: Options) -> None:
 def _what_happened(outcome: Outcome) -> Iterator[str]:
     if outcome.reused:
         kept = outcome.reused + outcome.computed
-        yield f"reused {outcome.reused} of {kept} blocks from {outcome.store.root}/"
+        yield f"reused {outcome.reused} of {counted(kept, 'block')} from {outcome.store.root}/"
     if outcome.damaged:
-        yield f"{outcome.damaged} damaged blocks were computed again"
+        were = "was" if outcome.damaged == 1 else "were"
+        yield f"{counted(outcome.damaged, 'damaged block')} {were} computed again"
     if outcome.deaths:
-        yield f"note: a worker died; {outcome.deaths} blocks were started again"
+        were = "was" if outcome.deaths == 1 else "were"
+        yield f"note: a worker died; {counted(outcome.deaths, 'block')} {were} started again"
 
 
 def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from trackbench import api
 from trackbench.evaluation.statistics import Estimate
-from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.table import Cell, Table, in_tex, rounded
 from trackbench.report.text import Text, TextTable
 
 
@@ -17,7 +17,7 @@ def test_latex_has_booktabs_rules_and_no_live_character():
     text = table().texts().tex()
     for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{lrr}"):
         assert rule in text
-    assert r"A \& B\_1 & 0.500 $\pm$ 0.010 & 0 of 100 (0 to 3.6 \%) \\" in text
+    assert r"A \& B\_1 & \num{0.500 +- 0.010} & 0 of 100 (0 to 3.6 \%) \\" in text
     assert r"\textbackslash{}input\{x\} \$y\$ \textasciitilde{}\textasciicircum{}" in text
     assert r"\caption{Mean \& spread of 100 \%}" in text
 
@@ -45,4 +45,25 @@ def test_a_run_writes_latex_on_request(folder, tmp_path):
     )
     api.run(folder / "config.yaml", options)
     assert r"\toprule" in (tmp_path / "o" / "tables" / "table1.tex").read_text()
-    assert not (tmp_path / "o" / "figures").exists()
+    assert (tmp_path / "o" / "figures" / "time.pdf").stat().st_size > 5000
+    assert b"/Type3" not in (tmp_path / "o" / "figures" / "time.pdf").read_bytes()
+    assert [p.suffix for p in api.plot(tmp_path / "o", ["tex"], ["time"])] == [".pdf"]
+
+
+def test_latex_has_one_exponent_for_value_and_error():
+    assert in_tex(5.96e-6, 9.9e-7, 3) == r"\num{5.96 +- 0.99 e-6}"
+    assert in_tex(1.2e-9, 3.4e-8, 3) == r"\num{0.1 +- 3.4 e-8}"
+    assert in_tex(2.5e7, float("nan"), 3) == r"\num{2.50 e7}"
+    assert in_tex(0.5, 0.01, 4) == r"\num{0.500 +- 0.010}"
+
+
+def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
+    made = Table("Table 2. Errors", ["R", "Filter"], ["RMSE", "N"], 3, least=[0], apart={"Bound"})
+    for R, label, value in (("1", "A", 2.0), ("1", "B", 1.0), ("1", "Bound", 0.5), ("2", "A", 0.9)):
+        cell = Cell(Estimate(value, 0.1), 10, 0)
+        made.add([R, label], [cell, cell])
+    text = made.texts().tex("errors")
+    assert r"\caption{Errors}" in text
+    assert r"\label{tab:errors}" in text
+    assert text.count(r"\bfseries") == 1
+    assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text

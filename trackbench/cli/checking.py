@@ -37,26 +37,29 @@ def cache(
 ) -> None:
     """Show or clear the finished blocks that are kept for the next run."""
     from trackbench.experiment.computing.cache import cache_folder, cache_size, clear_cache
+    from trackbench.experiment.problems import counted
 
     root = cache_folder()
     if clear or prune:
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
-    typer.echo(f"{root}/: {size.blocks} blocks, {size.bytes / 1e6:.1f} MB")
+    typer.echo(f"{root}/: {counted(size.blocks, 'block')}, {size.bytes / 1e6:.1f} MB")
     if size.old_blocks:
-        old = f"{size.old_blocks} blocks, {size.old_bytes / 1e6:.1f} MB"
+        old = f"{counted(size.old_blocks, 'block')}, {size.old_bytes / 1e6:.1f} MB"
         typer.echo(f"of other versions of the code: {old}; remove them with --prune")
 
 
 def _check_config(config: Path, options: "Options") -> None:
     from trackbench import api
     from trackbench.experiment.planning.plan import check_memory
+    from trackbench.experiment.problems import counted
 
     experiment = api.prepare(config, options)
     check_memory(experiment, workers=1)
     points = len(experiment.points)
     grid = f" at {points} points" if points > 1 else ""
-    typer.echo(f"{config}: good, {len(experiment.points[0].filters)} filters{grid}")
+    filters = counted(len(experiment.points[0].filters), "filter")
+    typer.echo(f"{config}: good, {filters}{grid}")
 
 
 def _check_contract(path: Path) -> None:

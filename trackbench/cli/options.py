@@ -36,7 +36,8 @@ SaveTracks = Annotated[
     bool, typer.Option("--save-tracks", help="write every run's track to tracks.npz")
 ]
 Format = Annotated[
-    str, typer.Option("--format", help="png, svg, pdf (figures), tex (tables), with commas")
+    str,
+    typer.Option("--format", help="png, svg, pdf, tex (tables, and figures as pdf), with commas"),
 ]
 AllowPlugins = Annotated[
     bool, typer.Option("--allow-plugins", help="run the code of the config's plugins")

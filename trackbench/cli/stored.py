@@ -27,7 +27,7 @@ def plot(
         list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", help="png, svg, pdf, separated by commas")
+        str, typer.Option("--format", help="png, svg, pdf, tex (as pdf), with commas")
     ] = "png,svg",
     allow_plugins: AllowPlugins = False,
 ) -> None:

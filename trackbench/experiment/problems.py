@@ -56,3 +56,8 @@ class WriteError(RunError):
 
     def __init__(self, path: Path, error: OSError) -> None:
         super().__init__(f"cannot write {path}: {reason(error)}")
+
+
+def counted(number: int, word: str) -> str:
+    """``1 block``, ``2 blocks``."""
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"

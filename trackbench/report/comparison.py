@@ -84,15 +84,19 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
+_VERBS = ("agrees", "differs", "holds", "fails")
+
+
 def verdict_counts(found: Iterable[Compared | Judged]) -> str:
-    """``10 agrees (2 fragile), 3 differs``, in a fixed order."""
+    """``10 agree (2 fragile), 1 differs``, in a fixed order."""
     rows = list(found)
     parts = []
     for word in dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS)):
         there = [row for row in rows if row.verdict.word == word]
         fragile = sum(row.fragile for row in there)
         if there:
-            parts.append(f"{len(there)} {word}" + (f" ({fragile} fragile)" if fragile else ""))
+            verb = word.removesuffix("s") if len(there) > 1 and word in _VERBS else word
+            parts.append(f"{len(there)} {verb}" + (f" ({fragile} fragile)" if fragile else ""))
     return ", ".join(parts)
 
 

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import inspect
+import shlex
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -86,7 +87,8 @@ def write_report(
         "figures": _figures(results),
         "pairs": pairs if pairs.rows else None,
         "undecided": undecided,
-        "rerun": _shown_path(results.folder / "config.yaml"),
+        "rerun": _shown_path(results.folder / "config.yaml")
+        + (" --allow-plugins" if results.config.get("plugins") else ""),
         "config": as_yaml(results.config),
         "versions": _versions(results),
     }
@@ -118,8 +120,8 @@ def write_index(folder: Path, found: list[tuple[Results, Comparison]]) -> Path:
 
 
 def _shown_path(path: Path) -> str:
-    """The path as the user gave it; of an absolute one only the end, which means the same to others."""
-    return path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
+    """The path as the user gave it, for a shell; of an absolute one the end, which is so for others."""
+    return shlex.quote(path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:]))
 
 
 def _write(path: Path, template: str, context: dict[str, Any]) -> Path:
@@ -170,10 +172,10 @@ def _figures(results: Results) -> list[Drawing]:
     from markupsafe import Markup
 
     drawings, specs = [], results.parts("figures")
-    for name, keys in results.config.get("figures", {}).items():
+    for name, keys in (results.config.get("figures") or dict.fromkeys(specs, {})).items():
         spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
         contents = [path.read_bytes()] if path.is_file() else []
-        if spec is not None:
+        if spec is not None and keys:
             contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
         if not contents:
             continue

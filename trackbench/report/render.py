@@ -32,21 +32,21 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
         if tex:
-            write_text(folder / f"{name}.tex", table.texts().tex())
+            write_text(folder / f"{name}.tex", table.texts().tex(name))
     return tables
 
 
 def write_figures(
     results: Results, formats: Iterable[str], only: Collection[str] = ()
 ) -> list[Path]:
-    """Draw ``figures/`` in each format but tex; ``only`` picks figures by name or kind."""
+    """Draw ``figures/`` in each format; ``only`` picks figures by name or kind."""
     figures = results.parts("figures")
     for name in only:
         known = [*figures, *{spec.kind for spec in figures.values()}]
         if name not in known:
             raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
     written = []
-    forms = [form for form in formats if form != "tex"]
+    forms = style.forms(formats)
     for name, spec in figures.items():
         if forms and (not only or name in only or spec.kind in only):
             for form, content in drawn(spec, results, forms):

@@ -19,10 +19,12 @@ from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.published import Published, read_published
 from trackbench.experiment.reading.source import Source, read
 from trackbench.experiment.storing.given import FILE, Given, points_in
+from trackbench.experiment.storing.outputs import DEFAULT
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group, kinds
 from trackbench.report import style
+from trackbench.report.defaults import default_keys
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
@@ -78,6 +80,8 @@ class Results:
 
     def parts(self, group: Group) -> dict[str, Any]:
         """The experiment's tables or figures, built from the config; of plugins if they are loaded."""
+        if not self.config.get("tables") and not self.config.get("figures"):
+            return self._default(group)
         problems: list[Problem] = []
         left_out = self.left_out(group)
         names = [name for name in self.config.get(group, {}) if name not in left_out]
@@ -89,6 +93,12 @@ class Results:
             name: replace(part, title=self.filled(part.title)) if name in titled else part
             for name, part in built.items()
         }
+
+    def _default(self, group: Group) -> dict[str, Any]:
+        """What an experiment shows that asks for nothing."""
+        metrics = self.summary["metric"]
+        keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
+        return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 
     def filled(self, text: str) -> str:
         """A title with the number of runs in the place of ``{runs}``."""

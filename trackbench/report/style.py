@@ -3,7 +3,7 @@
 import io
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -202,6 +202,11 @@ def quiet() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
+
+
+def forms(formats: Iterable[str]) -> list[str]:
+    """The formats of figures among those of tables and figures: what is for LaTeX is a PDF."""
+    return list(dict.fromkeys("pdf" if form == "tex" else form for form in formats))
 
 
 def content(figure: "Figure", form: str) -> bytes:

@@ -28,10 +28,9 @@ def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
             figure = _drawn(sweep, metric)
             if figure is None:
                 continue
-            for form in formats:
-                if form != "tex":
-                    path = figures / f"sweep-{_file_name(metric)}.{form}"
-                    write_bytes(path, style.content(figure, form))
+            for form in style.forms(formats):
+                path = figures / f"sweep-{_file_name(metric)}.{form}"
+                write_bytes(path, style.content(figure, form))
         style.close(figure)
     return list(best_points(sweep))
 
@@ -62,7 +61,7 @@ def _lines(sweep: Sweep, metric: str) -> "Figure | None":
     if not drawn:
         style.close(figure)
         return None
-    ax.set_xlabel(path)
+    ax.set_xlabel(style.axis(path))
     ax.set_ylabel(metric)
     _scale(ax, values, numeric)
     style.legend_outside(figure, ax)
@@ -99,8 +98,8 @@ def _heat_maps(sweep: Sweep, metric: str) -> "Figure | None":
         _frame_smallest(ax, field)
     for ax in axes.flat[len(fields) :]:
         ax.set_axis_off()
-    figure.supxlabel(sweep.paths[0], fontsize=9)
-    figure.supylabel(sweep.paths[1], fontsize=9)
+    figure.supxlabel(style.axis(sweep.paths[0]), fontsize=9)
+    figure.supylabel(style.axis(sweep.paths[1]), fontsize=9)
     figure.colorbar(image, ax=axes, label=metric)
     return figure
 

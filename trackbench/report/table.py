@@ -44,6 +44,10 @@ class Table:
     keys: list[list[str]] = field(default_factory=list)
     cells: list[list[Cell]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    least: list[int] = field(default_factory=list)
+    """numbers of the columns whose least value is the best"""
+    apart: set[str] = field(default_factory=set)
+    """last keys of rows that are no rivals, such as a bound"""
 
     def add(self, keys: list[str], cells: list[Cell]) -> None:
         """Append a row."""
@@ -69,15 +73,35 @@ class Table:
         lost = any(c.lost for cells in self.cells for c in cells)
         heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
-        for keys, cells in zip(self.keys, self.cells, strict=True):
+        best = self._best()
+        for r, (keys, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
             row = [Text(key) for key in keys]
-            row += [Text(self.text(c), c.estimate.value) for c in cells]
+            for i, c in enumerate(cells):
+                bold = r"\bfseries " if (r, i) in best else ""
+                tex = (
+                    bold + in_tex(*c.estimate, self.digits) if isfinite(c.estimate.value) else None
+                )
+                row.append(Text(self.text(c), c.estimate.value, tex))
             if lost:
                 most = max(cells, key=lambda c: (c.lost, c.runs))
                 runs = most.lost + most.runs  # a bound has none
                 row.append(Text(in_words(most.lost, runs, what="") if runs else "–", most.lost))
             table.rows.append(row)
         return table
+
+    def _best(self) -> set[tuple[int, int]]:
+        """Row and column of the least values, among the rows that share all keys but the last."""
+        groups: dict[tuple[str, ...], list[int]] = {}
+        for r, keys in enumerate(self.keys):
+            if keys[-1] not in self.apart:
+                groups.setdefault(tuple(keys[:-1]), []).append(r)
+        best = set()
+        for i in self.least:
+            for rows in groups.values():
+                there = {r: v for r in rows if isfinite(v := self.cells[r][i].estimate.value)}
+                if len(there) > 1:
+                    best.add((min(there, key=there.__getitem__), i))
+        return best
 
     def markdown(self) -> str:
         """A Markdown table."""
@@ -106,6 +130,16 @@ def rounded(value: float, stderr: float, digits: int) -> str:
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+
+
+def in_tex(value: float, stderr: float, digits: int) -> str:
+    """The same for LaTeX's siunitx: ``\\num{5.96 +- 0.99 e-6}``, with one exponent for both."""
+    text = rounded(value, stderr, digits).replace("±", "+-")
+    if "e" not in text:
+        return rf"\num{{{text}}}"
+    exponent = _exponent(max(abs(value), stderr if isfinite(stderr) else 0.0))
+    scaled = rounded(value / 10.0**exponent, stderr / 10.0**exponent, 3).replace("±", "+-")
+    return rf"\num{{{scaled} e{exponent}}}"
 
 
 def _exponent(x: float) -> int:

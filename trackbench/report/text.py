@@ -1,5 +1,6 @@
 """Tables ready to be shown: as Markdown, as LaTeX, as cells of a page."""
 
+import re
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,6 +10,8 @@ class Text(NamedTuple):
 
     text: str
     number: float | None = None
+    tex: str | None = None
+    """how LaTeX writes it, if not as it is"""
 
 
 @dataclass
@@ -28,16 +31,20 @@ class TextTable:
         notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
         return caption + "\n".join(lines) + "\n" + notes
 
-    def tex(self) -> str:
-        """A LaTeX table with booktabs rules."""
+    def tex(self, name: str = "") -> str:
+        """A LaTeX table for the packages booktabs and siunitx (3); ``name`` is its label."""
         columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
-        rows = [" & ".join(_tex(cell.text) for cell in row) + r" \\" for row in self.rows]
+        rows = [
+            " & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\" for row in self.rows
+        ]
         notes = [f"\n{_tex(note)}\\par" for note in self.notes]
         return "\n".join(
             [
                 r"\begin{table}",
+                r"\sisetup{separate-uncertainty=true, mode=match, reset-text-series=false}",
                 r"\centering",
-                rf"\caption{{{_tex(self.title)}}}",
+                rf"\caption{{{_tex(_NUMBERED.sub('', self.title))}}}",
+                *([rf"\label{{tab:{name}}}"] if name else []),
                 rf"\begin{{tabular}}{{{columns}}}",
                 r"\toprule",
                 " & ".join(map(_tex, self.heads)) + r" \\",
@@ -59,6 +66,8 @@ def _line(cells: list[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+_NUMBERED = re.compile(r"^Table \w+[.:]\s*(?=\S)")
+"""What LaTeX writes before a caption by itself."""
 _TEX = {
     **{c: f"\\{c}" for c in "&%$#_{}"},
     "\\": r"\textbackslash{}",

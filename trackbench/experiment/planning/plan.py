@@ -8,7 +8,7 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import Problem, UserError, counted
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.metric_names import number_per_run
 from trackbench.experiment.reading.plugins import Plugin
@@ -142,12 +142,16 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
     """One line on what is about to be done."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
-    points = f"{len(experiment.points)} points x " if len(experiment.points) > 1 else ""
-    filters = len(experiment.points[0].filters)
     most = "up to " if settings.until else ""
+    counts = [counted(len(experiment.points), "point")] if len(experiment.points) > 1 else []
+    counts += [
+        counted(len(experiment.points[0].filters), "filter"),
+        most + counted(settings.runs, "run"),
+        counted(steps, "step"),
+    ]
     return (
-        f"{settings.name}: {points}{filters} filters x {most}{settings.runs} runs x {steps} steps, "
-        f"{len(plan.unique)} blocks on {workers} worker{'s' if workers > 1 else ''}, "
+        f"{settings.name}: {' x '.join(counts)}, "
+        f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}, "
         f"about {needed / 1e6:.0f} MB"
     )
 

@@ -23,6 +23,8 @@ _MADE = (
 )
 _NAMED = {"tables": ("csv", "md", "tex"), "figures": ("png", "svg", "pdf")}
 """Folders of files that the config names, and their formats."""
+DEFAULT = "results"
+"""Name of the table and of the figure where the config asks for none."""
 _FOLDERS = (*_NAMED, "published")
 _DAMAGED = "damaged"  # in place of a digest: no file has it
 
@@ -89,5 +91,5 @@ def _by_config(folder: Path) -> Iterator[str]:
         config = read(folder / "config.yaml").data
         for group, forms in _NAMED.items():
             names = config.get(group) if isinstance(config, dict) else None
-            for name in names if isinstance(names, dict) else ():
+            for name in (names or [DEFAULT]) if isinstance(names, dict) else ():
                 yield from (f"{group}/{name}.{form}" for form in forms if "/" not in str(name))

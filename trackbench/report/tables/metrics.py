@@ -1,5 +1,6 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -16,6 +17,9 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+
+_SMALLER = re.compile(r"[a-z-]+\((rmse|distance)[^()]*\)|rmse[^()]*|cpu_s_per_run")
+"""Of what the least value is the best."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +54,8 @@ class Metrics(TableKind):
         """The table from a results folder."""
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
+        table.least = [i for i, m in enumerate(self.columns.values()) if _SMALLER.fullmatch(str(m))]
+        table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
         for point in results.points():
             found, expressions = _index(results, point), Expressions(results, point)
             keys = [str(v) for v in point.values()]
@@ -61,6 +67,7 @@ class Metrics(TableKind):
                 table.add([*keys, label], cells)
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
+                table.apart.add(head)
                 cells = [
                     _evaluated(expressions, m.beside("gain", self.gain.over).of(self.gain.of))
                     for m in self.columns.values()

@@ -1,0 +1,31 @@
+"""What is shown of an experiment that asks for no table and no figure."""
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from trackbench.registry import Group
+
+_ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
+_MOST_ROWS = 50
+"""Of more there is `sweep.csv`."""
+
+
+def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int) -> dict[str, Any]:
+    """Keys of the table or of the figure; none where it would be too large, or nothing is measured.
+
+    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown.
+    """
+    metrics = list(dict.fromkeys(metrics))
+    errors = [found for found in map(_ERROR.fullmatch, metrics) if found]
+    if group == "figures":
+        if points > 1 or not errors:
+            return {}
+        words = f"RMSE of {errors[0][2]}" if errors[0][2] else "RMSE"
+        return {"kind": "rmse-vs-time", "x": "time", "metric": errors[0][1], "y_label": words}
+    columns = {f"RMSE of {e[2]}" if e[2] else "RMSE": e[0] for e in errors[:2]}
+    columns |= {"ANEES": "anees"} if "anees" in metrics else {}
+    columns = columns or {"NIS": "mean(nis)"} if "mean(nis)" in metrics or columns else {}
+    title = "Errors over the whole run"
+    few = columns and points * filters <= _MOST_ROWS
+    return {"kind": "metrics", "title": title, "columns": columns} if few else {}
