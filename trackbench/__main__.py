@@ -1,5 +1,17 @@
-"""``python -m trackbench``."""
+"""The command ``trackbench``, and ``python -m trackbench``."""
 
-from trackbench.cli import main
+import sys
 
-main()
+
+def main() -> None:
+    """Run the command line; interrupted while it is still being imported, it leaves with 130, too."""
+    try:
+        from trackbench.cli import main as run
+
+        run()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
