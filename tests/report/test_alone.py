@@ -66,6 +66,7 @@ def test_on_the_scenario_that_new_scenario_writes(tmp_path: Path, command: str) 
 OWN = """
 from dataclasses import dataclass
 from trackbench.registry import register
+from trackbench.report import style
 from trackbench.report.table import Table
 
 @register("tables", "own-table")

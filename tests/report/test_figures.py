@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 
 from tests.papers import merwe_text
 from trackbench import api
@@ -10,9 +11,11 @@ from trackbench.experiment.problems import UserError
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
 from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.curves import Estimates, RmseVsTime
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
 from trackbench.report.terms import Term
+from trackbench.verification import verify
 
 GRID = """
 name: g
@@ -102,3 +105,94 @@ def test_a_point_in_words():
 def test_a_dollar_or_a_long_label_is_only_text():
     assert style.words("a $x_$ b") == r"a \$x_\$ b"
     assert max(map(len, style.words("word " * 16).split("\n"))) <= 24
+
+
+def test_a_filter_looks_the_same_in_every_figure(made):
+    results = Results(made)
+    looks = [
+        dict(spec.labels(results)) for spec in map(results.parts("figures").get, ("time", "runs"))
+    ]
+    assert looks[0]["PF"] == looks[1]["PF"] == results.look("PF")
+    assert RmseVsTime(filters=("No data",)).labels(results).__next__()[1] == results.look("No data")
+
+
+def test_eight_filters_differ_in_grey_and_more_in_colour_and_dash():
+    looks = [(x["color"], str(x["linestyle"])) for x in map(style.line, range(24))]
+    assert len({dash for _, dash in looks[:8]}) == 8
+    assert len(set(looks)) == 24
+
+
+def test_bands_are_said_and_more_than_three_are_bars(made):
+    results = Results(made)
+    for labels, bands in ((("PF",), 1), (("PF", "PF (N=50)", "No data", "Exact"), 0)):
+        figure = RmseVsTime(filters=labels).draw(results)
+        filled = [c for c in figure.axes[0].collections if isinstance(c, PolyCollection)]
+        assert len([c for c in filled if len(c.get_paths()[0].vertices) > 3]) == bands
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert legend == [*labels, "± 2 standard errors"]
+        style.close(figure)
+
+
+def test_time_stands_on_the_axis_if_asked(made):
+    results = Results(made)
+    figure = RmseVsTime(x="time").draw(results)
+    times = results.per_step["time"].unique()
+    np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), times)
+    assert figure.axes[0].get_xlabel() == "Time (s)"
+    style.close(figure)
+
+
+def test_errors_of_estimates_stand_below_them(made):
+    results = Results(made)
+    figure = Estimates(filters=("PF",)).draw(results)
+    above, below = figure.axes
+    truth, estimate = (line.get_ydata() for line in above.lines)
+    np.testing.assert_allclose(below.lines[1].get_ydata(), estimate - truth)
+    style.close(figure)
+
+
+def test_a_grid_of_many_points_has_few_panels(tmp_path):
+    grid = GRID.replace("[1, 2]", str(list(range(1, 31)))).replace("published: [n.csv]", "")
+    (tmp_path / "c.yaml").write_text(grid)
+    results = api.run(
+        tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, workers=1, formats=()
+    ).results
+    for spec in (RmseVsTime(title="Many"), Bars(title="Many")):
+        figure = spec.draw(results)
+        assert figure.get_suptitle() == "Many: the first 12 of 30 points"
+        assert len([ax for ax in figure.axes if ax.axison]) == 12
+        style.close(figure)
+
+
+def test_a_unit_at_the_end_of_a_key_is_one():
+    point = {"scenario.sensor.sigma_azimuth_mrad": 2, "scenario.target.turn_rate_deg_s": 3}
+    assert style.heading(point) == "sigma azimuth = 2 mrad, turn rate = 3 deg/s"
+    assert style.axis("scenario.sensor.sigma_azimuth_mrad") == "sigma azimuth (mrad)"
+
+
+def test_titles_say_how_many_runs_there_were(tmp_path):
+    text = GRID.replace("published: [n.csv]", "title: Over {runs} runs")
+    text += "tables: {t: {kind: metrics, title: '{runs} runs', columns: {RMSE: mean(rmse)}}}\n"
+    text += "figures: {f: {kind: bars, title: 'of {runs}'}}\n"
+    (tmp_path / "c.yaml").write_text(text)
+    done = api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, runs=3, formats=("svg",))
+    assert done.tables["t"].title == "3 runs"
+    assert done.results.title == "Over 3 runs"
+    page = (tmp_path / "o" / "report.html").read_text()
+    for words in ("<h1>Over 3 runs</h1>", "of 3", "3 runs"):
+        assert words in page
+    assert "{runs}" not in page.partition("The resolved config")[0]
+
+
+def test_an_experiment_that_asks_for_nothing_shows_its_errors(tmp_path):
+    text = GRID.replace("published: [n.csv]", "").partition("grid:")[0]
+    (tmp_path / "c.yaml").write_text(text)
+    done = api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, formats=("svg",))
+    assert list(done.tables) == ["results"]
+    assert done.tables["results"].value_headers == ["RMSE", "ANEES"]
+    assert (tmp_path / "o" / "figures" / "results.svg").is_file()
+    assert 'id="figure-results"' in (tmp_path / "o" / "report.html").read_text()
+    assert verify(tmp_path / "o", 4) == []
+    api.run(tmp_path / "c.yaml", out=tmp_path / "o", quiet=True, formats=("svg",),
+            set=("tables={t: {kind: consistency}}",))  # fmt: skip
+    assert not (tmp_path / "o" / "tables" / "results.csv").exists()

@@ -75,6 +75,13 @@ def test_an_svg_that_was_tampered_with_loses_its_scripts():
     assert 'fill="url(#one-b)"' in text
 
 
+def test_the_line_to_run_it_again_may_be_typed(made, tmp_path, monkeypatch):
+    shutil.copytree(made, tmp_path / "my results" / "a")
+    monkeypatch.chdir(tmp_path)
+    (path,) = api.report("my results/a")
+    assert "trackbench run 'my results/a/config.yaml'" in Page(path.read_text()).text
+
+
 def test_it_says_how_to_run_it_again(page):
     assert "trackbench run out/config.yaml" in page.text  # of an absolute folder only the end
     assert "numpy" in page.text
@@ -125,8 +132,12 @@ def test_in_a_browser(browser, folder):
     assert column(browser, "#tables", 1) == ascending[::-1]
 
     button = browser.find_element("css selector", "figure .enlarge")
+    drawing = browser.find_element("css selector", "figure svg")
+    before = drawing.size
     browser.execute_script("arguments[0].click()", button)
     assert browser.find_elements("css selector", "figure.large")
+    assert drawing.size["width"] > before["width"]
+    assert drawing.size["height"] > before["height"]
     button.send_keys("\ue00c")  # Escape
     assert not browser.find_elements("css selector", "figure.large")
 

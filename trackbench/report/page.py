@@ -171,15 +171,15 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 def _figures(results: Results) -> list[Drawing]:
     from markupsafe import Markup
 
-    drawings, specs = [], results.parts("figures")
-    for name, keys in (results.config.get("figures") or dict.fromkeys(specs, {})).items():
+    drawings, specs, asked = [], results.parts("figures"), results.config.get("figures") or {}
+    for name in asked or specs:
         spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
         contents = [path.read_bytes()] if path.is_file() else []
-        if spec is not None and keys:
+        if spec is not None and name in asked:
             contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
         if not contents:
             continue
-        caption = results.filled(keys.get("title") or name)
+        caption = results.filled(asked.get(name, {}).get("title") or name)
         title = f"{caption}. {inspect.getdoc(type(spec)) if spec else ''}".partition("\n")[0]
         drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
     return drawings

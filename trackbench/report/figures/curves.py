@@ -206,4 +206,4 @@ class EstimatesOfOneRun(OverTime):
                 mean = tracks[f"mean/{label}"][c, :, run]
                 axes[0].plot(k, mean, label=label, **look)
                 for below in axes[1:]:
-                    below.plot(k, mean - truth, label=label, **look)
+                    below.plot(k, mean - truth, **look)
