@@ -11,7 +11,7 @@ from trackbench.experiment.problems import UserError
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
 from trackbench.report.figures.bars import Bars
-from trackbench.report.figures.curves import Estimates, RmseVsTime
+from trackbench.report.figures.curves import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
 from trackbench.report.terms import Term
@@ -144,7 +144,7 @@ def test_time_stands_on_the_axis_if_asked(made):
 
 def test_errors_of_estimates_stand_below_them(made):
     results = Results(made)
-    figure = Estimates(filters=("PF",)).draw(results)
+    figure = EstimatesOfOneRun(filters=("PF",)).draw(results)
     above, below = figure.axes
     truth, estimate = (line.get_ydata() for line in above.lines)
     np.testing.assert_allclose(below.lines[1].get_ydata(), estimate - truth)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from trackbench.evaluation.measure import measure
 from trackbench.registry import Group
 
 _ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
@@ -22,10 +23,13 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
         if points > 1 or not errors:
             return {}
         words = f"RMSE of {errors[0][2]}" if errors[0][2] else "RMSE"
-        return {"kind": "rmse-vs-time", "x": "time", "metric": errors[0][1], "y_label": words}
+        metric = measure(errors[0][1])
+        return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": words}
     columns = {f"RMSE of {e[2]}" if e[2] else "RMSE": e[0] for e in errors[:2]}
     columns |= {"ANEES": "anees"} if "anees" in metrics else {}
     columns = columns or {"NIS": "mean(nis)"} if "mean(nis)" in metrics or columns else {}
     title = "Errors over the whole run"
-    few = columns and points * filters <= _MOST_ROWS
-    return {"kind": "metrics", "title": title, "columns": columns} if few else {}
+    if not columns or points * filters > _MOST_ROWS:
+        return {}
+    measured = {head: measure(text) for head, text in columns.items()}
+    return {"kind": "metrics", "title": title, "columns": measured}

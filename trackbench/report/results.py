@@ -28,7 +28,6 @@ from trackbench.report.defaults import default_keys
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
-from trackbench.scenarios.base import Scenario
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from trackbench.evaluation.measure import Measure, OfRun, OfStep, measure
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Measure, OfRun, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
