@@ -26,10 +26,9 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
         metric = measure(errors[0][1])
         return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": words}
     columns = {f"RMSE of {e[2]}" if e[2] else "RMSE": e[0] for e in errors[:2]}
-    columns |= {"ANEES": "anees"} if "anees" in metrics else {}
-    columns = columns or {"NIS": "mean(nis)"} if "mean(nis)" in metrics or columns else {}
-    title = "Errors over the whole run"
+    consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
+    columns |= {head: text for head, text in consistent.items() if text in metrics}
     if not columns or points * filters > _MOST_ROWS:
         return {}
     measured = {head: measure(text) for head, text in columns.items()}
-    return {"kind": "metrics", "title": title, "columns": measured}
+    return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}

@@ -1,11 +1,9 @@
 """A results folder, read back."""
 
 import json
-from collections.abc import Container
 from dataclasses import dataclass, replace
 from functools import cached_property
 from io import TextIOWrapper
-from itertools import product
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
@@ -13,17 +11,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.reading.definition import labels_to_run
 from trackbench.experiment.reading.parts import build_kind
-from trackbench.experiment.reading.points import single_paths
-from trackbench.experiment.reading.published import Published, read_published
-from trackbench.experiment.reading.source import Source, read
 from trackbench.experiment.storing.given import FILE, Given, points_in
 from trackbench.experiment.storing.outputs import DEFAULT
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group, kinds
-from trackbench.report import style
+from trackbench.report.asked import Asked
 from trackbench.report.defaults import default_keys
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
@@ -34,10 +28,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Results:
+class Results(Asked):
     """The files of one results folder, as data frames and arrays, read when asked for."""
 
-    folder: Path
     facts: dict[str, Any] | None = None
     """what the manifest is going to say, as long as it is not written"""
     out: Path | None = None
@@ -49,18 +42,6 @@ class Results:
     def target(self) -> Path:
         """Where tables and verdicts are written."""
         return self.out or self.folder
-
-    @cached_property
-    def source(self) -> Source:
-        """The resolved config with positions."""
-        return read(self.folder / "config.yaml")
-
-    @property
-    def config(self) -> dict[str, Any]:
-        """The resolved config."""
-        config = self.source.data
-        assert isinstance(config, dict)
-        return config
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -99,34 +80,6 @@ class Results:
         keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 
-    def filled(self, text: str) -> str:
-        """A title with the number of runs in the place of ``{runs}``."""
-        return text.replace("{runs}", str(self.config["runs"]))
-
-    @property
-    def title(self) -> str:
-        """The experiment's title, or else its name."""
-        return self.filled(self.config["title"] or self.config["name"])
-
-    def left_out(self, group: Group) -> dict[str, str]:
-        """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
-        known = kinds(group) if self.config.get("plugins") else None
-        named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
-        return {
-            name: kind for name, kind in named.items() if known is not None and kind not in known
-        }
-
-    @cached_property
-    def published(self) -> Published:
-        """Published numbers and claims that this experiment is held against."""
-        config = self.config
-        return read_published(
-            self.folder,
-            config.get("published", []),
-            config["name"],
-            mark=self.source.mark(("published",)),
-        )
-
     def given(self, point: dict[str, Any]) -> Given:
         """What is known of a point besides its numbers: scenario, filters, components, shading."""
         found = next((g for g in self._given if is_same(g.values, point)), None)
@@ -143,36 +96,6 @@ class Results:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             what = "cannot be read: run the experiment again"
             raise UserError(f"{self.folder / FILE}: {what}") from None
-
-    @property
-    def labels(self) -> list[str]:
-        """Filter labels in the config's order, and the lower bound's last."""
-        bound = self.config.get("bound")
-        return [*self.filters, *([bound] if bound else [])]
-
-    def chosen(self, wanted: Container[str] | None) -> list[str]:
-        """The labels that a table or figure shows: those it names, or all of them."""
-        return [label for label in self.labels if wanted is None or label in wanted]
-
-    @property
-    def filters(self) -> list[str]:
-        """Labels of the filters that were run, in the config's order."""
-        config = self.config
-        return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
-
-    def look(self, label: str) -> dict[str, Any]:
-        """Colour and dash of a filter, the same in every figure of the experiment."""
-        return style.line([*self.config["filters"], label].index(label))
-
-    @property
-    def grid(self) -> list[str]:
-        """Paths that the experiment varies: leading columns of every frame."""
-        return list(self.config["grid"])
-
-    @property
-    def grid_heads(self) -> list[str]:
-        """The paths as headings of a table: of paths that vary together, the first one."""
-        return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
@@ -240,12 +163,6 @@ class Results:
         return TextIOWrapper(
             cast(IO[bytes], opened(self._path(name))), encoding="utf-8", newline=""
         )
-
-    @cached_property
-    def every_point(self) -> list[dict[str, Any]]:
-        """The points of the config's grid, those where every filter failed among them."""
-        grid = self.config["grid"]
-        return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""
