@@ -1,6 +1,6 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
