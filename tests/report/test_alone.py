@@ -13,7 +13,7 @@ import pytest
 
 import trackbench.report
 from tests.conftest import ROOT
-from tests.papers import banana_text, merwe_text
+from tests.papers import merwe_text
 from trackbench import api
 from trackbench.report.results import Results
 
@@ -128,26 +128,28 @@ def test_tables_and_figures_of_a_plugin(tmp_path: Path) -> None:
     assert cli("plot", folder, cwd=tmp_path).returncode == 0
 
 
-RECORDED = f"""
+RECORDED = """
 name: r
-plugins: []
-scenario: {{kind: recorded, measurements: z.csv, truth: x.csv, like: {banana_text(scans=5)}}}
-filters: {{EKF: {{kind: ekf}}}}
-tables: {{c: {{kind: consistency}}}}
-figures: {{t: {{kind: track, filters: [EKF]}}, e: {{kind: estimates}}}}
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: z.csv}
+  sensor: {kind: position, sigma: 10}
+  start: {kind: one-scan, sigma_velocity: 10}
+  assume: {motion: {kind: cwna, q: 1}}
+filters: {EKF: {kind: ekf}}
+tables: {c: {kind: consistency}}
+figures: {t: {kind: track, filters: [EKF]}, e: {kind: estimates}}
 """
 
 
 def test_moved_recorded_data(tmp_path: Path) -> None:
     home = tmp_path / "a"
     home.mkdir()
-    lines = [f"1,{k},{2.7e6 + k:.1f},1.17" for k in range(3, 6)]
-    (home / "z.csv").write_text("run,step,range,azimuth\n" + "\n".join(lines) + "\n")
-    lines = [f"1,{k},1e6,0,2.5e6,0" for k in range(3, 6)]
-    (home / "x.csv").write_text("run,step,px,vx,py,vy\n" + "\n".join(lines) + "\n")
+    lines = [f"1,{k},{10 * k:.1f},{5 * k:.1f}" for k in range(6)]
+    (home / "z.csv").write_text("run,time,x,y\n" + "\n".join(lines) + "\n")
     (home / "c.yaml").write_text(RECORDED)
     results = api.run(home / "c.yaml", out=home / "out", **QUIET).results
-    assert results.given({}).scenario["measurements"] == "../z.csv"
+    assert results.given({}).scenario["target"]["measurements"] == "../z.csv"
     folder = Path(shutil.move(home / "out", tmp_path / "moved"))
     shutil.rmtree(home)
     for command in (api.plot, api.report, api.compare):
