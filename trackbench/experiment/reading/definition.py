@@ -47,6 +47,8 @@ class Settings:
     """name of the experiment, and of its folder under results/"""
     title: str = ""
     """one line for people"""
+    paper: str = ""
+    """what it reproduces: authors and title"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
