@@ -80,6 +80,8 @@ def test_the_scripts_are_printed(shell: str) -> None:
         capture_output=True,
         text=True,
         cwd=ROOT,
+        # Without it typer takes the shell that it runs in, and there need not be one here.
+        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
         timeout=60,
     )
     assert done.returncode == 0, done.stderr
