@@ -159,7 +159,7 @@ def _run_rows(
     """Rows of per_run.csv, a metric at a time, since there are hundreds of thousands."""
     digits = f".{DIGITS['per_run.csv']}g"
     for metric, values in result.per_run.items():
-        if wanted is None or base_name(metric) in wanted:
+        if wanted is None or measured(metric).base in wanted:
             plain = values.tolist()
             if values.dtype.kind == "f":
                 plain = [float(format(value, digits)) for value in plain]
