@@ -9,19 +9,26 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: install reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit bench clean
+.PHONY: install reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit \
+  lowest wheel lock bench clean
 
 install: $(VENV)/.run
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.run: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+# What is installed is named by requirements/*.txt to the byte, the build's tools included.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+ITSELF := --no-deps --no-build-isolation -e .
+
+$(VENV)/.run: pyproject.toml requirements/run.txt | $(BIN)/python
+	$(PIP) --require-hashes -r requirements/run.txt
+	$(PIP) $(ITSELF)
 	touch $@
 
-$(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+$(VENV)/.dev: pyproject.toml requirements/dev.txt | $(BIN)/python
+	$(PIP) --require-hashes -r requirements/dev.txt
+	$(PIP) $(ITSELF)
 	touch $@ $(VENV)/.run
 
 # particles 0.4 declares numpy < 2 but works with numpy 2; the extra names what it needs.
@@ -30,11 +37,13 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
 	touch $@ $(VENV)/.run
 
-# Lists at last which verdicts and which numbers of experiments/README.md are other ones now.
+# Lists at last which verdicts and which numbers of experiments/README.md are other ones now, and writes the
+# times of `trackbench list experiments`.
 reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench run $(EXPERIMENTS)
 	@$(BIN)/trackbench report results
 	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
+	@$(BIN)/python -m tests.times
 	@$(BIN)/python -m tests.prose || true
 
 # Without two studies beyond the papers, which would take a third of the time; figures as in the report.
@@ -67,6 +76,29 @@ types: $(VENV)/.dev
 
 unit: $(VENV)/.dev
 	$(BIN)/pytest
+
+# The tests with the lowest versions that pyproject.toml allows, in an environment of their own.
+lowest:
+	$(MAKE) VENV=build/lowest unit-lowest
+
+.PHONY: unit-lowest
+unit-lowest: $(BIN)/python
+	$(PIP) -c requirements/lowest.txt -e '.[dev]'
+	$(BIN)/pytest
+
+wheel: $(VENV)/.dev
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
+
+# Newest versions, the same on every system and Python; needs uv (pip install uv).
+UV := uv
+COMPILE := $(UV) pip compile --quiet --universal --python-version 3.11 --no-annotate \
+  --custom-compile-command "make lock" pyproject.toml
+HASHED := $(COMPILE) - --fork-strategy fewest --generate-hashes --upgrade
+
+lock:
+	echo hatchling | $(HASHED) -o requirements/run.txt >/dev/null
+	echo hatchling | $(HASHED) --extra dev -c requirements/run.txt -o requirements/dev.txt >/dev/null
+	$(COMPILE) --resolution lowest-direct --upgrade -o requirements/lowest.txt >/dev/null
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks

@@ -21,7 +21,7 @@ from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
-from trackbench.running import Options, Report, prepare, preview, run_all, run_each
+from trackbench.running import Options, Report, found, prepare, preview, run_all, run_each
 
 __all__ = [
     "Options",
@@ -56,7 +56,8 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
     options = replace(options or Options(), **changes)
     if options.out is None:
-        name = prepare(Path(config), options).settings.name
+        config = found(config, options)
+        name = prepare(config, options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
     (report,) = run_each([config], options, also=render_sweep)
     return report

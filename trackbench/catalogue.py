@@ -26,22 +26,100 @@ def listing(groups: Sequence[str]) -> str:
     return "\n\n".join(parts)
 
 
+def experiments() -> str:
+    """The shipped experiments under the papers that they reproduce, with what they take."""
+    from itertools import groupby
+
+    from trackbench.experiment.reading.shipped import listed
+
+    found = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
+    width = max(len(one.name) for one in found)
+    parts = ["experiments (trackbench run NAME; time on one processor):"]
+    for paper, several in groupby(found, key=lambda one: one.paper):
+        parts.append(f"\n  {paper or 'Beyond the papers'}")
+        parts += [f"    {s.name:<{width}}  {_time(s.cpu_s):>6}  {s.title}" for s in several]
+    return "\n".join(parts)
+
+
+def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The listing as data: a row per kind, and one per shipped experiment."""
+    from trackbench.experiment.reading.shipped import listed
+
+    for group in groups:
+        if group in ("metrics", "statistics"):
+            from trackbench.evaluation.statistics import STATISTICS
+
+            names = [*METRICS] if group == "metrics" else [*STATISTICS]
+            yield from (
+                {"group": group, "kind": name, "text": described(name) or ""} for name in names
+            )
+            continue
+        if group == "experiments":
+            yield from ({"group": group, **one._asdict()} for one in listed())
+            continue
+        for kind, doc in documentation(cast(Group, group)).items():
+            yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
+
+
+def _time(seconds: float | None) -> str:
+    if seconds is None:
+        return ""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
 def description(kind: str) -> str:
     """A kind's documentation and keys, a metric's, or a group's hooks; raises UserError for no such."""
+    if kind in GROUPS:
+        return _hooks_of(kind)
+    texts = [_described(kind, group, cls) for group, cls in _found(kind)]
+    measured = described(kind)
+    return "\n\n".join([*texts, *([measured] if measured else [])])
+
+
+def entries(kind: str) -> Iterator[dict[str, Any]]:
+    """The same as data: one for each group that has such a kind, or one for each hook of a group."""
+    if kind in GROUPS:
+        for hook in hooks(base_of(kind)):
+            yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
+        return
+    for group, cls in _found(kind):
+        keys = [
+            dict(zip(("key", "default", "text"), row, strict=True)) for row in _rows(group, cls)
+        ]
+        yield {
+            "group": group,
+            "kind": kind,
+            "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
+            "keys": keys,
+            "presets": getattr(cls, "presets", {}),
+        }
+    measured = described(kind)
+    if measured:
+        yield {"group": "metrics", "kind": kind, "text": measured, "keys": [], "presets": {}}
+
+
+def _found(kind: str) -> list[tuple[Group, type[Any]]]:
+    """The groups that have a kind of this name, with its class; none for a metric's."""
     from trackbench.experiment.problems import Mark, Problem, UserError
     from trackbench.experiment.reading.validate import unknown
 
-    if kind in GROUPS:
-        return _hooks_of(kind)
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
-    measured = described(kind)
-    if not found and measured is None:
+    if not found and described(kind) is None:
         known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
         raise UserError(
             Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
         )
-    texts = (_described(kind, group, cls) for group, cls in found)
-    return "\n\n".join([*texts, *([measured] if measured else [])])
+    return found
+
+
+def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
+    """Key, default and text of every key, of what a filter assumes, too."""
+    found = list(_key_rows(cls, ""))
+    if group == "filters":
+        from trackbench.models.assumed import Assume
+
+        found += _key_rows(Assume, "assume.")
+    return found
 
 
 def _hooks_of(group: Group) -> str:
@@ -61,11 +139,7 @@ def _hooks_of(group: Group) -> str:
 def _described(kind: str, group: Group, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
-    rows = list(_key_rows(cls, ""))
-    if group == "filters":
-        from trackbench.models.assumed import Assume
-
-        rows += _key_rows(Assume, "assume.")
+    rows = _rows(group, cls)
     widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
     lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
     for name, keys in cls.presets.items():

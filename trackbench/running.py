@@ -1,5 +1,6 @@
 """From configs to results folders: what is run, on which workers, and what is said of it."""
 
+import os
 import stat
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -25,6 +26,7 @@ from trackbench.experiment.planning.plan import (
 from trackbench.experiment.problems import Mark, Problem, UserError, counted, reason
 from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.shipped import located
 from trackbench.experiment.storing.lock import locked
 from trackbench.experiment.storing.outputs import seal
 from trackbench.experiment.storing.store import Losses, write_results
@@ -96,10 +98,15 @@ class Report:
         return self.results.summary
 
 
+def found(config: Path | str, options: Options) -> Path:
+    """The file of a config, or of the shipped experiment of this name."""
+    return located(Path(config), lambda line: _say(line, options))
+
+
 def prepare(config: Path, options: Options) -> Experiment:
-    """Read and validate a config with the options' overrides."""
+    """Read and validate a config, a file or a shipped experiment's name, with the options' overrides."""
     return configurations.load(
-        config,
+        found(config, options),
         list(options.set),
         list(options.only),
         options.runs,
@@ -188,6 +195,9 @@ def _jobs(configs: list[Path], options: Options) -> list[_Job]:
             what = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", what)] = None
         jobs.append(job)
+    if not _may_write(cache_folder()):
+        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
     if problems:
         raise UserError(*problems)
     return jobs
@@ -248,6 +258,15 @@ def _check_out(folder: Path) -> None:
             bad = f"{path}: {reason(error)}"
         if bad:
             raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
+    if not _may_write(folder):
+        what = "may not be written in; another folder: --out DIR"
+        raise UserError(Problem(Mark(f"{folder}/"), "", what))
+
+
+def _may_write(folder: Path) -> bool:
+    """Whether the folder, or the first above it that is there, may be written in."""
+    there = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
+    return os.access(there, os.W_OK | os.X_OK)
 
 
 def _say(text: str, options: Options) -> None:

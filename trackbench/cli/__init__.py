@@ -3,16 +3,19 @@
 import sys
 from collections.abc import Callable
 from io import TextIOWrapper
+from typing import Annotated
 
 import typer
 
+from trackbench import __version__
 from trackbench.cli.checking import cache, check
+from trackbench.cli.lines import echo_line, mistakes
 from trackbench.cli.running import run, sweep, this_command
+from trackbench.cli.shipped import copy, show
 from trackbench.cli.stored import compare, plot, report, verify
 from trackbench.cli.vocabulary import describe, list_, new, schema
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -20,8 +23,25 @@ app = typer.Typer(
 )
 _COMMANDS: tuple[Callable[..., None], ...] = (
     *(run, compare, plot, report, verify, sweep),
-    *(cache, check, list_, describe, new, schema),
+    *(cache, check, list_, describe, show, copy, new, schema),
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"trackbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")
+    ] = False,
+) -> None:
+    """Options of the program itself."""
+
+
 for _command in _COMMANDS:
     app.command(_command.__name__.removesuffix("_"))(_command)
 
@@ -35,6 +55,8 @@ def main() -> None:
     try:
         app()
     except UserError as error:
+        if "--json" in sys.argv:
+            echo_line(mistakes(error.problems))
         typer.echo(str(error), err=True)
         sys.exit(2)
     except RunError as error:

@@ -5,28 +5,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, Only, Set, api_options
+from trackbench.cli.completion import configs
+from trackbench.cli.lines import echo_line
+from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options
 
 if TYPE_CHECKING:
     from trackbench.api import Options
 
 
 def check(
-    config: Annotated[Path | None, typer.Argument(help="experiment file (YAML)")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Argument(help="as of `run`", autocompletion=configs),
+    ] = None,
     set_: Set = None,
     only: Only = None,
     allow_plugins: AllowPlugins = False,
     contract: Annotated[
         Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Validate a config and run nothing, or hold a filter of one's own against the contract."""
     if config is None and contract is None:
         raise typer.BadParameter("name a config, or a Python file with --contract")
     if config is not None:
-        _check_config(config, api_options(locals()))
+        _check_config(config, api_options(locals()), json)
     if contract is not None:
-        _check_contract(contract)
+        _check_contract(contract, json)
 
 
 def cache(
@@ -49,24 +55,30 @@ def cache(
         typer.echo(f"of other versions of the code: {old}; remove them with --prune")
 
 
-def _check_config(config: Path, options: "Options") -> None:
+def _check_config(config: Path, options: "Options", json: bool) -> None:
     from trackbench import api
     from trackbench.experiment.planning.plan import check_memory
     from trackbench.experiment.problems import counted
 
     experiment = api.prepare(config, options)
     check_memory(experiment, workers=1)
-    points = len(experiment.points)
+    points, filters = len(experiment.points), list(experiment.points[0].filters)
+    if json:
+        settings = experiment.settings
+        found = {"experiment": settings.name, "runs": settings.runs, "points": points}
+        echo_line({"good": True, "config": str(config), **found, "filters": filters})
+        return
     grid = f" at {points} points" if points > 1 else ""
-    filters = counted(len(experiment.points[0].filters), "filter")
-    typer.echo(f"{config}: good, {filters}{grid}")
+    typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
 
 
-def _check_contract(path: Path) -> None:
+def _check_contract(path: Path, json: bool) -> None:
     from trackbench.contract import check_file, report
 
     found = check_file(path)
-    for line in report(found):
+    for line in report(found) if not json else ():
         typer.echo(line)
+    for kind, findings in found.items() if json else ():
+        echo_line({"file": str(path), "kind": kind, "contract": [vars(f) for f in findings]})
     if any(finding.verdict == "bad" for findings in found.values() for finding in findings):
         raise typer.Exit(1)

@@ -5,17 +5,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from trackbench.cli.completion import assignments, configs, experiments, labels
+
 if TYPE_CHECKING:
     from trackbench.api import Options
 
 
-Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="experiment file (YAML)")]
-Configs = Annotated[list[Path], typer.Argument(metavar="CONFIG", help="experiment files (YAML)")]
+_CONFIG = "experiment: a YAML file, a name of `trackbench list experiments`, or - for stdin"
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG, autocompletion=configs)]
+Configs = Annotated[
+    list[Path], typer.Argument(metavar="CONFIG", help=_CONFIG, autocompletion=configs)
+]
+Name = Annotated[
+    str,
+    typer.Argument(help="a shipped experiment's name", autocompletion=experiments),
+]
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
 Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="override a key")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="override a key",
+        autocompletion=assignments,
+    ),
 ]
-Only = Annotated[list[str] | None, typer.Option(metavar="LABEL", help="run these filters only")]
+Only = Annotated[
+    list[str] | None,
+    typer.Option(metavar="LABEL", help="run these filters only", autocompletion=labels),
+]
+Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/running.md)")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
 Out = Annotated[

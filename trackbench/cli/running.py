@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackbench.cli.lines import echo_line, reported
 from trackbench.cli.options import (
     AllowPlugins,
     Config,
@@ -18,6 +19,7 @@ from trackbench.cli.options import (
     Format,
     Fresh,
     Grid,
+    Json,
     Only,
     Out,
     Quick,
@@ -50,9 +52,10 @@ def run(
     save_tracks: SaveTracks = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
+    json: Json = False,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
-    _execute("run", configs, dry_run, api_options(locals()))
+    _execute("run", configs, dry_run, api_options(locals()), json)
 
 
 def sweep(
@@ -72,18 +75,24 @@ def sweep(
     save_tracks: SaveTracks = False,
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
+    json: Json = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
-    _execute("sweep", [config], dry_run, api_options(locals()))
+    _execute("sweep", [config], dry_run, api_options(locals()), json)
 
 
-def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options") -> None:
+def _execute(
+    command: str, configs: list[Path], dry_run: bool, options: "Options", json: bool
+) -> None:
     from trackbench import api
     from trackbench.experiment.interrupts import interrupt
 
     if dry_run:
         for line in api.preview(configs, options):
-            typer.echo(line)
+            if json:
+                echo_line({"would": line})
+            else:
+                typer.echo(line)
         return
     signal.signal(signal.SIGTERM, interrupt)
     sweeps = (api.sweep(config, options) for config in configs)
@@ -92,7 +101,7 @@ def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options
     try:
         with closing(reports):
             for report in reports:
-                _print(report)
+                _print(report, json)
                 failed |= bool(report.failed)
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
@@ -101,11 +110,14 @@ def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options
         raise typer.Exit(1)
 
 
-def _print(report: "Report") -> None:
-    for table in report.tables.values():
-        typer.echo(table.markdown())
-    for best in report.best:
-        typer.echo(f"best: {best}")
+def _print(report: "Report", json: bool) -> None:
+    if json:
+        echo_line(reported(report))
+    else:
+        for table in report.tables.values():
+            typer.echo(table.markdown())
+        for best in report.best:
+            typer.echo(f"best: {best}")
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:

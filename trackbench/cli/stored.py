@@ -5,16 +5,21 @@ from typing import Annotated
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, Folder, formats
+from trackbench.cli.lines import echo_line
+from trackbench.cli.options import AllowPlugins, Folder, Json, formats
 
 
-def compare(folder: Folder) -> None:
+def compare(folder: Folder, json: Json = False) -> None:
     """Hold stored results against the published numbers and claims; computes no run."""
     from trackbench import api
-    from trackbench.report.comparison import markdown
+    from trackbench.report.comparison import claim_rows, markdown, number_rows
     from trackbench.report.results import Results
 
     found = api.compare(folder)
+    if json:
+        for row in (*number_rows(found), *claim_rows(found)):
+            echo_line(row)
+        return
     if not found.rows and not found.claims:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return

@@ -6,43 +6,69 @@ from typing import Annotated
 
 import typer
 
-from trackbench.cli.options import AllowPlugins, one_of
+from trackbench.cli.completion import all_kinds, configs, groups
+from trackbench.cli.lines import echo_line
+from trackbench.cli.options import AllowPlugins, Json, one_of
 
 
 def list_(
     group: Annotated[
         str | None,
-        typer.Argument(help="filters, ..., metrics, statistics; default: all groups of kinds"),
+        typer.Argument(
+            help="filters, ..., metrics, statistics, experiments; default: all groups of kinds",
+            autocompletion=groups,
+        ),
     ] = None,
     config: Annotated[
-        Path | None, typer.Argument(help="an experiment whose metrics and windows are listed")
+        Path | None,
+        typer.Argument(
+            help="an experiment whose metrics and windows are listed", autocompletion=configs
+        ),
     ] = None,
     allow_plugins: AllowPlugins = False,
+    json: Json = False,
 ) -> None:
     """List what a config may name; `list metrics CONFIG`: what can be measured in an experiment."""
     from trackbench import glossary
-    from trackbench.catalogue import listing
+    from trackbench.catalogue import experiments, listing, rows
     from trackbench.registry import GROUPS
 
-    word = None if group is None else one_of("list", group, (*GROUPS, "metrics", "statistics"))
-    if word == "statistics":
+    known = (*GROUPS, "experiments", "metrics", "statistics")
+    word = None if group is None else one_of("list", group, known)
+    if json:
+        for row in rows((*GROUPS, "experiments") if word is None else (word,)):
+            echo_line(row)
+    elif word == "statistics":
         typer.echo(glossary.statistics())
     elif word == "metrics":
         typer.echo(
             glossary.metrics_of_config(config, allow_plugins) if config else glossary.metrics()
         )
+    elif word == "experiments":
+        typer.echo(experiments())
     else:
         typer.echo(listing(GROUPS if word is None else (word,)))
+        if word is None:
+            typer.echo(f"\n{experiments()}")
 
 
 def describe(
     kind: Annotated[
-        str, typer.Argument(help="a kind, metric or statistic of `trackbench list`, or a group")
+        str,
+        typer.Argument(
+            help="a kind, metric or statistic of `trackbench list`, or a group",
+            autocompletion=all_kinds,
+        ),
     ],
+    json: Json = False,
 ) -> None:
     """Print a kind's parameters, defaults and source; of a group, what its classes may offer."""
-    from trackbench.catalogue import description
+    from trackbench.catalogue import description, entries
 
+    if json:
+        for entry in entries(kind):
+            echo_line(entry)
+        return
     typer.echo(description(kind))
 
 

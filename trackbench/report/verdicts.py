@@ -4,11 +4,13 @@ What decides is in `agreement`: all runs together, and each of the experiment's 
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from trackbench.evaluation.measure import Measure
 from trackbench.experiment.reading.published import PublishedNumber
@@ -106,13 +108,19 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
     for (paper, table, part, metric), found in columns.items():
         if len(found) < 3 or len({r.published.filter for r in found}) < len(found):
             continue
-        from scipy.stats import kendalltau  # half a second that most experiments need not wait
-
-        order = kendalltau(
-            [r.published.value for r in found], [r.measured.value for r in found]
-        ).statistic
+        order = kendall([r.published.value for r in found], [r.measured.value for r in found])
         heading = f"{metric}, {part}" if part else metric
-        yield Ranked(paper, table, heading, len(found), float(order))
+        yield Ranked(paper, table, heading, len(found), order)
+
+
+def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
+    """Kendall's tau-b of two orders; NaN if all of one are equal (Kendall 1945, Biometrika 33, 239)."""
+    x, y = (np.sign(np.subtract.outer(values, values)) for values in (a, b))
+    untied = [np.count_nonzero(signs) / 2 for signs in (x, y)]
+    if not all(untied):
+        return nan
+    tau = np.sum(x * y) / 2 / np.sqrt(untied[0]) / np.sqrt(untied[1])
+    return float(np.clip(tau, -1.0, 1.0))
 
 
 def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Compared]:

@@ -64,8 +64,10 @@ def _processes(workers: int) -> Iterator[Executor]:
 
     for name in _BLAS:
         os.environ.setdefault(name, "1")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["trackbench.experiment.computing.worker"])
+    posix = "forkserver" in multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context("forkserver" if posix else "spawn")
+    if posix:
+        context.set_forkserver_preload(["trackbench.experiment.computing.worker"])
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_local_worker)
     try:
         yield pool

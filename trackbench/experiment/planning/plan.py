@@ -1,6 +1,5 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,6 +7,7 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.evaluation.block import BlockTask
+from trackbench.experiment.machine import memory
 from trackbench.experiment.problems import Problem, UserError, counted
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.metric_names import number_per_run
@@ -118,7 +118,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     Raises UserError, at the filter that is to blame, if the machine does not have them.
     """
     settings = experiment.settings
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    there = memory()
     most, read_back, series = 0, _read_bytes(experiment), len(_kept_series(experiment))
     for point in experiment.points:
         merged = max(_merged_bytes(experiment, point, series, save_tracks), read_back)

@@ -47,6 +47,8 @@ class Settings:
     """name of the experiment, and of its folder under results/"""
     title: str = ""
     """one line for people; here and in titles of tables and figures {runs} is their number"""
+    paper: str = ""
+    """what it reproduces: authors and title"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100

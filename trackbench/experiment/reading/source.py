@@ -6,7 +6,10 @@ sizes are mistakes; nothing is ever constructed but the plain types.
 
 import errno
 import re
+import sys
 from dataclasses import dataclass, field
+from functools import cache
+from io import IncrementalNewlineDecoder
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -71,10 +74,11 @@ def dotted(keys: Keys) -> str:
 
 
 def read(path: Path, shown: str | None = None) -> Source:
-    """Parse a YAML file; ``shown`` is how messages name it."""
-    name = shown or str(path)
+    """Parse a YAML file, or for ``-`` what comes on stdin; ``shown`` is how messages name it."""
+    given = str(path) == "-"
+    name = "stdin" if given else shown or str(path)
     try:
-        return parse(text_of(path), name)
+        return parse(_given() if given else text_of(path), name)
     except OSError as error:
         raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
 
@@ -84,10 +88,24 @@ def text_of(path: Path) -> str:
     size = regular(path).stat().st_size
     if size > _LARGEST_FILE:
         raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
+    return _decoded(path.read_bytes())
+
+
+@cache
+def _given() -> str:
+    """What comes on stdin, which is there once."""
+    content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
+    if len(content) > _LARGEST_FILE:
+        raise OSError(errno.EFBIG, "has more than 1 MB")
+    return _decoded(content)
+
+
+def _decoded(content: bytes) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
+    return IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
 
 
 def unseen(text: str) -> str | None:

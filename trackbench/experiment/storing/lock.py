@@ -1,11 +1,11 @@
 """One run at a time in a results folder."""
 
-import fcntl
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from trackbench.experiment.machine import lock
 from trackbench.experiment.problems import WriteError
 
 
@@ -24,7 +24,8 @@ def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        with suppress(PermissionError):  # of Windows, where an open file cannot be removed
+            path.unlink(missing_ok=True)
         os.close(descriptor)
 
 
@@ -33,16 +34,18 @@ def _acquire(path: Path, say: Callable[[str], None]) -> int:
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor, wait=False)
         except BlockingIOError:
             if not waiting:
+                os.lseek(descriptor, 0, os.SEEK_SET)
                 holder = os.read(descriptor, 20).decode() or "?"
                 say(f"{path.parent}/ is in use by process {holder}; waiting for it to finish")
             waiting = True
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            lock(descriptor, wait=True)
         if _is_current(descriptor, path):
             os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.write(descriptor, str(os.getpid()).encode())
             return descriptor
         os.close(descriptor)  # its holder removed it when done: this is no longer the folder's lock
 

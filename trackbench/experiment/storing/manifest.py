@@ -12,6 +12,7 @@ from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.code import code_digest
 from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.storing.environment import lock
 
 FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""
@@ -29,6 +30,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "packages": {name: version(name) for name in packages},
+        "lock": lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
         "arithmetic": {"own": arithmetic.own(), "numpy": arithmetic.numpys()},

@@ -1,7 +1,8 @@
 """The files of a results folder, each written whole or not at all."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -134,9 +135,7 @@ def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:
     return writer
 
 
-def _prefixed(
-    experiment: Experiment, key: Key, name: str, result: FilterResult
-) -> Iterator[list[Any]]:
+def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
     point, label = experiment.points[key[0]], key[1]
     prefix = [*point.values.values(), label]
@@ -147,10 +146,26 @@ def _prefixed(
     if wanted is not None:  # a summary of what is not kept is never asked for
         kept = {m: x for m, x in result.per_run.items() if measured(m).base in {"lost", *wanted}}
         result = result._replace(per_run=kept)
+    if name == "per_run.csv":
+        yield from _run_rows(prefix, result, wanted)
+        return
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, point.scenario):
         if metric is None or wanted is None or measured(row[metric]).base in wanted:
             yield [*prefix, *_plain(row, DIGITS.get(name))]
+
+
+def _run_rows(
+    prefix: list[Any], result: FilterResult, wanted: Collection[str] | None
+) -> Iterator[Row]:
+    """Rows of per_run.csv, a metric at a time, since there are hundreds of thousands."""
+    digits = f".{DIGITS['per_run.csv']}g"
+    for metric, values in result.per_run.items():
+        if wanted is None or measured(metric).base in wanted:
+            plain = values.tolist()
+            if values.dtype.kind == "f":
+                plain = [float(format(value, digits)) for value in plain]
+            yield from zip(*map(repeat, prefix), range(len(plain)), repeat(metric), plain)
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
@@ -182,12 +197,6 @@ def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
         yield TimedRow(steps[i], times[i], metric, value, stderr, runs)
 
 
-def _per_run(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
-    for metric, values in result.per_run.items():
-        for run, value in enumerate(values.tolist()):
-            yield run, metric, value
-
-
 def _per_step(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
     yield from _timed(step_rows(result, sizes(scenario)), scenario)
 
@@ -213,7 +222,7 @@ def _plain(row: Row, digits: int | None) -> list[Any]:
 
 
 _FRAMES: dict[str, tuple[list[str], Any]] = {
-    "per_run.csv": (["filter", "run", "metric", "value"], _per_run),
+    "per_run.csv": (["filter", "run", "metric", "value"], None),
     "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
     "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
     "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"], _timing),

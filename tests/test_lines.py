@@ -1,0 +1,136 @@
+"""`--json`: an object a line, for programs; and nothing but text where nobody looks at a terminal."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.test_cli import trackbench
+from trackbench.cli.lines import echo_line
+from trackbench.registry import GROUPS, kinds
+
+
+def lines(*words: str, cwd: Path = ROOT, code: int = 0) -> list[dict[str, Any]]:
+    """What a command prints; no number in it is one that JSON does not know."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is not JSON")
+
+    done = trackbench(*words, "--json", cwd=cwd)
+    assert done.returncode == code, done.stderr
+    return [json.loads(line, parse_constant=refuse) for line in done.stdout.splitlines()]
+
+
+def test_list() -> None:
+    found = lines("list")
+    for group in GROUPS:
+        named = {line["kind"] for line in found if line["group"] == group}
+        assert named == kinds(group).keys()
+    experiments = [line for line in found if line["group"] == "experiments"]
+    assert experiments == lines("list", "experiments")
+    assert {"name", "title", "paper", "cpu_s"} <= experiments[0].keys()
+
+
+def test_describe() -> None:
+    (found,) = lines("describe", "hdepf")
+    assert found["group"] == "filters"
+    keys = {key["key"]: key for key in found["keys"]}
+    assert keys["CR"]["default"] == "0.6"
+    assert "crossover" in keys["CR"]["text"]
+    assert "literal" in found["presets"]
+    assert "assume.motion" in keys
+    named = [group for group in GROUPS if "recorded" in kinds(group)]
+    assert [line["group"] for line in lines("describe", "recorded")] == named
+
+
+def test_check_and_mistakes() -> None:
+    (found,) = lines("check", "radar-turns")
+    assert found["good"] is True
+    assert "IMM, EKF" in found["filters"]
+    (found,) = lines("check", "radar-turns", "--set", "runs=a", "--set", "seed=-1", code=2)
+    assert found["good"] is False
+    by_path = {mistake["path"]: mistake for mistake in found["mistakes"]}
+    assert by_path["runs"]["what"] == "'a' is not a whole number"
+    assert by_path["seed"]["file"] == "--set seed=-1"
+    (found,) = lines("describe", "hdpf", code=2)
+    assert "did you mean hdepf" in found["mistakes"][0]["what"]
+
+
+def test_run_and_compare(tmp_path: Path) -> None:
+    words = ("--runs", "4", "--set", "block=fit", "--out", "out")
+    assert "13 filters x 4 runs" in lines("run", "hdepf", *words, "--dry-run")[0]["would"]
+    (found,) = lines("run", "hdepf", *words, cwd=tmp_path)
+    assert (found["experiment"], found["folder"], found["failed"]) == ("hdepf", "out", [])
+    first = found["tables"]["table1"]["rows"][0]
+    assert first["Filter"] == "PF"
+    assert first["Mean (RMSE)"] > 0
+    compared = lines("compare", "out", cwd=tmp_path)
+    assert compared == found["numbers"] + found["claims"]
+    assert {"verdict", "published", "measured"} <= compared[0].keys()
+    assert "claim" in compared[-1]
+
+
+def test_a_filter_that_fails_is_said(tmp_path: Path) -> None:
+    (tmp_path / "fails.py").write_text(
+        "from dataclasses import dataclass\nfrom trackbench.registry import register\n\n\n"
+        "@register('filters', 'fails')\n@dataclass(frozen=True, kw_only=True)\nclass Fails:\n"
+        "    def init(self, model, prior, rng):\n        raise ValueError('on purpose')\n\n"
+        "    step = estimate = None\n"
+    )
+    (tmp_path / "c.yaml").write_text(
+        "name: c\nruns: 2\nplugins: [fails.py]\nfilters: {A: {kind: fails}}\n"
+        "scenario: {kind: tracking, last: 3, sensor: {kind: position, sigma: 1}, start: two-scan,\n"
+        "  target: {kind: legs, launch: {x: 0, y: 0, vx: 1, vy: 1}},\n"
+        "  assume: {motion: {kind: cv, q: 1}}}\n"
+    )
+    (found,) = lines("run", "c.yaml", "--allow-plugins", cwd=tmp_path, code=1)
+    assert "on purpose" in found["failed"][0]
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (float("nan"), "null"),
+        (float("inf"), '"inf"'),
+        (float("-inf"), '"-inf"'),
+        (1e-300, "1e-300"),
+    ],
+)
+def test_numbers_that_json_has_not(
+    value: float, written: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    echo_line({"a": [value]})
+    assert capsys.readouterr().out == f'{{"a": [{written}]}}\n'
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals here")
+@pytest.mark.parametrize("extra", [{"NO_COLOR": "1"}, {"TERM": "dumb"}, {}])
+def test_no_colours_even_on_a_terminal(extra: dict[str, str], tmp_path: Path) -> None:
+    """Neither in help, nor in a mistake, nor in a run: there are none to be switched off."""
+    import pty
+
+    for words in (["--help"], ["run", "--bogus"], ["run", "merwe2000", "--quick", "--only", "UKF"]):
+        screen, terminal = pty.openpty()
+        found = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color", **extra}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "trackbench", *words],
+            **dict.fromkeys(("stdin", "stdout", "stderr"), terminal),
+            env=found,
+            cwd=tmp_path,
+        )
+        os.close(terminal)
+        shown = b""
+        try:
+            while piece := os.read(screen, 65536):
+                shown += piece
+        except OSError:  # Linux's way to say that the other side is closed
+            pass
+        os.close(screen)
+        process.wait(60)
+        assert shown
+        assert b"\x1b[" not in shown, shown[-300:]

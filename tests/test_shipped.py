@@ -1,0 +1,143 @@
+"""Shipped experiments are found by name, listed, shown and copied, from any folder."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import EXPERIMENTS, ROOT
+from tests.test_cli import trackbench
+from tests.times import measured, written
+from trackbench.experiment.reading import shipped
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.source import read
+
+NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
+
+
+def test_a_name_is_run_anywhere(tmp_path: Path) -> None:
+    """With nothing of the repository in the working folder."""
+    done = trackbench("run", "merwe2000", "--runs", "2", "--set", "block=fit", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / "merwe2000" / "published" / "merwe2000.csv").is_file()
+    by_path = trackbench(
+        *("run", str(EXPERIMENTS / "merwe2000.yaml"), "--runs", "2", "--set", "block=fit"),
+        *("--out", "by-path"),
+        cwd=tmp_path,
+    )
+    assert by_path.returncode == 0, by_path.stderr
+    for name in ("per_run.csv", "config.yaml", "comparison.csv"):
+        mine = (tmp_path / "results" / "merwe2000" / name).read_bytes()
+        assert mine == (tmp_path / "by-path" / name).read_bytes()
+
+
+def test_a_sweep_takes_a_name(tmp_path: Path) -> None:
+    words = ("--runs", "4", "--set", "block=fit", "--only", "UKF", "--grid", "filters.UKF.Q=0.5,1")
+    done = trackbench("sweep", "merwe2000", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / "merwe2000-sweep" / "sweep.csv").is_file()
+
+
+def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
+    (tmp_path / "hdepf").mkdir()
+    done = trackbench("check", "hdepf", cwd=tmp_path)
+    assert "hdepf: good, 13 filters" in done.stdout
+    assert "note: hdepf is a folder here" in done.stderr
+    shipped.copied("radar-turns", tmp_path)
+    (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")
+    done = trackbench("check", "merwe2000", "--json", cwd=tmp_path)
+    assert '"experiment": "radar-turns"' in done.stdout
+    assert "note: merwe2000 is a file here" in done.stderr
+
+
+def test_a_word_that_is_neither(tmp_path: Path) -> None:
+    done = trackbench("run", "hdpef", cwd=tmp_path)
+    assert done.returncode == 2
+    said = "hdpef: is neither a file nor a shipped experiment; did you mean hdepf?\n"
+    assert done.stderr == said
+    assert trackbench("show", "nothing").returncode == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_list_has_titles_papers_and_times() -> None:
+    listed = {one.name: one for one in shipped.listed()}
+    assert sorted(listed) == NAMES
+    for name, one in listed.items():
+        config = read(EXPERIMENTS / f"{name}.yaml").data
+        assert (one.title, one.paper) == (config["title"], config.get("paper", ""))
+        assert (one.cpu_s is not None) == (name in measured())
+    done = trackbench("list", "experiments")
+    for one in listed.values():
+        assert f"  {one.name} " in done.stdout
+        assert one.title in done.stdout
+        assert one.paper in done.stdout
+    assert done.stdout.count("The Unscented Particle Filter") == 1
+
+
+def test_the_times_are_those_of_the_results() -> None:
+    """About: another machine, or another day, may halve or double one."""
+    found = written()
+    assert found.keys() == measured().keys()
+    for name, seconds in measured().items():
+        assert 0.5 <= found[name] / seconds <= 2, f"{name}: python -m tests.times"
+
+
+def test_a_config_is_shown_as_it_is() -> None:
+    done = trackbench("show", "hdepf")
+    assert done.stdout == (EXPERIMENTS / "hdepf.yaml").read_text()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
+    files = shipped.copied(name, tmp_path)
+    mine, theirs = load(tmp_path / f"{name}.yaml"), load(EXPERIMENTS / f"{name}.yaml")
+    assert mine.settings == theirs.settings
+    # A point of recorded data holds their absolute paths.
+    assert mine.points == theirs.points or tmp_path / "data" in {path.parent for path in files}
+    assert mine.published == theirs.published
+    for path in files:
+        assert path.read_bytes() == (EXPERIMENTS / path.relative_to(tmp_path)).read_bytes()
+
+
+def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
+    assert "wrote hdepf.yaml" in trackbench("copy", "hdepf", cwd=tmp_path).stdout
+    again = trackbench("copy", "hdepf", cwd=tmp_path)
+    assert again.stdout == "run it: trackbench run hdepf.yaml\n"
+    (tmp_path / "scenarios" / "merwe.yaml").write_text("mine\n")
+    refused = trackbench("copy", "hdepf-noise", cwd=tmp_path)
+    assert refused.returncode == 2
+    path = Path("scenarios", "merwe.yaml")
+    assert refused.stderr == f"copy hdepf-noise: {path}: is there with another content\n"
+    assert not (tmp_path / "hdepf-noise.yaml").exists()
+
+
+def test_a_config_comes_on_stdin(tmp_path: Path) -> None:
+    config = (EXPERIMENTS / "merwe2000.yaml").read_text()
+    shipped.copied("merwe2000", tmp_path)
+
+    def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "trackbench", *words]
+        found = {**os.environ, "PYTHONPATH": str(ROOT)}
+        return subprocess.run(
+            command,
+            input=text,
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env=found,
+            timeout=120,
+        )
+
+    few = ("--runs", "2", "--set", "block=fit", "--only", "UKF")
+    done = piped(config, "run", "-", *few)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / "merwe2000" / "manifest.json").is_file()
+    swept = piped(config, "sweep", "-", *few, "--grid", "filters.UKF.Q=0.5,1")
+    assert swept.returncode == 0, swept.stderr
+    wrong = piped(config + "bogus: 1\n", "run", "-")
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith(f"stdin:{config.count(chr(10)) + 1}:1: bogus: unknown key")
+    assert piped("", "check", "-").stderr == "stdin:1:1: is empty\n"
+    assert "has more than 1 MB" in piped("#" * 1_000_001, "check", "-").stderr

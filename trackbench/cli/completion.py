@@ -1,0 +1,132 @@
+"""What a shell may offer for a word that is half typed; wrong configs offer nothing and say nothing."""
+
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import fields
+from functools import wraps
+from glob import escape, glob
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import typer
+
+Complete: TypeAlias = Callable[[typer.Context, str], list[str]]
+
+
+def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Complete:
+    """Those candidates that begin with what is typed, written so that the shell takes each as a word."""
+
+    @wraps(candidates)
+    def complete(ctx: typer.Context, incomplete: str) -> list[str]:
+        with suppress(Exception):  # a traceback in the middle of a command line helps nobody
+            return [_word(w) for w in candidates(ctx, incomplete) if w.startswith(incomplete)]
+        return []
+
+    return complete
+
+
+@_completing
+def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
+    """Shipped experiments, and YAML files and folders that are here."""
+    from trackbench.experiment.reading.shipped import names
+
+    yield from names()
+    for path in sorted(glob(f"{escape(incomplete)}*")):
+        if os.path.isdir(path):
+            yield f"{path}/"
+        elif path.endswith((".yaml", ".yml")):
+            yield path
+
+
+@_completing
+def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Shipped experiments."""
+    from trackbench.experiment.reading.shipped import names
+
+    return names()
+
+
+@_completing
+def groups(ctx: typer.Context, incomplete: str) -> list[str]:
+    """What `trackbench list` lists."""
+    from trackbench.registry import GROUPS
+
+    return [*GROUPS, "experiments"]
+
+
+@_completing
+def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
+    """Kinds of every group."""
+    from trackbench.registry import GROUPS, documentation
+
+    for group in GROUPS:
+        yield from documentation(group)
+
+
+@_completing
+def labels(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The filters of the config that stands earlier on the line."""
+    return list(_config(ctx)["filters"])
+
+
+@_completing
+def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
+    """``PATH=`` for every key that the config has or may have."""
+    from trackbench.experiment.reading.definition import Settings
+
+    config = _config(ctx)
+    for field in fields(Settings):
+        value = config.get(field.name)
+        group = {"scenario": "scenarios"}.get(field.name, field.name)
+        if field.name == "scenario":
+            yield from _keys(value, group, "scenario.")
+        elif field.name in ("filters", "tables", "figures") and isinstance(value, dict):
+            for label, part in value.items():
+                yield from _keys(part, group, f"{group}.{label}.")
+        else:
+            yield f"{field.name}="
+
+
+def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
+    """Paths to the keys of a part: those of its kind, those it has, and those of the parts in it."""
+    from trackbench.experiment.reading.validate import hints_of
+    from trackbench.keys import part_group
+    from trackbench.models.assumed import Assume
+    from trackbench.registry import Group, kinds
+
+    known: dict[str, Any] = {}
+    if group is not None and isinstance(part, dict) and "kind" in part:
+        cls = kinds(cast(Group, group))[part["kind"]]
+        known = {field.name: hints_of(cls)[field.name] for field in fields(cls)}
+        known |= {"preset": str} if getattr(cls, "presets", None) else {}
+    if group == "filters":
+        known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
+    for key in dict.fromkeys([*known, *part]):
+        if isinstance(part.get(key), dict):
+            yield from _keys(part[key], part_group(known.get(key)), f"{path}{key}.")
+        else:
+            yield f"{path}{key}="
+
+
+def _config(ctx: typer.Context) -> dict[str, Any]:
+    """The config on the line, with its parts in place."""
+    from trackbench.experiment.reading.compose import inline_parts
+    from trackbench.experiment.reading.shipped import located
+    from trackbench.experiment.reading.source import read
+
+    given = ctx.params.get("configs") or [ctx.params.get("config")]
+    # Before the value of an option is typed, the words so far stand in args.
+    path = located(Path(given[0] or ctx.args[0]), lambda line: None)
+    source = read(path)
+    inline_parts(source, path.parent)
+    found: dict[str, Any] = source.data
+    return found
+
+
+def _word(word: str) -> str:
+    """For bash with a backslash before what ends a word; the other shells see to that themselves."""
+    if os.environ.get("_TRACKBENCH_COMPLETE", "").endswith("bash"):
+        return re.sub(r"([^\w./=,:@%+-])", r"\\\1", word)
+    return word

@@ -1,0 +1,62 @@
+"""JSON on stdout, an object a line, for programs."""
+
+import json
+from collections.abc import Iterable
+from math import isfinite, isnan
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from trackbench.api import Report
+    from trackbench.experiment.problems import Problem
+    from trackbench.report.table import Table
+
+
+def echo_line(line: dict[str, Any]) -> None:
+    """Print an object. What is no number is null; infinite is a word, since JSON has no such number."""
+    typer.echo(json.dumps(_plain(line), ensure_ascii=False, allow_nan=False))
+
+
+def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:
+    """Bad input: where each mistake stands, and what it is."""
+    return {"good": False, "mistakes": [_mistake(problem) for problem in problems]}
+
+
+def reported(report: "Report") -> dict[str, Any]:
+    """What a run wrote, and what is to be known of it."""
+    from trackbench.report.comparison import claim_rows, number_rows
+
+    return {
+        "experiment": report.results.config["name"],
+        "folder": str(report.folder),
+        "tables": {name: _table(table) for name, table in report.tables.items()},
+        "numbers": number_rows(report.comparison),
+        "claims": claim_rows(report.comparison),
+        "best": report.best,
+        "notes": report.notes,
+        "failed": report.failed,
+    }
+
+
+def _mistake(problem: "Problem | str") -> dict[str, Any]:
+    if isinstance(problem, str):
+        return {"file": "", "line": 0, "column": 0, "path": "", "what": problem}
+    return {**vars(problem.mark), "path": problem.path, "what": problem.what}
+
+
+def _table(table: "Table") -> dict[str, Any]:
+    header = table.csv_header
+    rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
+    return {"title": table.title, "rows": rows, "notes": table.notes}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    value = value.item() if hasattr(value, "item") else value
+    if not isinstance(value, float) or isfinite(value):
+        return value
+    return None if isnan(value) else str(value)
