@@ -54,6 +54,20 @@ class WrongShape(Base):
         return type(found)(found.mean.T, found.cov)
 
 
+class ForAll(Base):
+    """The first run's estimate, in every run."""
+
+    def estimate(self, state: Tracked) -> Any:
+        found = super().estimate(state)
+        mean = np.repeat(found.mean[:, :1], found.mean.shape[1], axis=1)
+        return type(found)(mean, found.cov)
+
+
+class Reserved(Base):
+    def diagnostics(self, state: Tracked) -> dict[str, Any]:
+        return {"nees": state.nis}
+
+
 class WritesState(Base):
     def step(self, model: Any, state: Tracked, z: Any, k: int, rng: Any) -> Any:
         new = super().step(model, state, z, k, rng)
@@ -131,7 +145,10 @@ class Needy(EKF):
 @pytest.mark.parametrize(
     ("cls", "check", "why"),
     [
-        (WrongShape, "shapes", "mean at step 0 is (5, 4), not (4, 5)"),
+        (WrongShape, "shapes", "the mean of the estimate is an array (5, 4) of float64"),
+        (ForAll, "a run does not see", "changes the estimates of the others"),
+        (Reserved, "shapes", "a diagnostic cannot be named 'nees'"),
+        (OwnNoise, "the same runs give", "the estimates are others the second time"),
         (WritesState, "step changes nothing", "is written to"),
         (WritesMeasurement, "step changes nothing", "is written to"),
         (WritesPrior, "step changes nothing", "the prior is written to"),

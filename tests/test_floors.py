@@ -24,6 +24,7 @@ FLOORS = {
     "models": 1,
     "scenarios": 2,
     "filters": 2,
+    "adapters": 2,
     "evaluation": 3,
     "experiment": 4,
     "report": 5,

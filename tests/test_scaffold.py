@@ -13,6 +13,7 @@ from tests.test_cli import trackbench
     ("what", "name"),
     [
         ("filter", "my-filter"),
+        ("filter --per-run", "my-own"),
         ("sensor", "my-sensor"),
         ("motion", "my-motion"),
         ("scenario", "My_Radar"),
@@ -20,7 +21,8 @@ from tests.test_cli import trackbench
     ],
 )
 def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
-    made = trackbench("new", what, name, cwd=tmp_path)
+    what, *options = what.split()
+    made = trackbench("new", what, name, *options, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     module = name.lower().replace("-", "_")
     config = tmp_path / f"{module}.yaml"
@@ -35,7 +37,9 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
     if what == "filter":
         good = trackbench("check", "--contract", f"{module}.py", cwd=tmp_path)
         assert good.returncode == 0, good.stdout
-        assert "good  equals the Kalman filter" in good.stdout
+        kalman = "left out  equals the Kalman" if options else "good  equals the Kalman filter"
+        assert kalman in good.stdout
+    assert ("Time of my-own" in done.stdout) == bool(options)
     tested = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-W", "error", f"test_{module}.py"],
         cwd=tmp_path,
@@ -43,15 +47,14 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
         text=True,
     )
     assert tested.returncode == 0, tested.stdout
-    again = trackbench("new", what, name, cwd=tmp_path)
+    again = trackbench("new", what, name, *options, cwd=tmp_path)
     assert again.returncode == 2
     assert "there is a file" in again.stderr
 
 
-@pytest.mark.parametrize("path", ["filter.py", "sensor.py", "motion.py", "scenario.py"])
-def test_it_keeps_the_house_style(tmp_path: Path, path: str) -> None:
-    what = path.removesuffix(".py")
-    trackbench("new", what, "mine", cwd=tmp_path)
+@pytest.mark.parametrize("what", ["filter", "filter --per-run", "sensor", "motion", "scenario"])
+def test_it_keeps_the_house_style(tmp_path: Path, what: str) -> None:
+    trackbench("new", *what.split(), "mine", cwd=tmp_path)
     for command in (["check"], ["format", "--check"]):
         done = subprocess.run(
             [sys.executable, "-m", "ruff", *command, "--isolated", "--line-length=100", "mine.py"],
@@ -78,3 +81,10 @@ def test_an_unknown_thing(tmp_path: Path) -> None:
     done = trackbench("new", "table", "x", cwd=tmp_path)
     assert done.returncode == 2
     assert "'table' is not one of filter, sensor, motion, scenario, experiment" in done.stderr
+
+
+def test_only_a_filter_is_written_for_one_run(tmp_path: Path) -> None:
+    done = trackbench("new", "sensor", "mine", "--per-run", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--per-run is of a filter" in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -45,6 +45,7 @@ _BASES: dict[Group, str] = {
 }
 _kinds: dict[Group, dict[str, type]] = {group: {} for group in _PACKAGES}
 _scanned: set[Group] = set()
+_of_plugins: dict[str, list[tuple[Group, str, type[Any]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
@@ -56,9 +57,13 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
         known = _kinds[group].get(kind)
         if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
+        if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
+            raise ValueError(f"the kind {kind!r} is registered twice in this file")
         whole = on_base(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
+        if _is_plugin(cls.__module__):
+            _of_plugins.setdefault(cls.__module__, []).append((group, kind, whole))
         return cast(T, whole)
 
     return add
@@ -70,12 +75,32 @@ def base_of(group: Group) -> type[Part]:
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
+def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
+    """What a plugin's module has registered: group, kind, class."""
+    return _of_plugins.get(module, [])
+
+
+def bring_back(module: str) -> None:
+    """Let a plugin's kinds be its own again, after another file of its name was loaded."""
+    for group, kind, cls in registered(module):
+        _kinds[group][kind] = cls
+
+
+def forget(module: str) -> None:
+    """Take a plugin's kinds away, whose code did not run to its end."""
+    for group, kind, cls in _of_plugins.pop(module, []):
+        if _kinds[group].get(kind) is cls:
+            del _kinds[group][kind]
+
+
 def _origin(cls: type) -> str:
     """The module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
-    return (
-        module.rpartition("_")[0] if hasattr(sys.modules[module], "__plugin_digest__") else module
-    )
+    return module.rpartition("_")[0] if _is_plugin(module) else module
+
+
+def _is_plugin(module: str) -> bool:
+    return hasattr(sys.modules[module], "__plugin_digest__")
 
 
 def kinds(group: Group) -> dict[str, type[Any]]:

@@ -20,16 +20,24 @@ _TEMPLATES = {
     "experiment": ("experiment.yaml", "test_experiment.py"),
 }
 WHAT = tuple(_TEMPLATES)
+_PER_RUN = ("per_run.py", "per_run.yaml", "test_per_run.py")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(what: str, name: str, folder: Path) -> list[Path]:
-    """Write the files of a new filter, sensor, experiment, ...; never over an existing one."""
+def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list[Path]:
+    """Write the files of a new filter, sensor, experiment, ...; never over an existing one.
+
+    ``per_run``: a filter that is written for one run.
+    """
+    if per_run and what != "filter":
+        raise UserError(f"new {what} {name}: --per-run is of a filter")
     words = _words(what, name)
     module = "_".join(words)
     filled = {
-        folder / template.replace(what, module): _filled(template, name, words)
-        for template in _TEMPLATES[what]
+        folder / template.replace("per_run" if per_run else what, module): _filled(
+            template, name, words
+        )
+        for template in (_PER_RUN if per_run else _TEMPLATES[what])
     }
     for path in filled:
         if path.exists():

@@ -156,6 +156,12 @@ def test_what_is_no_estimate_is_refused(change: Any, found: str) -> None:
         block(giving(change), MANEUVER)
 
 
+def test_components_and_runs_exchanged_are_noticed_where_there_are_as_many() -> None:
+    changed = giving(lambda m, P: (np.ascontiguousarray(m.T), P))
+    with pytest.raises(ValueError, match="components and runs of the mean are exchanged"):
+        block(changed, MANEUVER)
+
+
 def test_whole_and_short_numbers_are_taken_as_they_are() -> None:
     found = block(giving(lambda m, P: (np.rint(m).astype(int), P[..., 0].astype("f4"))), MANEUVER)
     assert np.isfinite(found.per_run["rmse_position"]).all()

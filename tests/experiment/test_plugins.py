@@ -1,6 +1,7 @@
 """Files of one's own: refused unless allowed, the same in workers, part of a block's key."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,12 @@ import pytest
 from tests.papers import merwe_text
 from tests.test_cli import trackbench
 from trackbench import api
+from trackbench.experiment.blame import BadPluginError
+from trackbench.experiment.planning.digest import block_key
+from trackbench.experiment.planning.plan import make_plan
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.plugins import load_plugin
 
 PLUGIN = '''
 """A filter that believes the first measurement component."""
@@ -124,3 +129,64 @@ def test_plugins_with_mistakes(config: Path, name: str, content: str | None, exp
     assert str(caught.value).startswith(f"{config}:6:11: plugins.0: ")
     assert expected in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+OTHER = PLUGIN.replace("FACTOR", "2")
+
+
+def test_two_plugins_cannot_register_the_same_kind(config: Path) -> None:
+    (config.parent / "sub").mkdir()
+    (config.parent / "sub" / "half.py").write_text(OTHER)
+    config.write_text(CONFIG.replace("[half.py]", "[half.py, sub/half.py]"))
+    with pytest.raises(UserError) as caught:
+        load(config, allow_plugins=True)
+    assert "the kind 'half' is registered by" in str(caught.value)
+    assert str(caught.value).startswith(f"{config}:6:20: plugins.1: ")
+
+
+def test_a_plugin_that_was_loaded_before_has_its_kinds_again(config: Path) -> None:
+    """In one process, after another file of the same name took them."""
+    other = config.parent / "sub"
+    other.mkdir()
+    (other / "half.py").write_text(OTHER)
+    (other / "own.yaml").write_text(CONFIG)
+    paths = (config, other / "own.yaml", config)
+    made = [load(path, allow_plugins=True).points[0].filters["Half"] for path in paths]
+    assert [tracker.scale for tracker in made] == [0.5, 2.0, 0.5]
+
+
+def test_a_plugin_may_be_mended(config: Path) -> None:
+    """What the code registered before it failed is not in the way of the next attempt."""
+    good = (config.parent / "half.py").read_text()
+    (config.parent / "half.py").write_text(good + "\n1 / 0\n")
+    for _ in range(2):
+        with pytest.raises(UserError, match=r"half\.py:\d+: ZeroDivisionError"):
+            load(config, allow_plugins=True)
+    (config.parent / "half.py").write_text(good + "\n# mended\n")
+    assert load(config, allow_plugins=True).points[0].filters["Half"].scale == 0.5
+
+
+def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = config.parent / "half.py"
+    path.write_text("import os, numpy\nfrom yaml.nodes import Node\n" + path.read_text())
+    keys, plugins = [], []
+    for number in ("1.0", "2.0"):
+        monkeypatch.setattr(
+            "trackbench.experiment.reading.plugins.version", lambda name, n=number: n
+        )
+        monkeypatch.setattr(
+            "trackbench.experiment.reading.plugins.packages_distributions",
+            lambda: {"yaml": ["PyYAML"]},
+        )
+        experiment = load(config, allow_plugins=True)
+        plugins += experiment.plugins
+        task = make_plan(experiment).tasks[0, "Half"][0]
+        keys.append(block_key(task, task.used))
+    assert [plugin.packages for plugin in plugins] == [(("yaml", "1.0"),), (("yaml", "2.0"),)]
+    assert keys[0] != keys[1]
+    monkeypatch.undo()
+    monkeypatch.delitem(sys.modules, plugins[0].module)
+    with pytest.raises(BadPluginError, match=r"this worker has PyYAML .*, not yaml 1\.0"):
+        load_plugin(plugins[0])

@@ -80,6 +80,9 @@ def new(
     data: Annotated[
         Path | None, typer.Option("--from", help="of an experiment: the table of data it is to use")
     ] = None,
+    per_run: Annotated[
+        bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
+    ] = False,
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
@@ -95,7 +98,7 @@ def new(
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
-        paths = write_new(what, name, Path())
+        paths = write_new(what, name, Path(), per_run)
     for path in paths:
         typer.echo(f"wrote {path}")
     config = next(path for path in paths if path.suffix == ".yaml")

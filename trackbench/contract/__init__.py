@@ -2,7 +2,7 @@
 
 Every check says what it found in one line. A filter that cannot pass one by its nature says why in a
 class attribute: ``excused = {"kalman": "looks at no measurement"}``; the other names are ``shapes``,
-``purity``, ``independence`` and ``gaps``.
+``purity``, ``repeats``, ``independence`` and ``gaps``.
 """
 
 from trackbench.contract.examination import check_file, check_filter, report

@@ -10,12 +10,13 @@ import numpy as np
 
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.finding import BrokenError, Finding
-from trackbench.contract.playgrounds import LINEAR, SCALAR
+from trackbench.contract.playgrounds import LINEAR, RADAR, SCALAR
+from trackbench.experiment.blame import BadPluginError, blamed
 from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.problems import UserError
+from trackbench.experiment.problems import UserError, in_line
+from trackbench.experiment.reading import foreign
 from trackbench.experiment.reading.checks import has
 from trackbench.experiment.reading.plugins import load_plugin, read_plugin
-from trackbench.hooks import MistakenHookError
 from trackbench.registry import kinds
 
 
@@ -27,10 +28,8 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
         load_plugin(plugin)
     except OSError as error:
         raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except MistakenHookError as error:
+    except BadPluginError as error:
         raise UserError(*error.args) from None
-    except (Exception, SystemExit) as error:
-        raise UserError(f"{path}: {type(error).__name__}: {error}") from None
     own = {k: cls for k, cls in kinds("filters").items() if cls.__module__ == plugin.module}
     if not own:
         raise UserError(f'{path}: registers no filter (@register("filters", "my-kind"))')
@@ -70,7 +69,7 @@ def _tried(name: str, check: Callable[[Any, Any], None], tracker: Any, scenario:
     except BrokenError as error:
         return Finding(name, "bad", str(error))
     except Exception as error:
-        return Finding(name, "bad", f"{type(error).__name__}: {error}")
+        return Finding(name, "bad", in_line(blamed(error, tracker)))
     return Finding(name, "good")
 
 
@@ -102,9 +101,9 @@ def _has_default(field: Any) -> bool:
 def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
-    for scenario in (LINEAR, SCALAR, *scenarios):
+    for scenario in (LINEAR, SCALAR, RADAR, *scenarios):
         lacking = [n for n in tracker.needs if not has(scenario, n)]
-        mistakes = list(tracker.conflicts(scenario).values()) if not lacking else []
+        mistakes = list(foreign.conflicts(tracker, scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)
         reasons.append(mistakes[0] if mistakes else f"needs {lacking[0]}")

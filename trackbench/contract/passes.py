@@ -25,9 +25,9 @@ def noise() -> Generator:
     return Generator(SFC64(20260101))
 
 
-def simulated(scenario: Any, runs: int) -> Simulation:
-    """The first runs of the scenario, the same every time."""
-    data: Simulation = scenario.simulate(RunStreams(1, range(runs)), runs)
+def simulated(scenario: Any, runs: int, step: int = 1) -> Simulation:
+    """The first runs of the scenario, the same every time; in their order, or the last one first."""
+    data: Simulation = scenario.simulate(RunStreams(1, range(runs)[::step]), runs)
     return data
 
 

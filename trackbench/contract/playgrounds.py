@@ -3,6 +3,7 @@
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.scenarios.starts.given import GaussianStart, Known
 from trackbench.scenarios.targets.base import Launch
@@ -25,3 +26,13 @@ SCALAR = Tracking(
     last=8,
 )
 """Van der Merwe's scalar model, for filters that need one."""
+
+RADAR = Tracking(
+    target=Driven(
+        motion=WhiteAcceleration(q=1.0), launch=Launch(x=6000.0, vx=-80.0, y=3000.0, vy=40.0)
+    ),
+    sensor=RangeAzimuth(sigma_range=20.0, sigma_azimuth_mrad=2.0),
+    start=GaussianStart(sigma=(40.0, 4.0, 40.0, 4.0)),
+    last=6,
+)
+"""The same motion before a radar, for filters that take range and azimuth."""

@@ -15,6 +15,7 @@ from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.checked import (
+    check_axes,
     check_estimate,
     check_names,
     checked_numbers,
@@ -203,8 +204,10 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
                 state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
             noted.append(checked_numbers("diagnostic", tracker.diagnostics(state), task.width))
-        found = _own_part(found, every, n)
-        check_estimate(found, n, task.width)
+        check_estimate(found, (n, every), task.width)
+        if i == 0:
+            check_axes(found, prior.mean)
+        found = _own_part(found, n)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
         consistency.add(mean[:, i], found.cov, data.truth[:, i])
         others.append(observed(scenario, tracker, state, data.truth[:, i]))
@@ -231,11 +234,9 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
     return frozen(extended(data.prior, extra_std(model.motion)))
 
 
-def _own_part(found: Gaussian, every: int, n: int) -> Gaussian:
-    """The truth's components of an estimate: the first n of ``every`` one of the model."""
-    if np.ndim(found.mean) != 2 or len(found.mean) != every:
-        return found
-    return Gaussian(found.mean[:n], found.cov[:n, :n])
+def _own_part(found: Gaussian, n: int) -> Gaussian:
+    """The truth's components of an estimate: the first n of those of the model."""
+    return found if len(found.mean) == n else Gaussian(found.mean[:n], found.cov[:n, :n])
 
 
 class _Clock:

@@ -9,8 +9,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.filters.base import ReturnedError
 from trackbench.metrics import is_reserved
 
+_METHODS = {"diagnostic": "diagnostics", "expectation": "expectation"}
 _WORD = re.compile(r"[\w.-]+")
 
 
@@ -26,19 +28,40 @@ def told_to_copy() -> Iterator[None]:
         raise ValueError(f"{what} ({error})") from error
 
 
-def check_estimate(found: Gaussian, n: int, runs: int) -> None:
-    """Raise ValueError unless the mean is (n, M) and the covariance (n, n, M) or (n, n), all real."""
-    if not _is_real(found.mean, (n, runs)):
-        raise _refused("the mean of the estimate", found.mean, (n, runs))
-    if not _is_real(found.cov, (n, n, runs), (n, n)):
-        raise _refused("the covariance of the estimate", found.cov, (n, n, runs), (n, n))
+def check_estimate(found: Gaussian, sizes: tuple[int, int], runs: int) -> None:
+    """Raise ValueError unless the mean is (n, M) and the covariance (n, n, M) or (n, n), all real.
+
+    n is either of the sizes: components of the truth, or of the motion that the filter assumes.
+    """
+    try:
+        mean, cov = found.mean, found.cov
+    except AttributeError:
+        what = f"an estimate is a Gaussian, and this is a {type(found).__name__}"
+        raise ReturnedError("estimate", what) from None
+    n = sizes[0] if _is_real(mean, (sizes[0], runs)) else sizes[1]
+    if not _is_real(mean, (n, runs)):
+        raise _refused("estimate", "the mean of the estimate", mean, (n, runs))
+    if not _is_real(cov, (n, n, runs), (n, n)):
+        what = "the covariance of the estimate"
+        raise _refused("estimate", what, cov, (n, n, runs), (n, n))
+
+
+def check_axes(first: Gaussian, start: Array) -> None:
+    """Raise ValueError for a first mean (n, n) that is the start's, components and runs exchanged."""
+    exchanged = first.mean.shape == start.shape[::-1] and np.array_equal(first.mean.T, start)
+    if exchanged and not np.array_equal(first.mean, start):
+        what = "components and runs of the mean are exchanged: components come first"
+        raise ReturnedError("estimate", what)
 
 
 def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Array]:
     """Copies of real numbers per run (M,) by name; raises ValueError for anything else."""
+    if not isinstance(given, dict):
+        text = f"{what}s are a {type(given).__name__}, not a mapping"
+        raise ReturnedError(_METHODS[what], text)
     for name, row in given.items():
         if not _is_real(row, (runs,)):
-            raise _refused(f"{what} {name!r}", row, (runs,))
+            raise _refused(_METHODS[what], f"{what} {name!r}", row, (runs,))
     return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
 
 
@@ -46,9 +69,11 @@ def check_names(names: Iterable[str]) -> None:
     """Raise ValueError at the name of a diagnostic that would replace a metric of the errors."""
     for name in names:
         if is_reserved(name):
-            raise ValueError(f"a diagnostic cannot be named {name!r}, as metrics of errors are")
+            why = "as metrics of errors are"
+            raise ReturnedError("diagnostics", f"a diagnostic cannot be named {name!r}, {why}")
         if not _WORD.fullmatch(name):  # rmse[k<=30] and mean(rmse) are metrics of errors, too
-            raise ValueError(f"a diagnostic cannot be named {name!r}: use letters, digits, . _ -")
+            why = "use letters, digits, . _ -"
+            raise ReturnedError("diagnostics", f"a diagnostic cannot be named {name!r}: {why}")
 
 
 def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
@@ -56,8 +81,8 @@ def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
     return type(given) is np.ndarray and given.dtype.kind in "fiub" and given.shape in shapes
 
 
-def _refused(what: str, given: Any, *shapes: tuple[int, ...]) -> ValueError:
+def _refused(method: str, what: str, given: Any, *shapes: tuple[int, ...]) -> ReturnedError:
     is_array = type(given) is np.ndarray
     found = f"an array {given.shape} of {given.dtype}" if is_array else f"a {type(given).__name__}"
     expected = " or ".join(map(str, shapes))
-    return ValueError(f"{what} is {found}, not an array {expected} of real numbers")
+    return ReturnedError(method, f"{what} is {found}, not an array {expected} of real numbers")

@@ -26,6 +26,8 @@ class Filter(Part, Generic[State]):
     """names of diagnostics that are summed over the steps, not averaged"""
     excused: ClassVar[dict[str, str]] = {}
     """what of the contract it cannot keep by its nature, and why (trackbench/contract/)"""
+    one_by_one: ClassVar[bool] = False
+    """whether its runs are looped over in Python: then blocks are narrow, and its times are marked"""
 
     @abstractmethod
     def init(self, model: Model, prior: Distribution, rng: Generator) -> State:
@@ -76,6 +78,14 @@ AnyFilter = Filter[Any]
 def knows_expectations(tracker: AnyFilter) -> bool:
     """Whether the filter knows posterior means of functions beside those of its estimate."""
     return type(tracker).expectation is not Filter.expectation
+
+
+class ReturnedError(ValueError):
+    """What a filter's ``method`` gave back is not what it has to be."""
+
+    def __init__(self, method: str, what: str) -> None:
+        super().__init__(what)
+        self.method = method
 
 
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")

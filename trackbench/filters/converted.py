@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
@@ -37,7 +37,9 @@ class CMKF(GaussianFilter):
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """Two-point differencing of converted measurements; the prior's moments if there are none."""
         if not isinstance(prior, Convertible):
-            return Gaussian(prior.mean, prior.cov)
+            n, runs = prior.mean.shape  # every run's measurements have covariances of their own
+            cov = np.broadcast_to(with_trailing(prior.cov, 1, leading=2), (n, n, runs))
+            return Gaussian(prior.mean, cov)
         return prior.gaussian(self.start or self.conversion)
 
     def updated(

@@ -53,6 +53,12 @@ class Results(Asked):
         return manifest
 
     @property
+    def one_by_one(self) -> list[str]:
+        """Labels of the filters whose runs are looped over in Python, which their times show."""
+        found: list[str] = self.manifest.get("one_by_one", [])
+        return found
+
+    @property
     def failed(self) -> list[dict[str, Any]]:
         """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
         found: list[dict[str, Any]] = self.manifest["failed"]

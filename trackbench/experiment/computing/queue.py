@@ -14,6 +14,7 @@ from concurrent.futures import (
 from typing import Any, TypeAlias
 
 from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.experiment.blame import FilterError, said
 from trackbench.experiment.computing.engines import OpenEngine
 from trackbench.experiment.computing.worker import compute, ground
 from trackbench.experiment.problems import RunError, in_line
@@ -58,8 +59,8 @@ class Queue:
         """Remember why the task's filter fails; returns it and its other blocks, now left out."""
         lost = algorithm(task)
         runs = f"runs {task.first_run} to {task.first_run + task.used - 1}"
-        why = f"{type(error).__name__}: {' '.join(str(error).split())} ({runs})"
-        self.failed.setdefault(lost, in_line(why))
+        why = str(error) if isinstance(error, FilterError) else said(error)
+        self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
         left_out = [t for t in self._waiting if algorithm(t) == lost]
         self._waiting = deque(t for t in self._waiting if algorithm(t) != lost)
         return [task, *left_out]

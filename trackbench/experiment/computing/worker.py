@@ -9,6 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
+from trackbench.experiment.blame import FilterError, blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.code import code_digest
@@ -46,7 +47,7 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
             load_plugin,  # brings the config's reader along
         )
 
-        load_plugin(plugin)
+        load_plugin(plugin, checked=False)
     block: BlockTask = pickle.loads(task)
     if here.numpys != expected.numpys and arithmetic.hangs_on_numpys(
         block.scenario, block.filter, block.reference
@@ -55,8 +56,11 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
             "numpy computes otherwise on this worker (another processor or C library), and this "
             "filter or scenario takes its functions: use workers of one kind"
         )
-    with guarded():
-        return run_whole_block(block)
+    try:
+        with guarded():
+            return run_whole_block(block)
+    except Exception as error:
+        raise FilterError(blamed(error, block.filter, block.scenario, block.reference)) from None
 
 
 def start_local_worker() -> None:

@@ -20,6 +20,7 @@ _PARTICLES_AT_A_TIME = 32_768
 _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
 _BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
 _WIDEST = 500
+_ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute none in vain
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
 _PIECE = 50_000_000  # bytes of a piece of per_run.csv while it is read
@@ -105,10 +106,12 @@ def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500.
 
+    Ten of a filter whose runs are looped over: more at once would gain nothing.
     Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
     """
     N, boosted = tracker.particle_count, tracker.most_particles
-    most = min(_WIDEST, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
+    widest = _ONE_BY_ONE if tracker.one_by_one else _WIDEST
+    most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
     return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted))
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from trackbench.experiment.problems import Problem
+from trackbench.experiment.reading import foreign
 from trackbench.experiment.reading.definition import (
     DrawnExhibit,
     Exhibit,
@@ -79,7 +80,7 @@ def check_fit(
             unmet = True
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
     if not unmet:
-        problems += _conflicts(source, keys, tracker.conflicts(scenario))
+        problems += _conflicts(source, keys, foreign.conflicts(tracker, scenario))
 
 
 def check_bound(source: Source, scenario: Scenario, problems: list[Problem]) -> None:

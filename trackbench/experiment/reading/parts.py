@@ -5,6 +5,8 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args
 
+from trackbench.experiment.blame import blamed, is_foreign
+from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.source import Keys, Source, dotted
@@ -68,7 +70,14 @@ def _built(
     for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
         mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
     found: list[Problem] = []
-    built = build(cls, part, (), found, inner.made, also)
+    built = None
+    try:
+        with guarded():
+            built = build(cls, part, (), found, inner.made, also)
+    except Exception as error:
+        if not is_foreign(cls):
+            raise
+        found.append(Problem(part.mark(()), "", blamed(error, cls)))
     problems += [replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in found]
     return None if None in inner.made else built
 

@@ -21,6 +21,8 @@ FORMAT = 2
 def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Content of ``manifest.json`` but for the format and the digests of the files."""
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
+    filters = experiment.points[0].filters
+    looped = [label for label, f in filters.items() if f.one_by_one]
     return {
         "trackbench": trackbench.__version__,
         "commit": _commit(),
@@ -29,7 +31,8 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "runs": experiment.settings.runs,
         "python": sys.version.split()[0],
         "platform": platform.platform(),
-        "packages": {name: version(name) for name in packages},
+        "packages": {name: version(name) for name in packages}
+        | dict(package for plugin in experiment.plugins for package in plugin.packages),
         "lock": lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
@@ -40,7 +43,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         ],
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
-    }
+    } | ({"one_by_one": looped} if looped else {})
 
 
 def _commit() -> str | None:

@@ -1,0 +1,471 @@
+"""Filters of one run: theirs through the adapters are ours, and keys, order and noise are kept."""
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from tests.conftest import track
+from tests.filters.test_nonlinear_oracles import RADAR
+from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
+from tests.papers import maneuver, seen_as
+from trackbench.adapters import FilterPy, PerRun, StoneSoup
+from trackbench.adapters.looped import looped
+from trackbench.contract import check_filter
+from trackbench.core.arrays import Array
+from trackbench.core.streams import block_stream
+from trackbench.evaluation.block import BlockTask, Filtered, estimate, simulate
+from trackbench.experiment.planning.plan import block_width
+from trackbench.experiment.reading.validate import help_texts
+from trackbench.filters.extended import EKF
+from trackbench.filters.imm import IMM
+from trackbench.filters.kalman import KF
+from trackbench.filters.sigma_points import CKF, UKF
+from trackbench.models.assumed import Assume
+from trackbench.models.base import Model
+from trackbench.models.irregular import Irregular
+from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
+from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
+from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.legs import Legs
+
+RUNS = 3
+MOTION = WhiteAcceleration(q=0.01)
+MANEUVER = seen_as(maneuver(), MOTION)
+SPREAD = {"alpha": 0.8, "beta": 1.5, "kappa": 1.0}
+
+
+def run(one: type[PerRun], scenario: Any = MANEUVER, **keys: Any) -> Filtered:
+    return track(scenario, looped(one)(**keys), RUNS)
+
+
+def equal(theirs: Filtered, ours: Filtered, within: float) -> None:
+    assert_allclose(theirs.mean, ours.mean, rtol=within, atol=within * np.abs(ours.mean).max())
+    assert_allclose(theirs.nees, ours.nees, rtol=max(100 * within, 1e-8))
+    for name in theirs.diagnostics.keys() & {"nis", "mode"}:
+        assert_allclose(
+            theirs.diagnostics[name], ours.diagnostics[name], rtol=100 * within, atol=within
+        )
+
+
+class Plain(PerRun):
+    """The Kalman filter of a book, positions before velocities."""
+
+    q: float = 0.01
+    """acceleration's spectral density, m^2/s^3"""
+    sigma: float = 100.0
+    state: ClassVar[tuple[str, ...]] = ("px", "py", "vx", "vy")
+
+    def start(self, mean: Array, cov: Array) -> None:
+        self.x, self.P = mean, cov
+
+    def predict(self, dt: float) -> tuple[Array, Array]:
+        I = np.eye(2)  # noqa: E741
+        F = np.block([[I, dt * I], [0 * I, I]])
+        Q = self.q * np.block([[dt**3 / 3 * I, dt**2 / 2 * I], [dt**2 / 2 * I, dt * I]])
+        self.x, self.P = F @ self.x, F @ self.P @ F.T + Q
+        return self.x, self.P
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        K = self.P[:, :2] @ np.linalg.inv(self.P[:2, :2] + self.sigma**2 * np.eye(2))
+        self.x, self.P = self.x + K @ (z - self.x[:2]), self.P - K @ self.P[:2]
+        return self.x, self.P
+
+
+def test_a_filter_of_a_book_equals_ours() -> None:
+    equal(run(Plain), track(MANEUVER, KF(), RUNS), 1e-9)
+
+
+class FilterPyKF(FilterPy):
+    def make(self, dt: float) -> Any:
+        from filterpy.kalman import KalmanFilter
+
+        kf = KalmanFilter(dim_x=4, dim_z=2)
+        kf.F, kf.Q = self.model.motion.F, self.model.motion.Q
+        kf.H, kf.R = self.model.sensor.H(), self.model.sensor.R
+        return kf
+
+
+def test_filterpys_kalman_filter_equals_ours() -> None:
+    pytest.importorskip("filterpy")
+    equal(run(FilterPyKF), track(MANEUVER, KF(), RUNS), 1e-9)
+
+
+class StoneSoupKF(StoneSoup):
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        from stonesoup.predictor.kalman import KalmanPredictor
+        from stonesoup.updater.kalman import KalmanUpdater
+
+        return KalmanPredictor(transition), KalmanUpdater(measurement)
+
+
+def test_stone_soups_kalman_filter_equals_ours() -> None:
+    pytest.importorskip("stonesoup")
+    equal(run(StoneSoupKF), track(MANEUVER, KF(), RUNS), 1e-9)
+
+
+def difference(a: Array, b: Array) -> Array:
+    d = a - b
+    d[1] = (d[1] + np.pi) % (2.0 * np.pi) - np.pi
+    return d
+
+
+def polar(x: Array) -> Array:
+    return np.array([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])])
+
+
+def polar_jacobian(x: Array) -> Array:
+    r = np.hypot(x[0], x[2])
+    return np.array([[x[0] / r, 0.0, x[2] / r, 0.0], [-x[2] / r**2, 0.0, x[0] / r**2, 0.0]])
+
+
+class FilterPyUKF(FilterPy):
+    measured: ClassVar[tuple[str, ...]] = ("range", "azimuth")
+
+    def make(self, dt: float) -> Any:
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+        F = self.model.motion.F
+        points = MerweScaledSigmaPoints(4, **SPREAD)
+        ukf = UnscentedKalmanFilter(
+            4, 2, dt, hx=polar, fx=lambda x, dt: F @ x, points=points, residual_z=difference
+        )
+        ukf.Q, ukf.R = self.model.motion.Q, RADAR.R
+        return ukf
+
+
+def test_filterpys_unscented_filter_equals_ours() -> None:
+    pytest.importorskip("filterpy")
+    ours = track(RADAR_SCENARIO, UKF(noise="additive", **SPREAD), RUNS)
+    equal(run(FilterPyUKF, RADAR_SCENARIO), ours, 1e-8)
+
+
+def filterpys_ekf(motion: Any, dt: float) -> Any:
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    ekf, sampled = ExtendedKalmanFilter(4, 2), motion.sampled(dt)
+    ekf.F, ekf.Q, ekf.R = sampled.F, sampled.Q, RADAR.R
+    ekf.x = np.zeros(4)
+    return ekf
+
+
+class FilterPyEKF(FilterPy):
+    def make(self, dt: float) -> Any:
+        functions = {"HJacobian": polar_jacobian, "Hx": polar, "residual": difference}
+        return filterpys_ekf(WhiteAcceleration(q=2.0), dt), functions
+
+
+def test_filterpys_extended_filter_equals_ours() -> None:
+    pytest.importorskip("filterpy")
+    equal(run(FilterPyEKF, RADAR_SCENARIO), track(RADAR_SCENARIO, EKF(), RUNS), 1e-8)
+
+
+class FilterPyCKF(FilterPy):
+    def make(self, dt: float) -> Any:
+        from filterpy.kalman import CubatureKalmanFilter
+
+        F = self.model.motion.F
+        ckf = CubatureKalmanFilter(4, 2, dt, hx=lambda x: x[::2], fx=lambda x, dt: F @ x)
+        ckf.Q, ckf.R = self.model.motion.Q, self.model.sensor.R
+        return ckf
+
+
+def test_filterpys_cubature_filter_is_itself() -> None:
+    """It keeps its points for the update, which ours does not: held to its own loop, bit for bit."""
+    pytest.importorskip("filterpy")
+    theirs, found = run(FilterPyCKF), simulate(MANEUVER, 1, 0, RUNS)
+    maker = FilterPyCKF()
+    maker.model = MANEUVER.model
+    for m in range(RUNS):
+        ckf = maker.make(MANEUVER.T)
+        ckf.x, ckf.P = found.prior.mean[:, [m]].copy(), found.prior.cov.copy()
+        for i in range(20):
+            ckf.predict()
+            ckf.update(found.measurements[:, i, m][:, None])
+            assert_array_equal(theirs.mean[:, i + 1, m], ckf.x[:, 0])
+
+
+MOTIONS = (ConstantVelocity(q=0.01), CoordinatedTurn(turn_rate_deg_s=2.0, q=0.1))
+TRANSITION = ((0.95, 0.05), (0.1, 0.9))
+
+
+class FilterPyIMM(FilterPy):
+    def make(self, dt: float) -> Any:
+        from filterpy.kalman import IMMEstimator, KalmanFilter
+
+        bank = []
+        for motion in MOTIONS:
+            kf, sampled = KalmanFilter(4, 2), motion.sampled(dt)
+            kf.F, kf.Q, kf.H, kf.R = (
+                sampled.F,
+                sampled.Q,
+                self.model.sensor.H(),
+                self.model.sensor.R,
+            )
+            kf.x = np.zeros(4)
+            bank.append(kf)
+        return IMMEstimator(bank, (0.5, 0.5), np.array(TRANSITION))
+
+
+def test_filterpys_imm_equals_ours() -> None:
+    pytest.importorskip("filterpy")
+    ours = track(MANEUVER, IMM(motions=MOTIONS, transition=TRANSITION), RUNS)
+    equal(run(FilterPyIMM), ours, 1e-8)
+
+
+class StoneSoupUKF(StoneSoup):
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        from stonesoup.predictor.kalman import UnscentedKalmanPredictor
+        from stonesoup.updater.kalman import UnscentedKalmanUpdater
+
+        return (
+            UnscentedKalmanPredictor(transition, **SPREAD),
+            UnscentedKalmanUpdater(measurement, **SPREAD),
+        )
+
+
+class StoneSoupEKF(StoneSoup):
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        from stonesoup.predictor.kalman import ExtendedKalmanPredictor
+        from stonesoup.updater.kalman import ExtendedKalmanUpdater
+
+        return ExtendedKalmanPredictor(transition), ExtendedKalmanUpdater(measurement)
+
+
+class StoneSoupCKF(StoneSoup):
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        from stonesoup.predictor.kalman import CubatureKalmanPredictor
+        from stonesoup.updater.kalman import CubatureKalmanUpdater
+
+        return CubatureKalmanPredictor(transition), CubatureKalmanUpdater(measurement)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (StoneSoupUKF, UKF(noise="additive", **SPREAD)),
+        (StoneSoupEKF, EKF()),
+        (StoneSoupCKF, CKF()),
+    ],
+)
+def test_stone_soups_filters_of_a_radar_equal_ours(one: type[PerRun], other: Any) -> None:
+    pytest.importorskip("stonesoup")
+    equal(run(one, RADAR_SCENARIO), track(RADAR_SCENARIO, other, RUNS), 1e-8)
+
+
+class StoneSoupTurning(StoneSoup):
+    """Over a motion that is not linear, which Stone Soup asks of ours."""
+
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        return StoneSoupEKF.make(self, transition, measurement)
+
+
+def test_stone_soup_takes_a_motion_that_is_not_linear() -> None:
+    pytest.importorskip("stonesoup")
+    turning = replace(
+        RADAR_SCENARIO,
+        assume=Assume(motion=UnknownTurn(q=0.1, turn_walk_deg_s=0.7)),
+    )
+    equal(run(StoneSoupTurning, turning), track(turning, EKF(), RUNS), 1e-8)
+
+
+def test_an_angle_may_cross_the_cut() -> None:
+    """Westward, where the azimuth jumps from pi to -pi."""
+    pytest.importorskip("stonesoup")
+    west = replace(
+        RADAR_SCENARIO, target=Legs(launch=Launch(x=-9000.0, y=-1500.0, vx=0.0, vy=30.0))
+    )
+    azimuth = simulate(west, 1, 0, RUNS).measurements[1]
+    assert azimuth.min() < -3.0
+    assert azimuth.max() > 3.0
+    ours = track(west, UKF(noise="additive", **SPREAD), RUNS)
+    equal(run(StoneSoupUKF, west), ours, 1e-8)
+
+
+@pytest.mark.parametrize("one", [Plain, StoneSoupKF])
+def test_steps_that_differ_come_with_their_intervals(one: type[PerRun]) -> None:
+    for name in getattr(one, "packages", ()):
+        pytest.importorskip(name)
+    intervals = np.random.default_rng(1).uniform(0.2, 3.0, len(MANEUVER.steps))
+    model = Model(Irregular(MOTION, 2, int(MANEUVER.steps[0]), intervals), MANEUVER.model.sensor)
+    data = simulate(MANEUVER, 1, 0, RUNS)
+    states = []
+    for tracker in (looped(one)(), EKF()):
+        rng = block_stream(1, 0)
+        state = tracker.init(model, data.prior, rng)
+        for i, k in enumerate(MANEUVER.steps[1:40]):
+            state = tracker.step(model, state, data.measurements[:, i], int(k), rng)
+        states.append(tracker.estimate(state))
+    mine, ours = states
+    assert_allclose(mine.mean, ours.mean, rtol=1e-9, atol=1e-6)
+    assert_allclose(
+        mine.cov, np.broadcast_to(ours.cov.reshape(4, 4, -1), mine.cov.shape), rtol=1e-8
+    )
+
+
+def seen_with_gaps(missing: Any) -> Any:
+    """Filtered of filter and simulation with NaN where ``missing`` (2, T, M) says."""
+    data = simulate(MANEUVER, 1, 0, RUNS)
+    z = np.where(missing, np.nan, data.measurements)
+    return data._replace(measurements=z)
+
+
+@pytest.mark.parametrize("one", [Plain, FilterPyKF, StoneSoupKF])
+def test_a_missing_measurement_is_predicted_over(one: type[PerRun]) -> None:
+    for name in getattr(one, "packages", ()):
+        pytest.importorskip(name)
+    missing = np.zeros((2, 1699, RUNS), dtype=bool)
+    missing[:, 3:7, 0] = missing[:, 5, 1] = True
+    data = seen_with_gaps(missing)
+    mine, ours = (
+        estimate(BlockTask(MANEUVER, tracker, 1, 0, RUNS, RUNS), data)
+        for tracker in (looped(one)(), KF())
+    )
+    assert_allclose(mine.mean[:, :20], ours.mean[:, :20], rtol=1e-9)
+    assert np.isnan(ours.diagnostics["nis"][4:8, 0]).all()
+    if "nis" in mine.diagnostics:
+        equal(mine, ours, 1e-9)
+
+
+def test_half_a_measurement_is_no_measurement() -> None:
+    pytest.importorskip("filterpy")
+    missing = np.zeros((2, 1699, RUNS), dtype=bool)
+    missing[0, 3, 1] = True
+    task = BlockTask(MANEUVER, looped(FilterPyKF)(), 1, 0, RUNS, RUNS)
+    with pytest.raises(ValueError, match="a part of a measurement is missing"):
+        estimate(task, seen_with_gaps(missing))
+
+
+class Sees(PerRun):
+    """Keeps what it is given."""
+
+    measured: ClassVar[tuple[str, ...]] = ("y", "x")
+    state: ClassVar[tuple[str, ...]] = ("bias", "vy", "py", "vx", "px")
+    extra_std: ClassVar[dict[str, float]] = {"bias": 3.0}
+    given: ClassVar[list[Any]] = []
+
+    def start(self, mean: Array, cov: Array) -> None:
+        self.given.append((mean.copy(), cov.copy()))
+        self.mean, self.cov = mean, cov
+        mean[0] = 7.0  # its own
+
+    def step(self, z: Array | None, dt: float) -> Any:
+        assert z is not None
+        self.given.append((self.k, dt, z.copy()))
+        z += 1.0  # its own
+        return self.mean[:, None], self.cov.tolist()  # a column and rows are taken, too
+
+
+def test_components_are_in_the_filters_own_order() -> None:
+    Sees.given.clear()
+    data = simulate(MANEUVER, 1, 0, RUNS)
+    found = run(Sees)
+    mean, cov = Sees.given[0]
+    assert_array_equal(mean, [0.0, *data.prior.mean[[3, 2, 1, 0], 0]])
+    assert_array_equal(cov[1:, 1:], data.prior.cov[::-1, ::-1])
+    assert_array_equal(cov[0], [9.0, 0.0, 0.0, 0.0, 0.0])
+    k, dt, z = Sees.given[RUNS]
+    assert (k, dt) == (MANEUVER.steps[1], MANEUVER.T)
+    assert_array_equal(z, data.measurements[::-1, 0, 0])
+    assert_array_equal(found.mean[:, 5], data.prior.mean)
+
+
+class Draws(PerRun):
+    """Random numbers of its own, in the second run many more."""
+
+    def start(self, mean: Array, cov: Array) -> None:
+        self.x, self.P = mean, cov
+
+    def step(self, z: Array | None, dt: float) -> Any:
+        self.rng.standard_normal(1 if z is None or z[0] < 0 else 9)
+        return self.x + self.rng.standard_normal(4), self.P
+
+
+def test_noise_is_each_runs_own_and_the_same_again() -> None:
+    first, again = run(Draws), run(Draws)
+    assert_array_equal(first.mean, again.mean)
+    assert np.unique(first.mean[0, 5]).size == RUNS
+    tracker, data, rng = looped(Draws)(), simulate(MANEUVER, 1, 0, RUNS), block_stream(1, 0)
+    z = data.measurements[:, 0].copy()
+    z[0] = [-1.0, -1.0, -1.0]
+    state = tracker.init(MANEUVER.model, data.prior, rng)
+    few = tracker.step(MANEUVER.model, state, z, 1, rng).mean
+    z[0, 1] = 1.0
+    rng = block_stream(1, 0)
+    state = tracker.init(MANEUVER.model, data.prior, rng)
+    more = tracker.step(MANEUVER.model, state, z, 1, rng).mean
+    assert_array_equal(few[:, [0, 2]], more[:, [0, 2]])
+    assert (few[:, 1] != more[:, 1]).all()
+
+
+def test_another_interval_gives_the_filter_another_motion() -> None:
+    pytest.importorskip("filterpy")
+    one = FilterPyIMM()
+    one.model, one.dt = MANEUVER.model, 1.0
+    one.start(np.array([1.0, 2.0, 3.0, 4.0]), np.eye(4))
+    for dt, expected in ((1.0, 3.0), (2.5, 8.0), (0.5, 9.0)):
+        mean, _ = one.predict(dt)
+        straight = one._object.filters[0]
+        assert straight.F[0, 1] == dt
+        assert straight.x[0] == pytest.approx(expected, abs=0.2)
+        assert np.isfinite(mean).all()
+
+
+def test_runs_that_are_looped_over_come_in_narrow_blocks() -> None:
+    assert block_width(looped(Plain)(), MANEUVER) == 10
+    assert block_width(KF(), MANEUVER) > 100
+
+
+def test_the_keys_are_the_attributes() -> None:
+    made = looped(Plain)
+    assert made(q=0.5) == made(q=0.5) != made()
+    assert hash(made(q=0.5)) == hash(made(q=0.5))
+    assert made.__doc__ == Plain.__doc__
+    assert help_texts(made)["q"].startswith("acceleration's spectral density")
+    assert not equal_tracks(run(Plain), run(Plain, q=0.5))
+
+
+def equal_tracks(a: Filtered, b: Filtered) -> bool:
+    return bool(np.array_equal(a.mean, b.mean))
+
+
+class Shared(Plain):
+    """Keeps its state in one place for all runs."""
+
+    places: ClassVar[dict[str, Any]] = {}
+
+    def start(self, mean: Array, cov: Array) -> None:
+        self.places["x"] = mean
+        super().start(mean, cov)
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        self.places["x"] = self.places["x"] + 0.1 * (np.array([*z, 0.0, 0.0]) - self.places["x"])
+        return self.places["x"], self.P
+
+
+class Unsettled(Plain):
+    """Draws from a stream that nobody started."""
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        mean, cov = super().update(z)
+        return mean + np.random.default_rng().normal(), cov
+
+
+@pytest.mark.parametrize(
+    ("one", "bad"),
+    [
+        (Plain, {}),
+        (FilterPyKF, {}),
+        (StoneSoupKF, {}),
+        (Draws, {}),
+        (Shared, {"a run does not see the others"}),
+        (Unsettled, {"the same runs give the same again", "a run does not see the others"}),
+    ],
+)
+def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> None:
+    for name in getattr(one, "packages", ()):
+        pytest.importorskip(name)
+    found = check_filter(looped(one))
+    assert {f.check for f in found if f.verdict == "bad"} == set(bad), [*map(str, found)]
