@@ -57,7 +57,8 @@ class Queue:
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Remember why the task's filter fails; returns it and its other blocks, now left out."""
         lost = algorithm(task)
-        runs = f"runs {task.first_run} to {task.first_run + task.used - 1}"
+        last = task.first_run + (task.used - 1) * (1 if task.index >= 0 else -1)
+        runs = f"runs {task.first_run} to {last}"
         why = f"{type(error).__name__}: {' '.join(str(error).split())} ({runs})"
         self.failed.setdefault(lost, in_line(why))
         left_out = [t for t in self._waiting if algorithm(t) == lost]

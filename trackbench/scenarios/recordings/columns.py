@@ -10,6 +10,6 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     """The columns (..., M) of the runs that have these streams, NaN for runs that were not recorded."""
     assert isinstance(rng, RunStreams)
     out = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
-    there = [m for m in rng.runs if m < values.shape[-1]]
+    there = [m for m in rng.runs if -values.shape[-1] <= m < values.shape[-1]]
     out[..., : len(there)] = values[..., there]
     return out
