@@ -25,6 +25,7 @@ FLOORS = {
     "filters": 2,
     "evaluation": 3,
     "experiment": 4,
+    "tuning": 4,
     "report": 5,
     "running": 6,
     "api": 6,

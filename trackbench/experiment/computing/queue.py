@@ -98,7 +98,7 @@ class Queue:
 
 def algorithm(task: BlockTask) -> tuple[Any, ...]:
     """What fails together: a filter on a scenario."""
-    return task.scenario, task.filter, task.reference, task.width
+    return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
 def _result(future: Future[dict[int, BlockResult]]) -> Found:

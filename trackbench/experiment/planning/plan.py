@@ -144,9 +144,11 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
     points = f"{len(experiment.points)} points x " if len(experiment.points) > 1 else ""
     filters = len(experiment.points[0].filters)
-    most = "up to " if settings.until else ""
+    most, tuning = "up to " if settings.until else "", settings.tuning
+    first = f"tunes {', '.join(experiment.tuned)} by {tuning.evaluations} trials on {tuning.runs} runs, "
     return (
-        f"{settings.name}: {points}{filters} filters x {most}{settings.runs} runs x {steps} steps, "
+        f"{settings.name}: {first if experiment.tuned else ''}"
+        f"{points}{filters} filters x {most}{settings.runs} runs x {steps} steps, "
         f"{len(plan.unique)} blocks on {workers} worker{'s' if workers > 1 else ''}, "
         f"about {needed / 1e6:.0f} MB"
     )

@@ -23,6 +23,7 @@ from trackbench.filters.base import AnyFilter, Filter, knows_expectations
 from trackbench.hooks import Part
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
+from trackbench.tuning.objective import as_expression
 
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
@@ -128,6 +129,10 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
         yield Asked(("metrics", i), word, "base")
     for i, word in enumerate(settings.per_step or ()):
         yield Asked(("per_step", i), word, "base")
+    metric = settings.tuning.metric if settings.tune else None
+    for word in [metric] if isinstance(metric, str) else metric or ():
+        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
+        yield Asked(where, as_expression(word), "expression")
 
 
 def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
