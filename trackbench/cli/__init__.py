@@ -9,6 +9,7 @@ import typer
 from trackbench.cli.checking import cache, check
 from trackbench.cli.running import run, sweep, this_command
 from trackbench.cli.stored import compare, plot, report, verify
+from trackbench.cli.tuning import tune
 from trackbench.cli.vocabulary import describe, list_, new, schema
 
 app = typer.Typer(
@@ -19,7 +20,7 @@ app = typer.Typer(
     help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
 )
 _COMMANDS: tuple[Callable[..., None], ...] = (
-    *(run, compare, plot, report, verify, sweep),
+    *(run, compare, plot, report, verify, sweep, tune),
     *(cache, check, list_, describe, new, schema),
 )
 for _command in _COMMANDS:

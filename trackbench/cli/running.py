@@ -52,7 +52,7 @@ def run(
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
-    _execute("run", configs, dry_run, api_options(locals()))
+    execute("run", configs, dry_run, api_options(locals()))
 
 
 def sweep(
@@ -74,20 +74,23 @@ def sweep(
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
-    _execute("sweep", [config], dry_run, api_options(locals()))
+    execute("sweep", [config], dry_run, api_options(locals()))
 
 
-def _execute(command: str, configs: list[Path], dry_run: bool, options: "Options") -> None:
+def execute(command: str, configs: list[Path], dry_run: bool, options: "Options") -> None:
+    """Do what `run`, `sweep` or `tune` asks for, print what came out, and exit."""
     from trackbench import api
     from trackbench.experiment.interrupts import interrupt
 
+    if command == "tune":
+        api.check_tuned(configs, options)
     if dry_run:
         for line in api.preview(configs, options):
             typer.echo(line)
         return
     signal.signal(signal.SIGTERM, interrupt)
     sweeps = (api.sweep(config, options) for config in configs)
-    reports = api.run_all(configs, options) if command == "run" else sweeps
+    reports = sweeps if command == "sweep" else api.run_all(configs, options)
     failed = False
     try:
         with closing(reports):

@@ -52,7 +52,7 @@ class Record:
         """
         best = self.best
         limit = best.objective + best.stderr
-        line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self._beside(axis)]
+        line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
         if axis.choices:
             return [t.values[axis.key] for _, t in sorted(line) if t.objective <= limit]
         middle = axis.share(best.values[axis.key]) or 0.0
@@ -60,7 +60,7 @@ class Record:
         above = sorted((x, t.objective) for x, t in line if x >= middle)
         return [axis.at(-_reach(below, limit)), axis.at(_reach(above, limit))]
 
-    def _beside(self, axis: Axis) -> list[Trial]:
+    def beside(self, axis: Axis) -> list[Trial]:
         """Trials that differ from the best in this key at most, and lose as many runs."""
         best = self.best
         others = [a.key for a in self.axes if a != axis]

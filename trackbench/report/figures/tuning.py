@@ -24,8 +24,7 @@ _ROW_IN = 2.4
 class TuningFigure:
     """Every trial of a filter over each of its keys; the best one, and what is within its standard error.
 
-    Trials in which runs were lost are crosses. What is far worse than the rest is off the page, at its
-    upper edge.
+    Trials in which runs were lost are crosses. Triangles are far above the page.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("filter",)
@@ -58,15 +57,17 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
 
     best, near = record.best, record.within(axis)
     there = [t for t in record.trials if isfinite(t.objective)]
-    top = _top([t.objective for t in there])
-    ax.axhspan(best.objective, best.objective + best.stderr, color=style.COLOURS[4], alpha=0.35, lw=0)
+    top, band = _top([t.objective for t in there]), style.COLOURS[4]
+    ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
     if near and not axis.choices:
-        ax.axvspan(x(near[0]), x(near[-1]), color=style.COLOURS[4], alpha=0.2, lw=0)
-    for lost, marker in ((False, "o"), (True, "x")):
-        shown = [t for t in there if (t.lost > 0) == lost]
-        heights = [min(t.objective, top) for t in shown]
-        places = [x(t.values[axis.key]) for t in shown]
-        ax.plot(places, heights, marker, color=style.COLOURS[0], markersize=3.5, clip_on=False)
+        ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
+    line = sorted((x(t.values[axis.key]), min(t.objective, top)) for t in record.beside(axis))
+    if not axis.choices:
+        ax.plot(*zip(*line, strict=True), color=style.COLOURS[0], linewidth=0.6, alpha=0.6)
+    for t in there:
+        marker = "^" if t.objective > top else "x" if t.lost else "o"
+        height = min(t.objective, top)
+        ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
     if isfinite(best.objective):
         where, bar = x(best.values[axis.key]), best.stderr
         ax.errorbar(where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4)
@@ -76,6 +77,7 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
         ax.set_xticks(range(len(axis.choices)), [style.number(c) for c in axis.choices])
     else:
         ax.set_xlim(axis.low, axis.high)
+        ax.margins(y=0.08)
     ax.set_xlabel(style.words(axis.key, 40))
 
 
