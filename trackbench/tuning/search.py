@@ -1,4 +1,4 @@
-"""Which values are tried next: Nelder and Mead's simplex (scipy's), then a look around what it found.
+"""Which values are tried next: a few all over, Nelder and Mead's simplex (scipy's) from the best, a look around.
 
 A search hangs on the ranks it is told and on nothing else, so it comes out the same for any number of
 workers. The simplex compares ranks and does not reckon with them: runs that are lost, and objectives
@@ -22,7 +22,10 @@ Shares: TypeAlias = tuple[float, ...]
 Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
 """Gives values to try, any of them at once, and is sent their ranks."""
 
-_STEP = 0.25  # share of an axis between the corners of the first simplex
+_ALL_OVER = 4  # points per key before the simplex
+_RATIOS = (1.618033988749895, 1.324717957244746, 1.2207440846057596, 1.1673039782614187, 1.1347241384015194)
+"""Generalised golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
+_STEP = 0.1  # share of an axis between the corners of the first simplex
 _SMALL = 2e-3  # share within which the simplex has come together
 _AROUND = (-0.2, -0.08, -0.03, 0.03, 0.08, 0.2)  # shares at which a key is looked at around the best
 _WORST = 1e300
@@ -46,9 +49,9 @@ class Search:
 
     def run(self) -> Asking:
         """Choices at the start's numbers, numbers at the best choice, a look around, choices again."""
-        yield from self._ask([self._start])
-        yield from self._ask(self._with_each_choice(self._start))
+        yield from self._ask([self._start, *self._with_each_choice(self._start)])
         if self._numbers:
+            yield from self._ask(self._all_over(self._places[self.best]))
             yield from self._simplex(self._places[self.best])
             yield from self._look_around(self._places[self.best])
             yield from self._ask(self._with_each_choice(self._places[self.best]))
@@ -78,6 +81,12 @@ class Search:
             ranges = [[(i, (k + 0.5) / n) for k in range(n)] for i, n in axes]
             each = [dict(chosen) for chosen in product(*ranges)]
         return [tuple(c.get(i, s) for i, s in enumerate(place)) for c in each]
+
+    def _all_over(self, place: Shares) -> list[Shares]:
+        """Points that lie evenly however many there are: multiples of the ratio's powers, modulo one."""
+        d = len(self._numbers)
+        steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
+        return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
 
     def _simplex(self, place: Shares) -> Asking:
         """Replayed from the first corner after each answer: scipy is not asked to wait."""
