@@ -161,7 +161,9 @@ def _trimmed(
     return BlockResult(
         per_run=per_run,
         steps={
-            name: step_sums(rows, per_run["lost"]) for name, rows in values.items() if task.index >= 0
+            name: step_sums(rows, per_run["lost"])
+            for name, rows in values.items()
+            if task.index >= 0
         },
         kept={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
         tracks=tracks,

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from trackbench.experiment.checks import no_filter
-from trackbench.experiment.definition import Point, Settings
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Source, dotted
+from trackbench.experiment.reading.checks import no_filter
+from trackbench.experiment.reading.definition import Point, Settings
+from trackbench.experiment.reading.source import Source, dotted
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.objective import bad_terms, default_metric
 from trackbench.tuning.settings import tuned

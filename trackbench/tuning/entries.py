@@ -4,10 +4,10 @@ import copy
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from trackbench.experiment.compose import override, split_path
 from trackbench.experiment.problems import Mark
-from trackbench.experiment.source import Keys, Source
-from trackbench.experiment.validate import at
+from trackbench.experiment.reading.compose import override, split_path
+from trackbench.experiment.reading.source import Keys, Source
+from trackbench.experiment.reading.validate import at
 from trackbench.tuning.settings import tuned
 
 Values = Mapping[str, Any]

@@ -97,7 +97,10 @@ def bad_terms(metric: str | Mapping[str, float]) -> Iterator[tuple[str, str]]:
     for word in [metric] if isinstance(metric, str) else metric:
         plain = word.startswith("anees") or word.partition("[")[0] == _LARGER_IS_BETTER
         if not plain and not _STATISTIC.fullmatch(word):
-            yield word, f"{word!r} is no statistic over runs; write rms(rmse_position), anees or log_score"
+            yield (
+                word,
+                f"{word!r} is no statistic over runs; write rms(rmse_position), anees or log_score",
+            )
 
 
 def default_metric(scenario: Any) -> str:

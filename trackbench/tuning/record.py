@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 from trackbench.experiment.files import write_csv
-from trackbench.experiment.source import scalar
+from trackbench.experiment.reading.source import scalar
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.tuned import Tuned
 
@@ -130,7 +130,9 @@ def _reach(line: list[tuple[float, float]], limit: float) -> float:
     reached, height = line[0]
     for x, y in line[1:]:
         if not y <= limit:
-            return reached + (x - reached) * ((limit - height) / (y - height) if isfinite(y) else 0.0)
+            return reached + (x - reached) * (
+                (limit - height) / (y - height) if isfinite(y) else 0.0
+            )
         reached, height = x, y
     return reached
 

@@ -23,11 +23,24 @@ Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
 """Gives values to try, any of them at once, and is sent their ranks."""
 
 _ALL_OVER = 4  # points per key before the simplex
-_RATIOS = (1.618033988749895, 1.324717957244746, 1.2207440846057596, 1.1673039782614187, 1.1347241384015194)
+_RATIOS = (
+    1.618033988749895,
+    1.324717957244746,
+    1.2207440846057596,
+    1.1673039782614187,
+    1.1347241384015194,
+)
 """Generalised golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
 _SMALL = 2e-3  # share within which the simplex has come together
-_AROUND = (-0.2, -0.08, -0.03, 0.03, 0.08, 0.2)  # shares at which a key is looked at around the best
+_AROUND = (
+    -0.2,
+    -0.08,
+    -0.03,
+    0.03,
+    0.08,
+    0.2,
+)  # shares at which a key is looked at around the best
 _WORST = 1e300
 _LOST = 1e12  # what a lost run counts: more than any objective
 

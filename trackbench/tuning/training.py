@@ -6,9 +6,9 @@ from typing import Any
 
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.plan import block_width
-from trackbench.experiment.resolved import as_config
+from trackbench.experiment.planning.plan import block_width
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.resolved import as_config
 from trackbench.tuning.axes import Axis
 from trackbench.tuning.objective import Objective
 from trackbench.tuning.search import Shares, Values

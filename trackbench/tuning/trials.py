@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Any
 
-from trackbench.experiment.assuming import check_assumed, read_assumed
-from trackbench.experiment.checks import check_fit
-from trackbench.experiment.definition import Point
-from trackbench.experiment.parts import build_kind
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.source import Source
+from trackbench.experiment.reading.assuming import check_assumed, read_assumed
+from trackbench.experiment.reading.checks import check_fit
+from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
 from trackbench.tuning.entries import Values, with_values

@@ -9,10 +9,10 @@ from typing import Any
 
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.merge import merge
-from trackbench.experiment.cache import BlockStore
-from trackbench.experiment.definition import Experiment
-from trackbench.experiment.engines import OpenEngine
-from trackbench.experiment.queue import Queue
+from trackbench.experiment.computing.cache import BlockStore
+from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.queue import Queue
+from trackbench.experiment.reading.definition import Experiment
 from trackbench.tuning.objective import Score
 from trackbench.tuning.search import Search, Values
 from trackbench.tuning.training import Training
@@ -88,7 +88,9 @@ class _Tuner:
         """Go on as far as the blocks that are there allow; returns how many trials that were."""
         before = len(self.tuned.evaluations)
         while self._asked and not self.missing:
-            found = [Evaluation(values, self._score(tasks)) for values, tasks in self._asked.items()]
+            found = [
+                Evaluation(values, self._score(tasks)) for values, tasks in self._asked.items()
+            ]
             self.tuned.evaluations += found
             self._there.clear()
             try:

@@ -22,7 +22,7 @@ _ROW_IN = 2.4
 @register("figures", "tuning")
 @dataclass(frozen=True, kw_only=True)
 class TuningFigure:
-    """Every trial of a filter over each of its keys; the best one, and what is within its standard error.
+    """Every trial of a filter over each of its keys; the best, and what is within its standard error.
 
     Trials in which runs were lost are crosses. Triangles are far above the page.
     """
@@ -70,7 +70,9 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
         ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
     if isfinite(best.objective):
         where, bar = x(best.values[axis.key]), best.stderr
-        ax.errorbar(where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4)
+        ax.errorbar(
+            where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4
+        )
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:

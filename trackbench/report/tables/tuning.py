@@ -40,12 +40,12 @@ class TuningTable:
         """The table from a results folder."""
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], sizes(results.scenario))
-        title = self.title or f"Tuned by {words_of(tuning['metric'])}, {tuning['runs']} training runs"
+        title = (
+            self.title or f"Tuned by {words_of(tuning['metric'])}, {tuning['runs']} training runs"
+        )
         table = Table(title, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
-            scores = [
-                _score(objective, runs, of) for of in (tuned(label), label)
-            ]
+            scores = [_score(objective, runs, of) for of in (tuned(label), label)]
             table.add([label, _found(record), str(len(record.trials))], _cells(record, *scores))
             table.notes += (f"{label}: {said}." for said in _said(record, *scores, tuning["runs"]))
         return table
@@ -58,7 +58,9 @@ def words_of(metric: str | dict[str, float]) -> str:
     return " + ".join(f"{weight:g} {word}" for word, weight in metric.items())
 
 
-def _score(objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str) -> Score | None:
+def _score(
+    objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
+) -> Score | None:
     """A filter's score on the runs of the results; none if it was not run, or failed."""
     mine = {metric: values for (of, metric), values in runs.items() if of == label}
     wanted = {*objective.metrics, "lost"}

@@ -104,7 +104,9 @@ class RandomLegs(Target):
         return out
 
 
-def _whole(ends: tuple[int, int], shares: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+def _whole(
+    ends: tuple[int, int], shares: Array
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Whole numbers from the least to the largest, each as probable."""
     return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.int64)
 
