@@ -59,7 +59,7 @@ def _mistakes(source: Source, settings: Settings, points: list[Point | None]) ->
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
         yield Problem(source.key_mark(("tune",)), "tune", what)
-    for word, what in bad_terms(tuning.metric or ()):
+    for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
         yield Problem(source.mark(keys), dotted(keys), what)
     most = min((getattr(p.scenario, "recorded_runs", None) or 0 for p in points if p), default=0)

@@ -92,14 +92,14 @@ def _parts(word: str) -> tuple[str, str]:
     return "mean", word.removeprefix("a") if word.startswith("anees") else word
 
 
-def bad_terms(metric: str | Mapping[str, float]) -> Iterator[tuple[str, str]]:
+def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
     """Terms that are no statistic over runs, and why."""
-    for word in [metric] if isinstance(metric, str) else metric:
+    for word in [metric] if isinstance(metric, str) else metric or ():
         plain = word.startswith("anees") or word.partition("[")[0] == _LARGER_IS_BETTER
         if not plain and not _STATISTIC.fullmatch(word):
             yield (
                 word,
-                f"{word!r} is no statistic over runs; write rms(rmse_position), anees or log_score",
+                f"{word!r} is no statistic over runs, such as rms(rmse_position), anees, log_score",
             )
 
 

@@ -1,7 +1,7 @@
-"""Which values are tried next: a few all over, Nelder and Mead's simplex (scipy's) from the best, a look around.
+"""Which values are tried next: a few all over, scipy's simplex from the best of them, a look around.
 
 A search hangs on the ranks it is told and on nothing else, so it comes out the same for any number of
-workers. The simplex compares ranks and does not reckon with them: runs that are lost, and objectives
+workers. Nelder and Mead's simplex compares ranks and does not reckon with them: runs that are lost, and objectives
 that particles make rough, do not mislead it. How it was chosen is in docs/tuning.md.
 """
 

@@ -24,6 +24,7 @@ from trackbench.hooks import Part
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.tuning.objective import as_expression
+from trackbench.tuning.objective import as_expression, bad_terms
 
 _FEW = 10
 """Particles that are enough to see what a filter notes."""
@@ -130,7 +131,10 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
     for i, word in enumerate(settings.per_step or ()):
         yield Asked(("per_step", i), word, "base")
     metric = settings.tuning.metric if settings.tune else None
+    known = {word for word, _ in bad_terms(metric)}
     for word in [metric] if isinstance(metric, str) else metric or ():
+        if word in known:  # said elsewhere
+            continue
         where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
         yield Asked(where, as_expression(word), "expression")
 

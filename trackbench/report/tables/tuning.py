@@ -45,9 +45,13 @@ class TuningTable:
         )
         table = Table(title, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
-            scores = [_score(objective, runs, of) for of in (tuned(label), label)]
-            table.add([label, _found(record), str(len(record.trials))], _cells(record, *scores))
-            table.notes += (f"{label}: {said}." for said in _said(record, *scores, tuning["runs"]))
+            found, given = (_score(objective, runs, of) for of in (tuned(label), label))
+            table.add(
+                [label, _found(record), str(len(record.trials))], _cells(record, found, given)
+            )
+            table.notes += (
+                f"{label}: {said}." for said in _said(record, found, given, tuning["runs"])
+            )
         return table
 
 
