@@ -33,6 +33,9 @@ class Axis:
         share = min(max(share, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
+        if share in (0.0, 1.0):
+            value = self.high if share else self.low
+            return round(value) if self.whole else value
         if self.log:
             logs = elementary.log(np.array([self.low, self.high]))
             value = float(elementary.exp(logs[:1] + share * (logs[1:] - logs[:1]))[0])

@@ -51,7 +51,7 @@ class Record:
         their best; between trials the objective is taken to be straight, beyond them nothing is known.
         """
         best = self.best
-        limit = best.objective + best.stderr
+        limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
         line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
         if axis.choices:
             return [t.values[axis.key] for _, t in sorted(line) if t.objective <= limit]

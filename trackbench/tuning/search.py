@@ -1,8 +1,8 @@
 """Which values are tried next: a few all over, scipy's simplex from the best of them, a look around.
 
 A search hangs on the ranks it is told and on nothing else, so it comes out the same for any number of
-workers. Nelder and Mead's simplex compares ranks and does not reckon with them: runs that are lost, and objectives
-that particles make rough, do not mislead it. How it was chosen is in docs/tuning.md.
+workers. Nelder and Mead's simplex compares ranks and does not reckon with them: runs that are lost, and
+objectives that particles make rough, do not mislead it. How it was chosen is in docs/tuning.md.
 """
 
 from collections.abc import Generator, Iterable, Mapping, Sequence

@@ -1,16 +1,18 @@
 """What a filter is tuned on: blocks of training runs, and the metric they are scored by."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import ceil
 from typing import Any
 
+from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
 from trackbench.experiment.planning.plan import block_width
+from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.resolved import as_config
 from trackbench.tuning.axes import Axis
-from trackbench.tuning.objective import Objective
+from trackbench.tuning.objective import Objective, Score
 from trackbench.tuning.search import Shares, Values
 from trackbench.tuning.trials import Trial, make_trial
 
@@ -39,6 +41,15 @@ class Training:
         chosen = dict(zip(keys, values, strict=True))
         trial = make_trial(self._experiment.source, self._point, self._label, chosen, [])
         return [] if trial is None else [self._block(trial, i) for i in range(self._blocks(trial))]
+
+    def score(self, per_run: Mapping[str, Array]) -> Score:
+        """Of a trial's values per run; raises UserError if the metric is not among them."""
+        for name in self.objective.metrics:
+            if name not in per_run:  # of recorded data it is not known beforehand what there is
+                mark = self._experiment.source.mark(("tuning", "metric"))
+                what = f"{self._label} has no {name!r} here"
+                raise UserError(Problem(mark, "tuning.metric", what))
+        return self.objective.score(per_run)
 
     def _blocks(self, trial: Trial) -> int:
         return ceil(self._experiment.settings.tuning.runs / self._most(trial))

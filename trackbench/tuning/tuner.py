@@ -119,7 +119,7 @@ class _Tuner:
         there = [block for block in map(self._there.get, tasks) if block is not None]
         if not tasks or len(there) < len(tasks):
             return None
-        return self.training.objective.score(merge(there).per_run)
+        return self.training.score(merge(there).per_run)
 
 
 def _tell(tuners: list[_Tuner], task: BlockTask, result: BlockResult | None) -> None:
