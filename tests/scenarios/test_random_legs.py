@@ -30,7 +30,12 @@ def _flown(target: RandomLegs, steps: int, seed: int, run: int) -> np.ndarray:
     across = [target.across * (2 * u - 1) for u in rng.random((6, 1))[:, 0]]
     along = [target.sigma_along * e for e in rng.standard_normal((6, 1))[:, 0]]
     v = 30 + 60 * share
-    state = [600 * (2 * x - 1), v * cos(2 * pi * heading), 600 * (2 * y - 1), v * sin(2 * pi * heading)]
+    state = [
+        600 * (2 * x - 1),
+        v * cos(2 * pi * heading),
+        600 * (2 * y - 1),
+        v * sin(2 * pi * heading),
+    ]
     path = [state]
     for leg in range(target.legs[0] + int(many * 3)):
         for _ in range(lengths[leg]):

@@ -25,9 +25,7 @@ def per_run(rng: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("statistic", sorted(STATISTICS))
-def test_a_statistic_is_that_of_the_summary(
-    per_run: dict[str, np.ndarray], statistic: str
-) -> None:
+def test_a_statistic_is_that_of_the_summary(per_run: dict[str, np.ndarray], statistic: str) -> None:
     score = Objective.of(f"{statistic}(rmse_position)", SIZES).score(per_run)
     found = per_run["rmse_position"][~np.isnan(per_run["rmse_position"])]
     value, stderr = STATISTICS[statistic](found)

@@ -79,7 +79,7 @@ def test_it_begins_with_the_values_of_the_config() -> None:
     assert given_values(experiment, "IMM")["motions.1.q"] == 1e-4
     assert given_values(experiment, "eta = 35")["detector.eta"] == 35.0  # of a preset
     training = Training(experiment, "Any threshold")
-    assert [a.at(s) for a, s in zip(training.axes, training.start, strict=True)][0] == 20.0
+    assert training.axes[0].at(training.start[0]) == 20.0
 
 
 def test_training_runs_of_a_recording_are_its_last(tmp_path: Path) -> None:
@@ -98,9 +98,9 @@ def test_training_runs_of_a_recording_are_its_last(tmp_path: Path) -> None:
         for t in Training(experiment, "EKF").tasks((0.99,))
     ]
     assert np.concatenate(seen).tolist() == [9.0, 8.0, 7.0, 6.0]
-    with pytest.raises(Exception, match="5 training runs beside 6 .* the 10 recorded"):
+    with pytest.raises(Exception, match=r"5 training runs beside 6 .* the 10 recorded"):
         load(config, ["tuning.runs=5"])
-    with pytest.raises(UserError, match="recorded.yaml:6:9: tuning.metric: EKF has no 'rmse_position'"):
+    with pytest.raises(UserError, match=r"yaml:6:9: tuning.metric: EKF has no 'rmse_position'"):
         trackbench.run(config, out=tmp_path / "out", workers=1, quiet=True)
     assert not (tmp_path / "out" / "config.yaml").exists()
 

@@ -122,7 +122,9 @@ def test_another_filter_beside_it_changes_nothing(
 ) -> None:
     alone = trackbench.run(config, out=tmp_path / "out", only=["Kind"], workers=1, quiet=True)
     assert list(alone.results.tuning) == ["Kind"]
-    mine = [line for line in (report.folder / "tuning.csv").read_text().splitlines() if "Kind" in line]
+    mine = [
+        line for line in (report.folder / "tuning.csv").read_text().splitlines() if "Kind" in line
+    ]
     assert (alone.folder / "tuning.csv").read_text().splitlines()[1:] == mine
     assert [keys[0] for keys in alone.tables["rmse"].keys] == ["Kind", "Kind (tuned)"]
 
@@ -188,7 +190,10 @@ def test_by_anees_it_is_consistent(config: Path, tmp_path: Path) -> None:
         ("tuning.metric=rms(rmse_velocity)", "tuning.metric: 'rmse_velocity' is not kept"),
         ("tuning.evaluations=1", "tuning.evaluations: 1 is less than 2"),
         ("tuning.budget=1", "tuning.budget: unknown key; known:"),
-        ("grid={scenario.sensor.sigma: [1, 2]}", "tune: each point of a grid has values of its own"),
+        (
+            "grid={scenario.sensor.sigma: [1, 2]}",
+            "tune: each point of a grid has values of its own",
+        ),
         ("reference=KF", "tune.KF: the reference filter is what others are measured to"),
         ("tune=3", "tune: 3 is not a mapping"),
     ],

@@ -20,8 +20,8 @@ from trackbench.tuning.settings import tuned
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     """The config as plain data with every default; a grid keeps its list of values.
 
-    A part whose kind or preset the grid or tuning varies has only the keys that were given, since each kind
-    and preset has other defaults.
+    A part whose kind or preset the grid or tuning varies has only the keys that were given, since each
+    kind and preset has other defaults.
 
     A filter that ``only`` leaves out stays in it, so that tables, figures and published numbers may
     go on naming it.
