@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ABROAD = 3.0  # of the best half's spread: trials further up are off the page
+_BARS = 4.0  # standard errors of the best that the page shows at least
 _ROW_IN = 2.4
 
 
@@ -57,7 +58,7 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
 
     best, near = record.best, record.within(axis)
     there = [t for t in record.trials if isfinite(t.objective)]
-    top, band = _top([t.objective for t in there]), style.COLOURS[4]
+    top, band = _top([t.objective for t in there], best.stderr), style.COLOURS[4]
     ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
     if near and not axis.choices:
         ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
@@ -83,10 +84,11 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
     ax.set_xlabel(style.words(axis.key, 40))
 
 
-def _top(objectives: list[float]) -> float:
+def _top(objectives: list[float], stderr: float) -> float:
     """Where the page ends, so that what is near the best can be told apart."""
     ranked = sorted(objectives)
     if not ranked:
         return 0.0
     middle = ranked[len(ranked) // 2]
-    return min(ranked[-1], middle + _ABROAD * (middle - ranked[0]) or ranked[-1])
+    near = max(middle + _ABROAD * (middle - ranked[0]), ranked[0] + _BARS * stderr)
+    return min(ranked[-1], near)
