@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TextIO
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.source import scalar
 from trackbench.tuning.axes import Axis, read_axis
+from trackbench.tuning.search import looked_around
 from trackbench.tuning.tuned import Tuned
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
@@ -47,18 +48,26 @@ class Record:
     def within(self, axis: Axis) -> list[Any]:
         """Ends of a key's range, or choices, that are no more than one standard error worse.
 
-        The rule of one standard error (Breiman et al. 1984, section 3.4.3), with the other keys at
-        their best; between trials the objective is taken to be straight, beyond them nothing is known.
+        The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
+        their best the objective is taken to be straight between trials; any other trial that is as
+        good widens the range. Beyond the trials nothing is known.
         """
         best = self.best
         limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
         line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
+        good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
         if axis.choices:
-            return [t.values[axis.key] for _, t in sorted(line) if t.objective <= limit]
+            there = {t.values[axis.key] for t in good}
+            return [choice for choice in axis.choices if choice in there]
         middle = axis.share(best.values[axis.key]) or 0.0
         below = sorted((-x, t.objective) for x, t in line if x <= middle)
         above = sorted((x, t.objective) for x, t in line if x >= middle)
-        return [axis.at(-_reach(below, limit)), axis.at(_reach(above, limit))]
+        shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
+        ends = min(shares, default=middle), max(shares, default=middle)
+        return [
+            axis.at(min(ends[0], -_reach(below, limit))),
+            axis.at(max(ends[1], _reach(above, limit))),
+        ]
 
     def beside(self, axis: Axis) -> list[Trial]:
         """Trials that differ from the best in this key at most, and lose as many runs."""
@@ -73,6 +82,11 @@ class Record:
         if not isfinite(best.objective):
             yield "no value that was tried keeps a single training run"
             return
+        late = self.trials.index(best) >= len(self.trials) - looked_around(
+            self.axes, len(self.trials)
+        )
+        if late and any(not axis.choices for axis in self.axes) and len(self.trials) > 1:
+            yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
             yield f"{best.lost} of {runs} training runs are lost with the best values"
         for axis in self.axes:

@@ -45,6 +45,11 @@ _WORST = 1e300
 _LOST = 1e12  # what a lost run counts: more than any objective
 
 
+def looked_around(axes: Sequence[Axis], budget: int) -> int:
+    """How much of the budget is kept back from the simplex for the look around."""
+    return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
+
+
 class Search:
     """At most ``budget`` values of the axes, beginning with those at the shares ``start``."""
 
@@ -53,7 +58,7 @@ class Search:
         self._axes, self._start, self._left = axes, start, budget
         self._places: dict[Values, Shares] = {}
         self._numbers = [i for i, axis in enumerate(axes) if not axis.choices]
-        self._kept_back = min(len(_AROUND) * len(self._numbers), budget // 3)
+        self._kept_back = looked_around(axes, budget)
 
     @property
     def best(self) -> Values:
@@ -66,7 +71,7 @@ class Search:
         if self._numbers:
             yield from self._ask(self._all_over(self._places[self.best]))
             yield from self._simplex(self._places[self.best])
-            yield from self._look_around(self._places[self.best])
+            yield from self._look_around()
             yield from self._ask(self._with_each_choice(self._places[self.best]))
 
     def _ask(self, places: Iterable[Shares]) -> Asking:
@@ -140,11 +145,11 @@ class Search:
         changed = dict(zip(self._numbers, numbers.tolist(), strict=True))
         return tuple(changed.get(i, share) for i, share in enumerate(place))
 
-    def _look_around(self, place: Shares) -> Asking:
-        """Along each key by itself, so that its range can be told; further out only if there is room."""
+    def _look_around(self) -> Asking:
+        """Along each key by itself from the best, so that its range can be told; near by, then far."""
         near = sorted(_AROUND, key=abs)
         for pair in zip(near[::2], near[1::2], strict=True):
-            places = []
+            place, places = self._places[self.best], []
             for i in self._numbers:
                 for step in pair:
                     share = min(max(place[i] + step, 0.0), 1.0)
