@@ -62,7 +62,7 @@ def _mistakes(source: Source, settings: Settings, points: list[Point | None]) ->
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
         yield Problem(source.mark(keys), dotted(keys), what)
-    most = min((getattr(p.scenario, "recorded_runs", None) or 0 for p in points if p), default=0)
+    most = min((p.scenario.recorded_runs or 0 for p in points if p), default=0)
     if most and settings.runs + tuning.runs > most:
         what = (
             f"{tuning.runs} training runs beside {settings.runs} of the results are more than the "

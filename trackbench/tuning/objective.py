@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metrics import joined
 from trackbench.evaluation.statistics import STATISTICS, influence, mean
-from trackbench.scenarios.base import truth_components
+from trackbench.scenarios.base import Scenario
 
 _STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
 _LARGER_IS_BETTER = "log_score"
@@ -103,7 +103,7 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
             )
 
 
-def default_metric(scenario: Any) -> str:
+def default_metric(scenario: Scenario) -> str:
     """The rms of the scenario's first error."""
-    nowhere = np.zeros((len(truth_components(scenario)), 1))
+    nowhere = np.zeros((len(scenario.components), 1))
     return f"rms({joined('rmse', next(iter(scenario.errors(nowhere, nowhere))))})"

@@ -23,7 +23,6 @@ from trackbench.filters.base import AnyFilter, Filter, knows_expectations
 from trackbench.hooks import Part
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
-from trackbench.tuning.objective import as_expression
 from trackbench.tuning.objective import as_expression, bad_terms
 
 _FEW = 10

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
 from trackbench.tuning.axes import Axis
@@ -22,7 +23,7 @@ _ROW_IN = 2.4
 
 @register("figures", "tuning")
 @dataclass(frozen=True, kw_only=True)
-class TuningFigure:
+class TuningFigure(FigureKind):
     """Every trial of a filter over each of its keys; the best, and what is within its standard error.
 
     Trials in which runs were lost are crosses. Triangles are far above the page.
@@ -32,8 +33,6 @@ class TuningFigure:
 
     filter: str
     """label of the filter that is tuned"""
-    title: str = ""
-    """heading; default: the label"""
 
     def draw(self, results: Results) -> "Figure":
         """A panel per key."""

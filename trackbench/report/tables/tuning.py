@@ -11,6 +11,7 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.tuning.objective import Objective, Score
@@ -23,7 +24,7 @@ _SEEN = 2.0  # standard errors
 
 @register("tables", "tuning")
 @dataclass(frozen=True, kw_only=True)
-class TuningTable:
+class TuningTable(TableKind):
     """A row per tuned filter: the values found, each with the range within one standard error.
 
     `Training` is the metric on the runs it was tuned on, `Results` on those of the results, `Gap` how
@@ -31,8 +32,6 @@ class TuningTable:
     `Gained` how much larger that is than the tuned one, paired.
     """
 
-    title: str = ""
-    """caption; default: the metric"""
     digits: Annotated[int, Interval(ge=1, le=15)] = 4
     """significant digits of the values"""
 
