@@ -114,7 +114,7 @@ def test_fresh_and_resumed(report: api.Report, config: Path, tmp_path: Path) -> 
         again = trackbench.run(config, out=tmp_path / "out", workers=1, quiet=True, fresh=fresh)
         assert _files(again.folder) == _files(report.folder)
     manifest = again.results.manifest
-    assert manifest["blocks"] == {"computed": 0, "reused": 2}  # 500 runs hold all: two kinds of KF
+    assert manifest["blocks"] == {"computed": 0, "reused": 4}  # one of each filter
 
 
 def test_another_filter_beside_it_changes_nothing(
