@@ -12,7 +12,7 @@ from trackbench.evaluation.statistics import STATISTICS, influence, mean
 from trackbench.scenarios.base import Scenario
 
 _STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
-_LARGER_IS_BETTER = "log_score"
+_LARGER_IS_BETTER = ("log_score", "held_log_score")
 
 
 class Score(NamedTuple):
@@ -74,14 +74,14 @@ class Objective(NamedTuple):
             n = self.sizes[name.partition("[")[0].removeprefix("nees").removeprefix("_")]
             off = value / n - 1.0
             return abs(off), influences * (np.sign(off) / n)
-        if name.partition("[")[0] == _LARGER_IS_BETTER:
+        if name.partition("[")[0] in _LARGER_IS_BETTER:
             return -value, -influences
         return value, influences
 
 
 def as_expression(word: str) -> str:
     """The term as tables write it."""
-    return f"mean({word})" if word.partition("[")[0] == _LARGER_IS_BETTER else word
+    return f"mean({word})" if word.partition("[")[0] in _LARGER_IS_BETTER else word
 
 
 def _parts(word: str) -> tuple[str, str]:
@@ -95,7 +95,7 @@ def _parts(word: str) -> tuple[str, str]:
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
     """Terms that are no statistic over runs, and why."""
     for word in [metric] if isinstance(metric, str) else metric or ():
-        plain = word.startswith("anees") or word.partition("[")[0] == _LARGER_IS_BETTER
+        plain = word.startswith("anees") or word.partition("[")[0] in _LARGER_IS_BETTER
         if not plain and not _STATISTIC.fullmatch(word):
             yield (
                 word,
@@ -104,6 +104,8 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
 
 
 def default_metric(scenario: Scenario) -> str:
-    """The rms of the scenario's first error."""
+    """The rms of the scenario's first error; without a truth the predictive likelihood."""
+    if not scenario.has_truth:
+        return "log_score"
     nowhere = np.zeros((len(scenario.components), 1))
     return f"rms({joined('rmse', next(iter(scenario.errors(nowhere, nowhere))))})"

@@ -23,7 +23,7 @@ class Tuning:
     metric: str | dict[str, Finite] | None = None
     """what is made small over the training runs: `rms(rmse_position)`; `anees`, its distance to 1;
     `log_score`, made large; or a sum by weights, {rms(rmse_position): 1, anees: 20}; default: the rms
-    of the first error"""
+    of the first error, `log_score` of data without a truth"""
     runs: Count = 100
     """training runs, the same for every filter, none of which is a run of the results"""
     evaluations: Annotated[int, Interval(ge=2, le=10_000)] = 40
