@@ -90,7 +90,8 @@ def test_training_runs_of_a_recording_are_its_last(tmp_path: Path) -> None:
     config = tmp_path / "recorded.yaml"
     config.write_text(
         "name: r\nruns: 6\nscenario: {kind: recorded, like: like.yaml, measurements: z.csv}\n"
-        "filters: {EKF: {kind: ekf}}\ntune: {EKF: {gate: 0.9..0.999}}\ntuning: {runs: 4, metric: mean(nope)}\n"
+        "filters: {EKF: {kind: ekf}}\ntune: {EKF: {gate: 0.9..0.999}}\n"
+        "tuning: {runs: 4, metric: mean(nope)}\n"
     )
     experiment = load(config)
     seen = [
