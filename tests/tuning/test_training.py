@@ -83,23 +83,23 @@ def test_it_begins_with_the_values_of_the_config() -> None:
 
 
 def test_training_runs_of_a_recording_are_its_last(tmp_path: Path) -> None:
-    rows = [f"{run},{step},{run},{step}" for run in range(10) for step in range(1, 13)]
+    rows = [f"{run},{step},{run},{step}" for run in range(10) for step in range(13)]
     (tmp_path / "z.csv").write_text("run,step,x,y\n" + "\n".join(rows) + "\n")
-    like = CONFIG.partition("scenario:\n")[2].partition("filters:")[0]
-    (tmp_path / "like.yaml").write_text("\n".join(line[2:] for line in like.splitlines()))
     config = tmp_path / "recorded.yaml"
     config.write_text(
-        "name: r\nruns: 6\nscenario: {kind: recorded, like: like.yaml, measurements: z.csv}\n"
-        "filters: {EKF: {kind: ekf}}\ntune: {EKF: {gate: 0.9..0.999}}\n"
-        "tuning: {runs: 4, metric: mean(nope)}\n"
+        "name: r\nruns: 6\nscenario:\n  kind: tracking\n"
+        "  target: {kind: measured, measurements: z.csv}\n  sensor: {kind: position, sigma: 2}\n"
+        "  start: two-scan\n  assume: {motion: {kind: cwna, q: 0.1}}\n"
+        "filters: {KF: {kind: kf, assume: {motion: {kind: cwna, q: 0.1}}}}\n"
+        "tune: {KF: {assume.motion.q: log:0.01..1}}\ntuning: {runs: 4, metric: mean(nope)}\n"
     )
     experiment = load(config)
     seen = [
         simulate(t.scenario, t.seed, t.first_run, t.width).measurements[0, 0]
-        for t in Training(experiment, "EKF").tasks((0.99,))
+        for t in Training(experiment, "KF").tasks((0.1,))
     ]
     assert np.concatenate(seen).tolist() == [9.0, 8.0, 7.0, 6.0]
-    with pytest.raises(Exception, match=r"5 training runs beside 6 .* the 10 recorded"):
+    with pytest.raises(UserError, match=r"5 training runs beside 6 .* the 10 recorded"):
         load(config, ["tuning.runs=5"])
     with pytest.raises(UserError, match=r"tuning.metric: .*'nope'"):
         trackbench.run(config, out=tmp_path / "out", workers=1, quiet=True)
