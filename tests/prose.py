@@ -15,6 +15,7 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
+from trackbench.evaluation.measure import measure
 from trackbench.experiment.reading.published import split
 from trackbench.experiment.reading.source import scalar
 from trackbench.report.expressions import Expressions
@@ -69,12 +70,12 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))
     if wants_z:
-        return (expressions.term(label, expression).z(),)
+        return (expressions.term(measure(expression).of(label)).z(),)
     rows = expressions.results.at(expressions.results.summary, expressions.point)
     rows = rows[(rows["filter"] == label) & (rows["metric"] == expression)]
     if len(rows):
         return float(rows.iloc[0]["value"]), float(rows.iloc[0]["stderr"])
-    return tuple(expressions.term(label, expression).estimate)
+    return tuple(expressions.term(measure(expression).of(label)).estimate)
 
 
 @cache

@@ -8,8 +8,10 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args
 
+from trackbench.glossary import described
 from trackbench.hooks import hooks, offered
 from trackbench.keys import part_group
+from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
 
 
@@ -25,19 +27,21 @@ def listing(groups: Sequence[str]) -> str:
 
 
 def description(kind: str) -> str:
-    """A kind's documentation and keys, or a group's hooks; raises UserError if there is neither."""
+    """A kind's documentation and keys, a metric's, or a group's hooks; raises UserError for no such."""
     from trackbench.experiment.problems import Mark, Problem, UserError
     from trackbench.experiment.reading.validate import unknown
 
     if kind in GROUPS:
         return _hooks_of(kind)
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
-    if not found:
-        known = [*GROUPS, *(k for g in GROUPS for k in kinds(g))]
+    measured = described(kind)
+    if not found and measured is None:
+        known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
         raise UserError(
             Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
         )
-    return "\n\n".join(_described(kind, group, cls) for group, cls in found)
+    texts = (_described(kind, group, cls) for group, cls in found)
+    return "\n\n".join([*texts, *([measured] if measured else [])])
 
 
 def _hooks_of(group: Group) -> str:
@@ -69,6 +73,9 @@ def _described(kind: str, group: Group, cls: type[Any]) -> str:
         lines.append(f"\n  preset {name}: {given}")
     if group == "scenarios":
         lines += _component_rows(cls)
+    if group == "targets" and "windows" in vars(cls):
+        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        lines.append(f"\n  windows of metrics: {words}")
     if group == "sensors":
         lines.append(f"\n  components of the measurement: {','.join(cls.components)}")
     own = offered(cls, base_of(group))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation import statistics as st
+from trackbench.evaluation.measure import measure
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import FOUND, TOO_FAR, step_sums
 from trackbench.evaluation.shares import series_of, statistic_of, time_mean_shares, with_shares
@@ -74,7 +75,7 @@ def test_the_summary_takes_the_error_of_the_shares():
     result = FilterResult({"lost": lost}, {"squared_x": step_sums(squared, lost)}, kept, None, [])
     windows = {"": np.ones(STEPS, dtype=bool)}
     asked = ["rmse_x@4", "rmse_x@last", "time-mean(rmse_x)", "time-mean(rmse_y)", "rmse_x@99"]
-    shared = with_shares(result, asked, windows, range(STEPS), {"": 1})
+    shared = with_shares(result, map(measure, asked), windows, range(STEPS), {"": 1})
     assert list(shared.per_run) == ["lost", "rmse_x@4", "rmse_x@last", "time-mean(rmse_x)"]
     before, after = (
         {row.metric: row for row in summary_rows(r, {"": 1}, windows)} for r in (result, shared)
@@ -99,7 +100,9 @@ def test_a_batch_has_shares_of_its_own_average():
     kept, lost = {"squared": squared}, np.full(42, FOUND)
     result = FilterResult({"lost": lost}, {}, kept, None, [])
     windows = {"": np.ones(STEPS, dtype=bool)}
-    shared = with_shares(result, ["time-mean(rmse)"], windows, range(STEPS), {"": 1}, batches=4)
+    shared = with_shares(
+        result, [measure("time-mean(rmse)")], windows, range(STEPS), {"": 1}, batches=4
+    )
     shares = shared.per_run["time-mean(rmse)/4"]
     for runs in (range(11), range(11, 21), range(21, 32), range(32, 42)):
         assert shares[runs].mean() == pytest.approx(time_mean(squared[:, runs]), rel=1e-12)
@@ -122,5 +125,5 @@ def test_a_batch_has_shares_of_its_own_average():
     ],
 )
 def test_which_series_an_expression_needs(expression, series, statistic):
-    assert series_of(expression) == series
-    assert statistic_of(expression) == statistic
+    assert series_of(measure(expression)) == series
+    assert statistic_of(measure(expression)) == statistic

@@ -6,6 +6,7 @@ import yaml
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import mean
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
@@ -62,7 +63,7 @@ def test_they_average_to_the_value_of_every_step(results):
     for expression, metric, step in of_steps:
         here = steps[(steps["filter"] == "UKF") & (steps["metric"] == metric)]
         at = here[here["step"] == step].iloc[0]
-        term = e.term("UKF", expression)
+        term = e.term(measure(expression).of("UKF"))
         assert term.value == pytest.approx(at["value"], rel=1e-4)
         if metric != "std":  # the steps' sums know no fourth moment
             assert term.stderr == pytest.approx(at["stderr"], rel=1e-4)
@@ -72,11 +73,11 @@ def test_they_average_to_the_value_of_every_step(results):
 def test_a_batch_is_what_its_runs_alone_give(results, tmp_path):
     quarter = run(tmp_path, CONFIG.replace("runs: 40", "runs: 10") + TABLE)
     for expression in ("time-mean(rmse)", "rmse@last", "std@4", "minus(time-mean(rmse), UKF)"):
-        batch = Expressions(results, {}).batches(4)[0].term("PF", expression)
-        alone = Expressions(quarter, {}).term("PF", expression)
+        batch = Expressions(results, {}).batches(4)[0].term(measure(expression).of("PF"))
+        alone = Expressions(quarter, {}).term(measure(expression).of("PF"))
         assert batch.splits
         assert batch.estimate == pytest.approx(alone.estimate, rel=1e-5)
-    other = Expressions(results, {}).batches(5)[0].term("PF", "time-mean(rmse)")
+    other = Expressions(results, {}).batches(5)[0].term(measure("time-mean(rmse)").of("PF"))
     assert np.isnan(other.value)  # it was made for four: nothing of the whole passes for a batch's
 
 
@@ -91,7 +92,9 @@ def test_a_published_file_asks_for_them(tmp_path):
     results = run(tmp_path, CONFIG + "published: [claims.csv]\n")
     assert "time-mean(rmse)" in metrics(results)
     assert np.isfinite(
-        Expressions(results, {}).difference(*[(f, "time-mean(rmse)") for f in ("PF", "UKF")]).z()
+        Expressions(results, {})
+        .difference(*[measure("time-mean(rmse)").of(f) for f in ("PF", "UKF")])
+        .z()
     )
 
 

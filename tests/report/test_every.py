@@ -6,8 +6,8 @@ from scipy.stats import binomtest, norm
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.grammar import EXPRESSION, at_each_step, plain
 from trackbench.experiment.reading.published import Claim
 from trackbench.report import binomial
 from trackbench.report.agreement import of_claim, weakest
@@ -79,13 +79,15 @@ def test_false_failures_of_many_equal_steps_are_rare():
 
 def test_the_grammar_of_many_steps():
     for text in ("rmse@3..last", "below(rmse, PF (N=100))", "ratio(rmse_x@3..7, DE, same)"):
-        assert EXPRESSION.fullmatch(text)
-    assert plain("below(rmse[k<=30], DE, same)") == "rmse[k<=30]"
-    assert at_each_step("rmse@3..last", range(6)) == ["rmse@3", "rmse@4", "rmse@5"]
-    assert at_each_step("minus(rmse@3..4, PF)", range(9)) == [
-        f"minus(rmse@{k}, PF)" for k in (3, 4)
-    ]
-    assert at_each_step("mean(rmse)", range(6)) == ["mean(rmse)"]
+        assert str(measure(text)) == text
+    assert str(measure("below(rmse[k<=30], DE, same)").plain) == "rmse[k<=30]"
+
+    def at_each(text, steps):
+        return [str(m) for m in measure(text).at_each(steps)]
+
+    assert at_each("rmse@3..last", range(6)) == ["rmse@3", "rmse@4", "rmse@5"]
+    assert at_each("minus(rmse@3..4, PF)", range(9)) == [f"minus(rmse@{k}, PF)" for k in (3, 4)]
+    assert at_each("mean(rmse)", range(6)) == ["mean(rmse)"]
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +114,9 @@ def test_the_weakest_step_decides(results):
     claim = results.published.claims[0]
     judged = judge(claim, evidence)
     zs = {
-        k: -evidence.whole.difference(("Exact", f"rmse@{k}"), ("None", f"rmse@{k}")).z()
+        k: -evidence.whole.difference(
+            measure(f"rmse@{k}").of("Exact"), measure(f"rmse@{k}").of("None")
+        ).z()
         for k in range(3, 9)
     }
     least = min(zs, key=zs.__getitem__)
@@ -120,14 +124,16 @@ def test_the_weakest_step_decides(results):
     assert judged.paired
     assert len(judged.verdict.batches) == 4
     assert f"at step {least}; " in judged.note
-    turned = judge(Claim(paper="p", claim="c", left="None", expression="rmse@3..last", right="Exact"),
-                   evidence)  # fmt: skip
+    asked = measure("rmse@3..last")
+    turned = judge(
+        Claim(paper="p", claim="c", left="None", expression=asked, right="Exact"), evidence
+    )
     assert turned.verdict.z == pytest.approx(weakest([-z for z in zs.values()], 6))
 
 
 def test_a_share_of_runs(results):
     runs = results.runs({})
-    term = Expressions(results, {}).term("Exact", "below(rmse, None)")
+    term = Expressions(results, {}).term(measure("below(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
     assert term.z(0.9) == binomial.z(lower, 80, 0.9)
@@ -135,7 +141,10 @@ def test_a_share_of_runs(results):
     judged = judge(results.published.claims[1], Evidence.at(results, {}))
     assert judged.verdict.z == binomial.z(lower, 80, 0.97)
     assert (
-        sum(e.term("Exact", "below(rmse, None)").runs for e in Evidence.at(results, {}).batches)
+        sum(
+            e.term(measure("below(rmse, None)").of("Exact")).runs
+            for e in Evidence.at(results, {}).batches
+        )
         == 80
     )
 
@@ -147,7 +156,9 @@ def test_what_is_the_same_at_every_step_is_not_decided(results):
 
 
 def test_steps_that_nothing_is_known_of_are_not_measured(results):
-    claim = Claim(paper="p", claim="c", left="Exact", expression="rmse@99..last", right="None")
+    claim = Claim(
+        paper="p", claim="c", left="Exact", expression=measure("rmse@99..last"), right="None"
+    )
     judged = judge(claim, Evidence.at(results, {}))
     assert judged.verdict.word == "not measured"
     assert "nothing is known of Exact's rmse@99..last" in judged.note

@@ -8,6 +8,7 @@ import pytest
 
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.intervals import studentised
+from trackbench.evaluation.measure import measure
 from trackbench.report.expressions import Expressions
 
 RUNS = 120
@@ -69,7 +70,7 @@ def found(folder, name):
 
 
 def test_a_statistic_and_its_z(folder):
-    term = Expressions(folder, {}).term("A", "variance(rmse)")
+    term = Expressions(folder, {}).term(measure("variance(rmse)").of("A"))
     x = found(folder, ("A", "rmse"))
     assert term.estimate == st.variance(x)
     assert (term.runs, term.lost, term.splits) == (RUNS - 2, 2, True)
@@ -80,18 +81,21 @@ def test_a_statistic_and_its_z(folder):
 
 def test_shares_and_consistency_have_influences(folder):
     e = Expressions(folder, {})
-    assert e.term("A", "rmse@2").estimate == st.rms(found(folder, ("A", "rmse@2")))
+    assert e.term(measure("rmse@2").of("A")).estimate == st.rms(found(folder, ("A", "rmse@2")))
     shares = found(folder, ("A", "time-mean(rmse)"))
-    assert e.term("A", "time-mean(rmse)").estimate == st.mean(shares)
-    anees = e.term("A", "anees_position")
+    assert e.term(measure("time-mean(rmse)").of("A")).estimate == st.mean(shares)
+    anees = e.term(measure("anees_position").of("A"))
     assert anees.estimate == pytest.approx(st.mean(found(folder, ("A", "nees_position")) / 2))
-    assert all(e.term("A", name).splits for name in ("rmse@2", "time-mean(rmse)", "anees_position"))
+    assert all(
+        e.term(measure(name).of("A")).splits
+        for name in ("rmse@2", "time-mean(rmse)", "anees_position")
+    )
 
 
 def test_an_infinite_consistency_has_no_error(folder):
     folder.values["A", "nees_position"][3] = np.inf
     folder.summary["value"], folder.summary["stderr"] = np.inf, np.nan
-    anees = Expressions(folder, {}).term("A", "anees_position")
+    anees = Expressions(folder, {}).term(measure("anees_position").of("A"))
     assert (anees.value, anees.runs, anees.lost, anees.splits) == (np.inf, RUNS - 2, 2, False)
     assert np.isnan(anees.stderr)
     assert np.isnan(anees.z(1.0))
@@ -100,8 +104,8 @@ def test_an_infinite_consistency_has_no_error(folder):
 @pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "anees_position"])
 def test_batches_are_parts_of_the_whole(folder, expression):
     whole = Expressions(folder, {})
-    parts = [e.term("A", expression) for e in whole.batches(4)]
-    term = whole.term("A", expression)
+    parts = [e.term(measure(expression).of("A")) for e in whole.batches(4)]
+    term = whole.term(measure(expression).of("A"))
     assert sum(part.runs for part in parts) == term.runs
     assert sum(part.lost for part in parts) == term.lost
     assert sum(part.value * part.runs for part in parts) == pytest.approx(term.value * term.runs)
@@ -114,9 +118,9 @@ def test_a_batch_has_its_own_gain(folder):
     both = np.arange(RUNS) < 30
     both[[5, 6]] = False
     a, b = (folder.values[label, "rmse"][both] for label in "AB")
-    term = first.term("A", "gain(rms(rmse), B)")
+    term = first.term(measure("gain(rms(rmse), B)").of("A"))
     assert term.estimate == pytest.approx(jackknifed_gain(a, b), rel=1e-3)
-    assert first.difference(("A", "mean(rmse)"), ("B", "mean(rmse)")).runs == 28
+    assert first.difference(measure("mean(rmse)").of("A"), measure("mean(rmse)").of("B")).runs == 28
 
 
 def jackknifed_gain(a, b):
@@ -131,7 +135,9 @@ def jackknifed_gain(a, b):
 
 
 def test_an_exact_number_leaves_the_influences_alone(folder):
-    term = Expressions(folder, {}).difference(("A", "mean(rmse)"), ("A", "N"), 0.1)
+    term = Expressions(folder, {}).difference(
+        measure("mean(rmse)").of("A"), measure("N").of("A"), 0.1
+    )
     mean = st.mean(found(folder, ("A", "rmse")))
     assert term.estimate == pytest.approx((mean.value - 0.4, mean.stderr))
     assert term.splits
@@ -139,30 +145,30 @@ def test_an_exact_number_leaves_the_influences_alone(folder):
 
 def test_one_run_makes_a_number_fragile(folder):
     e = Expressions(folder, {})
-    assert not e.term("A", "variance(rmse)").fragile
+    assert not e.term(measure("variance(rmse)").of("A")).fragile
     folder.values["A", "rmse"][17] = 30.0
-    assert e.term("A", "variance(rmse)").fragile
+    assert e.term(measure("variance(rmse)").of("A")).fragile
 
 
 def test_times_have_students_t_of_their_blocks(folder):
     from scipy.stats import norm, t
 
     e = Expressions(folder, {})
-    time = e.term("A", "cpu_s_per_run")
+    time = e.term(measure("cpu_s_per_run").of("A"))
     assert not time.splits
     assert time.z(1.8) == pytest.approx(norm.isf(t.sf(2.0, 2)), rel=0.02)
     low, high = time.interval()
     assert high - low == pytest.approx(2 * t.isf(0.025, 2) * 0.1, rel=0.05)
-    assert np.isnan(e.term("D", "cpu_s_per_run").z(1.0))
-    assert np.isnan(e.term("D", "cpu_s_per_run").interval()).all()
+    assert np.isnan(e.term(measure("cpu_s_per_run").of("D")).z(1.0))
+    assert np.isnan(e.term(measure("cpu_s_per_run").of("D")).interval()).all()
 
 
 def test_a_ratio_of_times_is_paired_by_blocks(folder):
     e = Expressions(folder, {})
-    paired = e.term("A", "ratio(cpu_s_per_run, B)")
+    paired = e.term(measure("ratio(cpu_s_per_run, B)").of("A"))
     assert paired.value == 0.5
     assert paired.stderr == pytest.approx(0.0, abs=1e-15)  # every block's ratio is one half
-    apart = e.term("A", "ratio(cpu_s_per_run, C)")
+    apart = e.term(measure("ratio(cpu_s_per_run, C)").of("A"))
     assert apart.stderr == pytest.approx(0.5 * np.hypot(0.1 / 2, 0.1 / 4))
     assert apart.freedom == 1  # of the two blocks
-    assert np.isnan(e.term("A", "ratio(cpu_s_per_run, D)").stderr)
+    assert np.isnan(e.term(measure("ratio(cpu_s_per_run, D)").of("A")).stderr)

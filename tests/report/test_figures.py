@@ -5,6 +5,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
@@ -66,8 +67,8 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
 def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
     expressions = Expressions(Results(made), {})
-    term = expressions.term("PF", "rmse@5")
-    value, low, high = Bars(metric="rmse@5", level=level)._value(expressions, "PF")
+    term = expressions.term(measure("rmse@5").of("PF"))
+    value, low, high = Bars(metric=measure("rmse@5"), level=level)._value(expressions, "PF")
     assert value == term.value
     assert (low, high) == term.interval(level)
     plain = Term(1.0, 0.1, None, 400).interval(level)  # as of rmse@5 where no run has a share

@@ -10,6 +10,7 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation import block
+from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.published import Claim, PublishedNumber
@@ -156,18 +157,21 @@ def test_the_weakest_comparison_decides_a_claim(made):
     assert 0.6 < judged.verdict.z / min(zs) < 1.1  # the z of Student's t, but for skewness
     assert len(judged.verdict.batches) == 4
     assert "PF (N=50)" in judged.note
-    assert expressions.difference(("PF", "mean(rmse)"), ("PF", "mean(rmse)")).value == 0.0
+    assert (
+        expressions.difference(measure("mean(rmse)").of("PF"), measure("mean(rmse)").of("PF")).value
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize(("off", "word"), [(-20, "fails"), (0, "holds"), (20, "fails")])
 def test_equal_to_a_number_within_a_tolerance(made, off, word):
     results = Results(made)
-    measured = Expressions(results, {}).term("No data", "mean(rmse)")
+    measured = Expressions(results, {}).term(measure("mean(rmse)").of("No data"))
     claim = Claim(
         paper="p",
         claim="c",
         left="No data",
-        expression="mean(rmse)",
+        expression=measure("mean(rmse)"),
         relation="~",
         factor=measured.value + off * measured.stderr,
         tolerance=5 * measured.stderr / measured.value,
@@ -185,20 +189,22 @@ def test_gain_is_the_paired_relative_gain(made):
     results = Results(made)
     runs = results.runs({})
     expected = relative_gain(runs["PF (N=50)", "rmse"], runs["PF", "rmse"])
-    found = Expressions(results, {}).term("PF (N=50)", "gain(rms(rmse), PF)")
+    found = Expressions(results, {}).term(measure("gain(rms(rmse), PF)").of("PF (N=50)"))
     assert found.value == pytest.approx(100 * expected.value)
     assert found.stderr == pytest.approx(100 * expected.stderr, rel=0.2)  # leaves runs out in turn
-    ratio = Expressions(results, {}).term("PF (N=50)", "ratio(rms(rmse), PF)")
+    ratio = Expressions(results, {}).term(measure("ratio(rms(rmse), PF)").of("PF (N=50)"))
     assert found.value == pytest.approx(100 * (1 - ratio.value))
 
 
 def test_steps_times_and_settings_can_be_measured(made):
     expressions = Expressions(Results(made), {})
-    assert expressions.term("PF", "rmse@last") == expressions.term("PF", "rmse@12")
-    assert expressions.term("PF", "cpu_s_per_run").value > 0
-    assert expressions.term("PF (N=50)", "N").value == 50
-    assert isnan(expressions.term("PF", "rmse@99").value)
-    assert isnan(expressions.term("PF", "mean(nonsense)").value)
+    assert expressions.term(measure("rmse@last").of("PF")) == expressions.term(
+        measure("rmse@12").of("PF")
+    )
+    assert expressions.term(measure("cpu_s_per_run").of("PF")).value > 0
+    assert expressions.term(measure("N").of("PF (N=50)")).value == 50
+    assert isnan(expressions.term(measure("rmse@99").of("PF")).value)
+    assert isnan(expressions.term(measure("mean(nonsense)").of("PF")).value)
 
 
 def test_comparison_files_have_the_promised_columns(made):

@@ -6,24 +6,39 @@ from typing import Annotated
 
 import typer
 
-from trackbench.cli.options import one_of
+from trackbench.cli.options import AllowPlugins, one_of
 
 
 def list_(
     group: Annotated[
-        str | None, typer.Argument(help="filters, motions, sensors, ...; default: all groups")
+        str | None,
+        typer.Argument(help="filters, ..., metrics, statistics; default: all groups of kinds"),
     ] = None,
+    config: Annotated[
+        Path | None, typer.Argument(help="an experiment whose metrics and windows are listed")
+    ] = None,
+    allow_plugins: AllowPlugins = False,
 ) -> None:
-    """List what a config may name."""
+    """List what a config may name; `list metrics CONFIG`: what can be measured in an experiment."""
+    from trackbench import glossary
     from trackbench.catalogue import listing
     from trackbench.registry import GROUPS
 
-    chosen = GROUPS if group is None else (one_of("list", group, GROUPS),)
-    typer.echo(listing(chosen))
+    word = None if group is None else one_of("list", group, (*GROUPS, "metrics", "statistics"))
+    if word == "statistics":
+        typer.echo(glossary.statistics())
+    elif word == "metrics":
+        typer.echo(
+            glossary.metrics_of_config(config, allow_plugins) if config else glossary.metrics()
+        )
+    else:
+        typer.echo(listing(GROUPS if word is None else (word,)))
 
 
 def describe(
-    kind: Annotated[str, typer.Argument(help="a kind from `trackbench list`, or a group")],
+    kind: Annotated[
+        str, typer.Argument(help="a kind, metric or statistic of `trackbench list`, or a group")
+    ],
 ) -> None:
     """Print a kind's parameters, defaults and source; of a group, what its classes may offer."""
     from trackbench.catalogue import description

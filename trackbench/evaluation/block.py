@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.checked import (
     check_estimate,
@@ -30,7 +30,7 @@ from trackbench.evaluation.metrics import (
 )
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
-from trackbench.models.base import extra_std
+from trackbench.models.base import Model, extra_std
 from trackbench.models.extended import extended
 from trackbench.scenarios.base import Scenario, Simulation
 
@@ -199,10 +199,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     """
     scenario, tracker, n = task.scenario, task.filter, len(data.truth)
     model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
-    prior = data.prior
-    every = len(model.motion.components)
-    if every > n:
-        prior = frozen(extended(prior, extra_std(model.motion)))
+    prior, every = prior_of(data, model), len(model.motion.components)
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
     consistency, clock = ConsistencySeries(scenario, task.width), _Clock()
@@ -234,6 +231,13 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
     return Filtered(mean, nees, kept, notes, clock.cpu_s)
+
+
+def prior_of(data: Simulation, model: Model) -> Distribution:
+    """The prior of the state that a filter assumes, which may have more components than the truth."""
+    if len(model.motion.components) <= len(data.truth):
+        return data.prior
+    return frozen(extended(data.prior, extra_std(model.motion)))
 
 
 def _own_part(found: Gaussian, every: int, n: int) -> Gaussian:

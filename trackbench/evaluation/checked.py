@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.metrics import OWN_NAMES
+from trackbench.metrics import is_reserved
 
 _WORD = re.compile(r"[\w.-]+")
 
@@ -45,7 +45,7 @@ def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Ar
 def check_names(names: Iterable[str]) -> None:
     """Raise ValueError at the name of a diagnostic that would replace a metric of the errors."""
     for name in names:
-        if name.partition("_")[0] in OWN_NAMES:
+        if is_reserved(name):
             raise ValueError(f"a diagnostic cannot be named {name!r}, as metrics of errors are")
         if not _WORD.fullmatch(name):  # rmse[k<=30] and mean(rmse) are metrics of errors, too
             raise ValueError(f"a diagnostic cannot be named {name!r}: use letters, digits, . _ -")

@@ -14,12 +14,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
+from trackbench.metrics import joined, metrics_of
 from trackbench.scenarios.base import Scenario, in_window
 
-OWN_NAMES = frozenset(
-    {"squared", "error", "distance", "nees", "outside", "rmse", "bias", "std", "anees", "lost"}
-)
-"""What names of series and of metrics begin with that a filter's diagnostics cannot have."""
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
@@ -34,11 +31,6 @@ class StepSums(NamedTuple):
     def plus(self, other: "StepSums") -> "StepSums":
         """The sums over both sets of runs."""
         return StepSums(*(a + b for a, b in zip(self, other, strict=True)))
-
-
-def joined(prefix: str, quantity: str) -> str:
-    """``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
-    return f"{prefix}_{quantity}" if quantity else prefix
 
 
 def series(
@@ -65,7 +57,7 @@ def series(
 def per_run_metrics(
     scenario: Scenario, values: dict[str, Array], counts: Collection[str], finite: Mask
 ) -> dict[str, Array]:
-    """Numbers per run (M,): root mean squares over each window, means of the rest; NaN if lost.
+    """Numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
     says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
@@ -73,19 +65,10 @@ def per_run_metrics(
     lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
     for window, mask in scenario.windows.items():
-        suffix = in_window("", window)
-        for name, rows in values.items():
-            head, _, quantity = name.partition("_")
-            if head == "squared":
-                out[joined("rmse", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
-            elif head == "distance":
-                out[joined("distance", quantity) + suffix] = np.sqrt(_mean(rows[mask]))
-            elif name in counts:
-                out[name + suffix] = total(np.where(np.isnan(rows[mask]), 0.0, rows[mask]), axis=0)
-            elif head == "error":
-                out[joined("bias", quantity) + suffix] = _mean(rows[mask])
-            else:
-                out[name + suffix] = _mean(rows[mask])
+        for series, rows in values.items():
+            for metric, name in metrics_of(series, counts):
+                if metric.over_steps:
+                    out[in_window(name, window)] = _OVER_STEPS[metric.over_steps](rows[mask])
     for name, numbers in scenario.run_metrics(values).items():
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
@@ -125,3 +108,14 @@ def _mean(rows: Array) -> Array:
     """Mean over steps of the values that exist; NaN where none does."""
     there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
     return np.asarray(total(np.where(there, rows, 0.0), axis=0) / there.sum(axis=0))
+
+
+def _rms(rows: Array) -> Array:
+    return np.sqrt(_mean(rows))  # of squares
+
+
+def _sum(rows: Array) -> Array:
+    return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
+
+
+_OVER_STEPS = {"mean": _mean, "rms": _rms, "sum": _sum}

@@ -8,99 +8,84 @@ an experiment asks for it; ``time-mean(rmse)/4`` are shares of the averages of f
 own.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
+from trackbench.evaluation.measure import TIME_MEAN, Measure
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import FOUND, joined
-
-TIME_MEAN = re.compile(r"time-mean\(([\w.-]+)(?:\[([^\]]+)\])?\)(?:/(\d+))?")
-_STEP = re.compile(r"([\w.-]+)@(\d+|last)")
-_SERIES = {
-    "rmse": "squared",
-    "distance": "distance",
-    "bias": "error",
-    "std": "error",
-    "anees": "nees",
-}
-_STATISTICS = {"rmse": "rms", "distance": "rms", "std": "std"}
+from trackbench.evaluation.metrics import FOUND
+from trackbench.metrics import joined
 
 
-def series_of(expression: str) -> str | None:
-    """Name of the series that a share of this expression is made of; None if it has no shares."""
-    found = TIME_MEAN.fullmatch(expression) or _STEP.fullmatch(expression)
-    if found is None:
+def series_of(m: Measure) -> str | None:
+    """Name of the series that a share of this measure is made of; None if it has no shares."""
+    found, quantity = m.family
+    if m.statistic == TIME_MEAN and not m.steps:
+        return joined(found.series, quantity) if found.name == "rmse" else None
+    if m.statistic or not m.steps:
         return None
-    head, _, quantity = found.group(1).partition("_")
-    if head != "rmse" and TIME_MEAN.fullmatch(expression):
-        return None
-    return joined(_SERIES[head], quantity) if head in _SERIES else found.group(1)
+    return joined(found.series, quantity) if found.series else m.metric
 
 
-def statistic_of(expression: str) -> str | None:
-    """The statistic over runs of its shares that an expression is; None if it has no shares."""
-    if series_of(expression) is None:
+def statistic_of(m: Measure) -> str | None:
+    """The statistic over runs of its shares that a measure is; None if it has no shares."""
+    if series_of(m) is None:
         return None
-    at_step = _STEP.fullmatch(expression)
-    return _STATISTICS.get(at_step.group(1).partition("_")[0], "mean") if at_step else "mean"
+    return "mean" if m.statistic else m.family[0].over_runs or "mean"
 
 
 def with_shares(
     result: FilterResult,
-    expressions: Iterable[str],
+    wanted: Iterable[Measure],
     windows: Mapping[str, Mask],
     steps: Sequence[int],
     sizes: Mapping[str, int],
     batches: int = 1,
 ) -> FilterResult:
-    """The result with a metric per run for each expression whose series was kept.
+    """The result with a metric per run for each measure whose series was kept.
 
     ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
     many components each NEES has. With ``batches``, averages over time have shares in each of them, too.
     """
-    wanted = list(expressions)
+    wanted = list(wanted)
     if batches > 1:
-        wanted += [in_batches(name, batches) for name in wanted if TIME_MEAN.fullmatch(name)]
+        wanted += [in_batches(m, batches) for m in wanted if m.statistic == TIME_MEAN]
     shares = {}
-    for expression in wanted:
-        rows = result.kept.get(series_of(expression) or "")
+    for m in wanted:
+        rows = result.kept.get(series_of(m) or "")
         if rows is not None:
-            shares[expression] = _share(expression, rows, result, windows, steps, sizes)
+            shares[str(m)] = _share(m, rows, result, windows, steps, sizes)
     there = {name: values for name, values in shares.items() if values is not None}
     return result._replace(per_run=result.per_run | there)
 
 
 def _share(
-    expression: str,
+    m: Measure,
     rows: Array,
     result: FilterResult,
     windows: Mapping[str, Mask],
     steps: Sequence[int],
     sizes: Mapping[str, int],
 ) -> Array | None:
-    mean_over = TIME_MEAN.fullmatch(expression)
-    if mean_over:
-        mask = windows.get(mean_over.group(2) or "")
+    if m.steps is None:
+        mask = windows.get(m.window)
         found = result.per_run["lost"] == FOUND
-        number = int(mean_over.group(3) or 1)
-        return None if mask is None else _shares_of_batches(rows[mask], found, number)
-    metric, _, step = expression.partition("@")
-    number = steps[-1] if step == "last" else int(step)
+        return None if mask is None else _shares_of_batches(rows[mask], found, m.batches)
+    number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
         return None
-    row, (head, _, part) = rows[steps.index(number)], metric.partition("_")
-    if _STATISTICS.get(head) == "rms":
+    row, (metric, quantity) = rows[steps.index(number)], m.family
+    if metric.over_runs == "rms":
         return np.sqrt(row)
-    return row / sizes[part] if head == "anees" else row
+    return row / sizes[quantity] if metric.per_component else row
 
 
-def in_batches(expression: str, number: int) -> str:
-    """Name of the shares that an expression has in each of so many batches of the runs."""
-    return f"{expression}/{number}" if TIME_MEAN.fullmatch(expression) else expression
+def in_batches(m: Measure, number: int) -> Measure:
+    """The shares that a measure has in each of so many batches of the runs."""
+    return m._replace(batches=number) if m.statistic == TIME_MEAN else m
 
 
 def batch_of(runs: int, number: int) -> Index:

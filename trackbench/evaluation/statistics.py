@@ -82,14 +82,57 @@ def deviation(x: Array) -> Estimate:
     return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
 
 
-STATISTICS: dict[str, Callable[[Array], Estimate]] = {
-    "mean": mean,
-    "variance": variance,
-    "rms": rms,
-    "median": median,
+def _of_mean(x: Array) -> Array:
+    return x - _mean(x)
+
+
+def _of_rms(x: Array) -> Array:
+    squares, M = np.square(x), len(x)
+    others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
+    return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
+
+
+def _of_deviation(x: Array) -> Array:
+    squares = np.square(x - _mean(x))
+    return (squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares)))
+
+
+def _of_variance(x: Array) -> Array:
+    """As if the run were left out, mean and divisor with it (the delete-one jackknife)."""
+    squares, M = np.square(x - _mean(x)), len(x)
+    return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
+
+
+def _of_median(x: Array) -> Array:
+    """The sign of each run's deviation over twice the density, which the standard error tells."""
+    value, stderr = median(x)
+    return np.sign(x - value) * stderr * np.sqrt(len(x))
+
+
+class Statistic(NamedTuple):
+    """A statistic over runs, with each run's influence on it, and what it is in words."""
+
+    estimate: Callable[[Array], Estimate]
+    influence: Callable[[Array], Array]
+    help: str
+    power: int = 1
+    """of the metric's unit, which the statistic has"""
+
+    def __call__(self, x: Array) -> Estimate:
+        """Value and standard error of values per run (M,)."""
+        return self.estimate(x)
+
+
+STATISTICS = {
+    "mean": Statistic(mean, _of_mean, "mean over the runs"),
+    "variance": Statistic(variance, _of_variance, "unbiased variance over the runs", power=2),
+    "rms": Statistic(rms, _of_rms, "root mean square over the runs"),
+    "median": Statistic(median, _of_median, "median over the runs"),
 }
-OVER_RUNS = STATISTICS | {"std": deviation}
-"""Those of a summary, and the one that is of a step only."""
+"""Those that summary.csv has of every metric per run."""
+OVER_RUNS = STATISTICS | {
+    "std": Statistic(deviation, _of_deviation, "standard deviation over the runs, at a step")
+}
 
 
 @_quietly
@@ -123,26 +166,11 @@ def influence(name: str, x: Array) -> Array:
     """How much each run moves a statistic: centred values (M,) whose mean's error is the statistic's.
 
     So the standard error of any smooth combination of statistics on common runs is that of the mean of
-    the same combination of influences (the infinitesimal jackknife). The median's is the sign of each
-    run's deviation over twice the density, which its standard error tells.
+    the same combination of influences (the infinitesimal jackknife).
     """
-    if name == "mean":
-        return np.asarray(x - _mean(x))
-    if name == "rms":
-        squares, M = np.square(x), len(x)
-        others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
-        return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
-    if name == "std":
-        squares = np.square(x - _mean(x))
-        return np.asarray((squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares))))
-    if name == "variance":
-        squares, M = np.square(x - _mean(x)), len(x)
-        # As if the run were left out, mean and divisor with it (the delete-one jackknife).
-        return np.asarray((squares - _mean(squares)) * (M / max(M - 2.0, 1.0)))
-    if name == "median":
-        value, stderr = median(x)
-        return np.asarray(np.sign(x - value) * stderr * np.sqrt(len(x)))
-    raise ValueError(f"no influence of {name!r}")
+    if name not in OVER_RUNS:
+        raise ValueError(f"no influence of {name!r}")
+    return np.asarray(OVER_RUNS[name].influence(x))
 
 
 @_quietly

@@ -7,9 +7,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
+from trackbench.evaluation.measure import TIME_MEAN, Measure, measured
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import FOUND, StepSums, joined
-from trackbench.evaluation.shares import TIME_MEAN
+from trackbench.evaluation.metrics import FOUND, StepSums
 from trackbench.evaluation.statistics import (
     STATISTICS,
     Estimates,
@@ -18,6 +18,7 @@ from trackbench.evaluation.statistics import (
     median,
     rooted,
 )
+from trackbench.metrics import joined, metric_of, metrics_of
 from trackbench.scenarios.base import in_window
 
 
@@ -53,39 +54,44 @@ def summary_rows(
     """
     lost = int((result.per_run["lost"] != FOUND).sum())
     for metric, values in result.per_run.items():
-        found = values[~np.isnan(values)]
-        share = TIME_MEAN.fullmatch(metric)
-        if share and not share.group(3) and not result.steps:  # read back: it is all that is known
+        found, of = values[~np.isnan(values)], measured(metric)
+        share = of.statistic == TIME_MEAN
+        if share and of.batches == 1 and not result.steps:  # read back: it is all that is known
             yield SummaryRow(metric, *mean(found), len(found), lost)
-        if share or metric == "lost":
+        if share or of.metric == "lost":
             continue
         for name, statistic in STATISTICS.items():
             yield SummaryRow(f"{name}({metric})", *statistic(found), len(found), lost)
-        head, _, part = metric.partition("[")[0].partition("_")
-        if head == "nees":
+        for row, n in per_component(of, sizes):
             value, stderr = mean(found)
-            n = sizes[part]
-            yield SummaryRow(f"a{metric}", value / n, stderr / n, len(found), lost)
+            yield SummaryRow(row, value / n, stderr / n, len(found), lost)
     yield from _time_means(result, windows, lost)
+
+
+def per_component(of: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
+    """Rows that are the mean of a metric per run divided by a number of components, and the number."""
+    for metric, name in metrics_of(of.metric) if of.steps is None else ():
+        if metric.per_component:
+            yield in_window(name, of.window), sizes[of.family[1]]
 
 
 def _time_means(
     result: FilterResult, windows: Mapping[str, Mask], lost: int
 ) -> Iterator[SummaryRow]:
-    for name, (total, squares, number) in result.steps.items():
-        head, _, quantity = name.partition("_")
-        if head != "squared":
-            continue
-        for window, mask in windows.items():
-            there = mask & (number > 0)
-            if there.any():
-                metric = f"time-mean({in_window(joined('rmse', quantity), window)})"
-                steps = rooted(mean_from_sums(total[there], squares[there], number[there]))
-                value, stderr = average(np.stack(steps)).tolist()
-                shares = result.per_run.get(metric)
-                if shares is not None:
-                    stderr = mean(shares[~np.isnan(shares)]).stderr
-                yield SummaryRow(metric, value, stderr, int(number[mask].max()), lost)
+    for series, (total, squares, number) in result.steps.items():
+        for metric, name in metrics_of(series):
+            if metric.name != "rmse":
+                continue
+            for window, mask in windows.items():
+                there = mask & (number > 0)
+                if there.any():
+                    row = f"{TIME_MEAN}({in_window(name, window)})"
+                    steps = rooted(mean_from_sums(total[there], squares[there], number[there]))
+                    value, stderr = average(np.stack(steps)).tolist()
+                    shares = result.per_run.get(row)
+                    if shares is not None:
+                        stderr = mean(shares[~np.isnan(shares)]).stderr
+                    yield SummaryRow(row, value, stderr, int(number[mask].max()), lost)
 
 
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
@@ -114,7 +120,7 @@ def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> I
             rms = float(np.sqrt(average(np.square(bound[mask]))))
             yield SummaryRow(f"rms({metric})", rms, float("nan"), 0, 0)
             yield SummaryRow(
-                f"time-mean({metric})", float(average(bound[mask])), float("nan"), 0, 0
+                f"{TIME_MEAN}({metric})", float(average(bound[mask])), float("nan"), 0, 0
             )
 
 
@@ -129,19 +135,15 @@ def _step_metrics(
     name: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
     """The metrics of one series at every step (T + 1,), NaN where no run has a value."""
-    head, _, quantity = name.partition("_")
     average = mean_from_sums(*sums)
-    if head in ("squared", "distance"):
-        metric = "rmse" if head == "squared" else "distance"
-        yield joined(metric, quantity), rooted(average)
-    elif head == "error":
-        yield joined("bias", quantity), average
-        yield joined("std", quantity), _spread(*sums)
-    elif head == "nees":
-        n = sizes[quantity]
-        yield f"a{name}", Estimates(average.value / n, average.stderr / n)
-    else:
-        yield name, average
+    for metric, full in metrics_of(name):
+        n = sizes[metric_of(name)[1]] if metric.per_component else 1
+        if metric.over_runs == "rms":
+            yield full, rooted(average)
+        elif metric.over_runs == "std":
+            yield full, _spread(*sums)
+        elif metric.over_runs:
+            yield full, Estimates(average.value / n, average.stderr / n)
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:

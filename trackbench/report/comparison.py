@@ -55,14 +55,14 @@ def write_paired(results: Results) -> None:
 
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:
     """Rows of comparison.csv: every reading of every number, the best ones marked."""
-    rows = []
+    rows: list[dict[str, object]] = []
     best = {id(number.best) for number in comparison.numbers}
     for compared in comparison.rows:
         p, m, verdict = compared.published, compared.measured, compared.verdict
         cells = [
             *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, verdict.z],
             *[verdict.word, compared.note, p.paper, p.row, compared.label],
-            *[p.expression, m.runs, "" if p.runs is None else p.runs],
+            *[str(p.expression or ""), m.runs, "" if p.runs is None else p.runs],
             *[_batches(verdict), _yes(compared.fragile), _yes(id(compared) in best)],
         ]
         rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))

@@ -1,6 +1,6 @@
-"""What a published number is measured by: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
+"""Measures of a results folder: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
 
-An expression's error comes as one influence per run where it can, so that a difference between two
+A measure's error comes as one influence per run where it can, so that a difference between two
 filters on common runs is paired and a batch of runs can be judged by itself. Times have one per block.
 """
 
@@ -11,32 +11,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
-from trackbench.experiment.reading.grammar import (
-    COMPOSED,
-    STATISTIC,
-    STEP,
-    STEPS,
-    at_each_step,
-    plain,
-)
 from trackbench.report.given import keys_at
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Share, Term, gain, quietly, quotient, together
+from trackbench.scenarios.base import in_window
 
 
 class _OverRuns(NamedTuple):
-    """A statistic over runs of a metric, and what divides it."""
+    """A statistic over runs of a metric of per_run.csv, and what divides it."""
 
     statistic: str
-    metric: str
+    name: str
     divisor: float = 1.0
 
 
 @dataclass(frozen=True)
 class Expressions:
-    """Expressions over one results folder at one point of its grid; over some of its runs, if told."""
+    """Measures over one results folder at one point of its grid; over some of its runs, if told."""
 
     results: Results
     point: dict[str, Any]
@@ -53,46 +47,39 @@ class Expressions:
         batch = batch_of(runs, number)
         return [replace(self, chosen=batch == i, parts=number, whole=self) for i in range(number)]
 
-    def term(self, label: str, expression: str, common: Mask | None = None) -> Term:
-        """A filter's expression; over the ``common`` runs (M,) only, if they are given."""
-        composed = COMPOSED.fullmatch(expression)
-        if composed:
-            kind, inner, other = composed.groups()
-            if kind == "minus":
-                return self.difference((label, inner), (other, inner))
-            if kind == "below":
-                return self._below(label, inner, other)
-            common = self._found([(label, inner), (other, inner)])
-            ratio = quotient(*(self.term(b, inner, common) for b in (label, other)))
-            return ratio if kind == "ratio" else gain(ratio)
-        over_runs = self._of_runs(label, expression)
+    def term(self, m: Measure, common: Mask | None = None) -> Term:
+        """A filter's measure; over the ``common`` runs (M,) only, if they are given."""
+        if m.relation:
+            return self._related(m, m.plain, m.plain.of(m.other))
+        over_runs = self._of_runs(m)
         if over_runs is not None:
-            return self._over_runs(label, over_runs, common)
-        step = STEP.fullmatch(expression)
-        if step:
-            return self._at_step(label, step.group(1), step.group(2))
-        return self._plain(label, expression)
+            return self._over_runs(m.filter, over_runs, common)
+        return self._at_step(m) if m.steps is not None else self._plain(m)
 
-    def at_each_step(self, label: str, expression: str) -> list[str]:
-        """An expression of many steps at each of those at which anything is known of the filter."""
-        metric = STEPS.sub("", plain(expression))
+    def at_each_step(self, m: Measure) -> list[Measure]:
+        """A measure of many steps at each of those at which anything is known of the filter."""
         steps = self.results.at(self.results.per_step, self.point)
-        mine = steps[(steps["filter"] == label) & (steps["metric"] == metric)]
+        mine = steps[(steps["filter"] == m.filter) & (steps["metric"] == m.metric)]
+        shares = [measured(name) for of, name in self.runs if of == m.filter]
         known = {int(k) for k in mine["step"]}
-        for of, name in self.runs:
-            step = STEP.fullmatch(name)
-            if step and (of, step.group(1)) == (label, metric) and step.group(2) != "last":
-                known.add(int(step.group(2)))
-        return at_each_step(expression, sorted(known))
+        known |= {s.step for s in shares if s.step is not None and s.metric == m.metric}
+        return m.at_each(sorted(known))
 
     @quietly
-    def difference(
-        self, left: tuple[str, str], right: tuple[str, str], factor: float = 1.0
-    ) -> Term:
-        """``left - factor * right`` of two (label, expression), paired on common runs."""
-        common = self._found([left, right])
-        a, b = (self.term(*side, common) for side in (left, right))
+    def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> Term:
+        """``left - factor * right``, paired on common runs."""
+        common = self._found(left, right)
+        a, b = self.term(left, common), self.term(right, common)
         return together(a.value - factor * b.value, a, b, 1.0, -factor)
+
+    def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
+        if m.relation == "minus":
+            return self.difference(mine, other)
+        if m.relation == "below":
+            return self._below(mine, other)
+        common = self._found(mine, other)
+        ratio = quotient(self.term(mine, common), self.term(other, common))
+        return ratio if m.relation == "ratio" else gain(ratio)
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
@@ -113,49 +100,46 @@ class Expressions:
             found[r["filter"], "cpu_s_per_run"] = _time(r)
         return found
 
-    def _of_runs(self, label: str, expression: str) -> _OverRuns | None:
-        """The statistic that an expression is; None for a time, or if no run has a part in it."""
-        statistic = STATISTIC.fullmatch(expression)
-        if statistic:
-            return _OverRuns(statistic.group(1), statistic.group(2))
-        shared = statistic_of(expression)
-        if shared and (label, expression) in self.runs:  # of other batches than these: none
-            alone = self.parts == 1
-            return _OverRuns(shared, expression if alone else in_batches(expression, self.parts))
-        nees = expression.removeprefix("a")
-        if expression.startswith("anees") and (label, nees) in self.runs:
-            a, b = (self._summary.get((label, name)) for name in (f"mean({nees})", expression))
+    def _of_runs(self, m: Measure) -> _OverRuns | None:
+        """The statistic that a measure is; None for a time, or if no run has a part in it."""
+        if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
+            return _OverRuns(m.statistic, m.name)
+        shared = statistic_of(m)
+        if shared and (m.filter, str(m)) in self.runs:  # of other batches than these: none
+            return _OverRuns(shared, str(m if self.parts == 1 else in_batches(m, self.parts)))
+        nees = in_window(m.base, m.window)
+        if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
+            a, b = (self._summary.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
             if a is not None and b is not None and 0.0 < b.value < np.inf:  # else nobody's part
                 return _OverRuns("mean", nees, round(a.value / b.value))
         return None
 
-    def _found(self, sides: list[tuple[str, str]]) -> Mask | None:
+    def _found(self, *sides: Measure) -> Mask | None:
         """Runs that every side's metric exists for."""
         common: Mask | None = None
-        for label, expression in sides:
-            composed = COMPOSED.fullmatch(expression)
-            for name in (label, composed.group(3)) if composed else (label,):
-                over_runs = self._of_runs(name, plain(expression))
-                values = self.runs.get((name, over_runs.metric)) if over_runs else None
+        for side in sides:
+            for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
+                over_runs = self._of_runs(m)
+                values = self.runs.get((m.filter, over_runs.name)) if over_runs else None
                 if values is not None:
                     there = ~np.isnan(values)
                     common = there if common is None else common & there
         return common
 
     def _over_runs(self, label: str, wanted: _OverRuns, common: Mask | None) -> Term:
-        values = self.runs.get((label, wanted.metric))
+        values = self.runs.get((label, wanted.name))
         if values is None:
             return MISSING
         return self._statistic(label, wanted.statistic, values / wanted.divisor, common)
 
     @quietly
-    def _below(self, label: str, metric: str, other: str) -> Term:
+    def _below(self, mine: Measure, other: Measure) -> Term:
         """The share of the common runs in which a filter's metric is below another's."""
-        a, b = (self.runs.get((name, metric)) for name in (label, other))
+        a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING
         below = np.where(np.isnan(a) | np.isnan(b), np.nan, a < b)
-        return Share(*self._statistic(label, "mean", below, None))
+        return Share(*self._statistic(mine.filter, "mean", below, None))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | None) -> Term:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""
@@ -171,9 +155,10 @@ class Expressions:
         influences[kept] = influence(name, x)
         return Term(*OVER_RUNS[name](x), influences, len(x), lost)
 
-    def _at_step(self, label: str, metric: str, step: str) -> Term:
+    def _at_step(self, m: Measure) -> Term:
+        of, step = str(m._replace(steps=None)), m.steps.first if m.steps else "last"
         frame = self.results.at(self.results.per_step, self.point)
-        frame = frame[(frame["filter"] == label) & (frame["metric"] == metric)]
+        frame = frame[(frame["filter"] == m.filter) & (frame["metric"] == of)]
         if len(frame):
             wanted = frame["step"].max() if step == "last" else int(step)
             frame = frame[frame["step"] == wanted]
@@ -182,8 +167,9 @@ class Expressions:
         row = frame.iloc[0]
         return Term(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
 
-    def _plain(self, label: str, name: str) -> Term:
+    def _plain(self, m: Measure) -> Term:
         """A row of summary.csv or timing.csv, or a number that the config gives the filter."""
+        label, name = m.filter, str(m)
         if (label, name) in self._summary:
             return self._summary[label, name]
         if label not in self.results.filters:
@@ -193,14 +179,10 @@ class Expressions:
             return Term(float(given), 0.0, None, 1)
         return MISSING
 
-
-def over_runs(expressions: Expressions, label: str, expression: str) -> tuple[str, Array] | None:
-    """Name of the statistic and its values per run, lost runs left out; None for anything else."""
-    statistic = STATISTIC.fullmatch(expression)
-    values = expressions.runs.get((label, statistic.group(2))) if statistic else None
-    if statistic is None or values is None:
-        return None
-    return statistic.group(1), values[~np.isnan(values)]
+    def values(self, m: Measure) -> Array | None:
+        """Values per run that a statistic is of, lost runs left out; None for anything else."""
+        values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
+        return None if values is None else values[~np.isnan(values)]
 
 
 def _time(row: dict[str, Any]) -> Term:

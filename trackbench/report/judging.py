@@ -5,7 +5,6 @@ from math import inf, isnan, nan
 from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.experiment.reading.grammar import STEP, plain
 from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, UNDECIDED, Verdict
@@ -56,8 +55,10 @@ def _unjudged(claim: Claim, why: str) -> Judged:
 
 def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
     """The claim at each of the steps that it is about; or itself, if that is no matter of steps."""
-    left = whole.at_each_step(claim.left, claim.expression)
-    right = whole.at_each_step(claim.left, claim.right_expression)
+    left, right = (
+        whole.at_each_step(m.of(claim.left)) if m else [None]
+        for m in (claim.expression, claim.right_expression)
+    )
     return [
         replace(claim, expression=a, right_expression=b)
         for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
@@ -104,29 +105,26 @@ def _score(evidence: Evidence, claim: Claim, right: str) -> _Score:
 
 
 def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
-    left = (claim.left, claim.expression)
-    if not right:
-        return _Off(expressions.term(*left), claim.factor, claim.factor)
-    other = (right, claim.right_expression or claim.expression)
-    target = claim.factor * expressions.term(*other).value
-    return _Off(expressions.difference(left, other, claim.factor), 0.0, target)
+    left, *others = claim.sides(right)
+    if not others:
+        return _Off(expressions.term(left), claim.factor, claim.factor)
+    target = claim.factor * expressions.term(others[0]).value
+    return _Off(expressions.difference(left, others[0], claim.factor), 0.0, target)
 
 
 def _why(whole: Expressions, score: _Score) -> str:
     """Both sides of a comparison, in words."""
     claim, right = score.claim, score.right
-    sides = [(claim.left, claim.expression)]
-    sides += [(right, claim.right_expression or claim.expression)] if right else []
-    why = [_in_words(label, whole.term(label, expression)) for label, expression in sides]
+    why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
     why += [] if right else [f"{score.off.target:g}"]
     return ", ".join(why) + ("; no standard error" if isnan(score.off.term.stderr) else "")
 
 
 def _of_steps(weakest: _Score, found: list[_Score]) -> str:
     """Where the comparison is that is the weakest of those at many steps, and how many are strong."""
-    step = STEP.fullmatch(plain(weakest.claim.expression))
+    steps = weakest.claim.expression and weakest.claim.expression.steps
     surely = sum(score.z >= agreement.SURE for score in found)
-    where = f"at step {step.group(2)}; " if step else ""
+    where = f"at step {steps.first}; " if steps else ""
     return f"{where}{surely} of {len(found)} comparisons hold by themselves"
 
 

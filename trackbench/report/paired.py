@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import studentised, two_sided
+from trackbench.evaluation.measure import measured
 from trackbench.evaluation.statistics import holm, influence, mean, without_rounding
 
 
@@ -27,7 +28,8 @@ class Pair(NamedTuple):
 
 def primary_metrics(metrics: list[str]) -> list[str]:
     """The errors over the whole time: ``rmse`` and ``rmse_<quantity>``, without windows and steps."""
-    return [m for m in metrics if m.split("_")[0] == "rmse" and not {"[", "@"} & set(m)]
+    found = ((name, measured(name)) for name in metrics)
+    return [n for n, m in found if m.is_row and not m.window and m.family[0].name == "rmse"]
 
 
 def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import measured
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.points import single_paths
@@ -112,8 +113,7 @@ def best_points(sweep: Sweep) -> Iterator[str]:
 def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> str:
     first, second = ranked[:2]
     text = f"{label} at {_at(sweep, first.point)}: {metric} {first.value:.4g} ± {first.stderr:.2g}"
-    name = metric.partition("(")[2].removesuffix(")")
-    a, b = (sweep.per_run(label, name, score.point) for score in (first, second))
+    a, b = (sweep.per_run(label, measured(metric).name, s.point) for s in (first, second))
     both = np.isfinite(a) & np.isfinite(b)
     gain, stderr = relative_gain(a[both], b[both])
     text += f", {100 * gain:.2g} ± {100 * stderr:.2g} % below {_at(sweep, second.point)}"
@@ -126,9 +126,7 @@ def _at(sweep: Sweep, point: Values) -> str:
 
 
 def _is_headline(metric: str) -> bool:
-    statistic, _, name = metric.partition("(")
-    if statistic.startswith("anees"):
-        return True
-    if name.startswith(("rmse", "distance")):
-        return statistic == "rms"
-    return statistic == "mean" and not name.startswith("nees")
+    m = measured(metric)
+    if m.family[0].over_steps == "rms":
+        return m.statistic == "rms"
+    return m.family[0].per_component or (m.statistic == "mean" and m.family[0].name != "nees")

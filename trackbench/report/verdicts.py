@@ -10,6 +10,7 @@ from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
 from typing import NamedTuple
 
+from trackbench.evaluation.measure import Measure
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report import agreement
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, Verdict
@@ -120,11 +121,11 @@ def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Co
         yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), False, note)
         return
     for label in number.labels:
-        measured, of_batches = evidence.of(partial(_term, label, number.expression))
+        measured, of_batches = evidence.of(partial(_term, number.expression.of(label)))
         verdict = agreement.of_number(number, measured, of_batches)
         note = joined(measured.losses, number.chosen, number.note)
         yield Compared(number, label, measured, verdict, measured.fragile, note)
 
 
-def _term(label: str, expression: str, expressions: Expressions) -> Term:
-    return expressions.term(label, expression)
+def _term(m: Measure, expressions: Expressions) -> Term:
+    return expressions.term(m)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metrics import joined
 from trackbench.evaluation.statistics import STATISTICS, influence, mean
+from trackbench.metrics import joined
 from trackbench.scenarios.base import Scenario
 
 _STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.shares import TIME_MEAN
+from trackbench.evaluation.measure import TIME_MEAN, measured
 from trackbench.evaluation.statistics import holm, mean
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import cpu_count, engine
@@ -104,7 +104,7 @@ def _values(results: Results, runs: int, whole: bool) -> dict[Key, Array]:
         (*point.values(), *key): values[:runs]
         for point in results.points()
         for key, values in results.runs(point).items()
-        if whole or not TIME_MEAN.fullmatch(key[1])
+        if whole or measured(key[1]).statistic != TIME_MEAN
     }
 
 

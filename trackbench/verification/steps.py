@@ -12,10 +12,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.derived import sizes
+from trackbench.evaluation.measure import measured
 from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.reading.definition import Point
 from trackbench.report.results import Results
-from trackbench.scenarios.base import Scenario, in_window
+from trackbench.scenarios.base import in_window
 from trackbench.verification.findings import Finding, changed
 from trackbench.verification.summaries import HALF, near, stored_rows
 
@@ -58,12 +59,15 @@ def _averages(
             if mean is not None:
                 shared = (label, mean.metric) in runs
                 yield label, metric, window, _is_time_mean(inside, mean, shared)
-            values = runs.get((label, in_window(_of_runs(metric), window)))
+            of = measured(metric)
+            values = runs.get((label, in_window(of.base, window))) if of.is_row else None
             if values is not None:
                 found = values[~np.isnan(values)]
                 if len(inside) and (inside["runs"] == len(found)).all():
-                    scale = 1.0 / _size(metric, here.scenario)
-                    agrees = _agree(metric, inside["value"].to_numpy(), found * scale, counts)
+                    family, quantity = of.family
+                    n = sizes(here.scenario)[quantity] if family.per_component else 1
+                    how = "sum" if metric in counts else family.over_steps
+                    agrees = _agree(how, inside["value"].to_numpy(), found * (1.0 / n))
                     yield label, metric, window, agrees
 
 
@@ -78,23 +82,13 @@ def _is_time_mean(rows: "pd.DataFrame", stored: SummaryRow, shared: bool) -> boo
     )
 
 
-def _of_runs(metric: str) -> str:
-    """The metric of per_run.csv that has the same average; none of this name if there is none."""
-    return metric.removeprefix("a") if metric.startswith("anees") else metric
-
-
-def _size(metric: str, scenario: Scenario) -> int:
-    """By what a normalised error is divided per step."""
-    return sizes(scenario)[metric.partition("_")[2]] if metric.startswith("anees") else 1
-
-
 @np.errstate(all="ignore")
-def _agree(metric: str, steps: Array, runs: Array, counts: frozenset[str]) -> bool:
+def _agree(how: str, steps: Array, runs: Array) -> bool:
     """Whether values per step (T,) and per run (M,) have one average: root mean square, sum or mean."""
-    if metric.startswith(("rmse", "distance")):
+    if how == "rms":
         a, b = (float(np.sqrt(np.square(x).mean())) for x in (steps, runs))
     else:
-        a = float(steps.sum() if metric in counts else steps.mean())
+        a = float(steps.sum() if how == "sum" else steps.mean())
         b = float(runs.mean())
-    room = HALF["per_step.csv"] * np.abs(steps).mean() * (len(steps) if metric in counts else 1)
+    room = HALF["per_step.csv"] * np.abs(steps).mean() * (len(steps) if how == "sum" else 1)
     return near(a, b, room + HALF["per_run.csv"] * np.abs(runs).mean(), "per_step.csv")

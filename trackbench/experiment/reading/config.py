@@ -25,7 +25,7 @@ from trackbench.experiment.reading.checks import (
 )
 from trackbench.experiment.reading.compose import assignment, inline_parts, override
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
-from trackbench.experiment.reading.metric_names import check_metrics
+from trackbench.experiment.reading.metric_checks import check_metrics
 from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.points import grid_points, take
@@ -35,6 +35,11 @@ from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_default_metric
 from trackbench.tuning.entries import Values, add_tuned
+
+_ALONE = {
+    *("name", "title", "seed", "runs", "verdict_seeds", "block"),
+    *("medians", "metrics", "per_step", "published"),
+}
 
 
 def load(
@@ -101,9 +106,10 @@ def _set_only(source: Source, labels: list[str]) -> None:
 
 def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
     problems: list[Problem] = []
-    settings = build(Settings, source, (), problems)
+    # Go on after a mistake as far as can be, so that one round of corrections is enough.
+    whole = build(Settings, source, (), problems)
+    settings = whole or _without_mistakes(source, problems)
     if settings is None:
-        # Go on to the parts, so that one round of corrections is enough.
         _sections(source, problems)
         raise UserError(*sorted(set(problems)))
     labels = chosen_labels(source, settings, problems)
@@ -113,7 +119,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         points.append(_point(source, labels, values, problems))
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others, problems)
-    settings = with_recorded_runs(source, settings, points, problems)
+    if whole:
+        settings = with_recorded_runs(source, settings, points, problems)
     settings = with_default_metric(settings, points)
     axes = tuned_axes(source, settings, points, problems)
     tables = _parts("tables", source, problems)
@@ -122,13 +129,23 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     for group, built in parts.items():
         check_named_filters(source, settings, group, built, problems)
         check_drawable(source, group, built, points, problems)
-    check_figures(source, settings, figures, points, problems)
-    check_metrics(source, settings, points, parts, problems)
+    if whole:  # else the runs may not be known
+        check_figures(source, settings, figures, points, problems)
+    check_metrics(source, settings, points, parts, left_out, problems)
     published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
     there = [p for p in points if p is not None]
     return Experiment(settings, there, left_out, tables, figures, source, published, plugins, axes)
+
+
+def _without_mistakes(source: Source, problems: list[Problem]) -> Settings | None:
+    """The settings without their mistakes, if no other part of the file hangs on those keys."""
+    mistaken = {p.path.partition(".")[0] for p in problems}
+    if not mistaken <= _ALONE:
+        return None
+    data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
+    return build(Settings, Source(data, source.marks, source.key_marks), (), [])
 
 
 def _point(

@@ -132,8 +132,6 @@ class Labelled:
 class Exhibit(Labelled, Part):
     """Base of tables and figures: what they show, and what they need for it."""
 
-    asks: ClassVar[dict[str, str]] = {}
-    """keys that name metrics, and each one's role: per_step, per_run, summary, expression, comparison"""
     needs: ClassVar[dict[str, str]] = {}
     """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
 

@@ -10,8 +10,8 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from trackbench.evaluation.measure import Measure
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.experiment.reading.grammar import EXPRESSION, STEPS
 from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
 from trackbench.experiment.reading.validate import build, unknown
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
@@ -47,7 +47,7 @@ class PublishedNumber:
     """experiments that measure it, separated by semicolons"""
     label: str = ""
     """labels of the filter there, separated by semicolons"""
-    expression: str = ""
+    expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
     `below(rmse, PF)`: the share of the runs in which it is less than PF's"""
     point: str = ""
@@ -63,7 +63,7 @@ class PublishedNumber:
         return split(self.label)
 
     @property
-    def expressions(self) -> list[str]:
+    def expressions(self) -> list[Measure]:
         """Every expression of the row."""
         return [self.expression] if self.expression else []
 
@@ -80,7 +80,7 @@ class Claim:
     """experiments that decide it, separated by semicolons"""
     left: str = ""
     """label of the filter that is spoken of"""
-    expression: str = ""
+    expression: Measure | None = None
     """what is compared: as for a published number; `rmse@3..last` is compared at each of the steps"""
     relation: Literal["<", ">", "~"] = "<"
     """smaller, larger, or equal within the tolerance"""
@@ -88,7 +88,7 @@ class Claim:
     """the right side is multiplied by it; without a right side it is the right side"""
     right: str = ""
     """labels compared with, separated by semicolons: the claim must hold against each"""
-    right_expression: str = ""
+    right_expression: Measure | None = None
     """what is taken of the right side; default: the same expression"""
     tolerance: NonNegative = 0.0
     """share of the right side that `~` allows"""
@@ -109,8 +109,15 @@ class Claim:
         """Labels of the right side."""
         return split(self.right)
 
+    def sides(self, right: str) -> list[Measure]:
+        """What is compared of the left side and of a label of the right one, if there is any."""
+        if self.expression is None:
+            return []
+        other = (self.right_expression or self.expression).of(right)
+        return [self.expression.of(self.left), *([other] if right else [])]
+
     @property
-    def expressions(self) -> list[str]:
+    def expressions(self) -> list[Measure]:
         """Every expression of the test."""
         return [e for e in (self.expression, self.right_expression) if e]
 
@@ -255,16 +262,11 @@ def _check(
         for label in split(getattr(row, key, "")):
             known(key, label)
     for key in ("expression", "right_expression"):
-        expression = getattr(row, key, "")
-        match = EXPRESSION.fullmatch(expression)
-        if expression and not match:
-            such = "such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
-            wrong(key, f"{expression!r} is no expression {such}")
-        if match and match["other"]:
-            known(key, match["other"])
-    of_steps = [STEPS.findall(expression) for expression in row.expressions]
-    if isinstance(row, PublishedNumber) and any(of_steps):
-        wrong("expression", f"{row.expression!r} is no number: name one step")
-    elif of_steps[1:] not in ([], [[]], of_steps[:1]):
-        what = f"{row.expressions[1]!r} is not at the steps of {row.expressions[0]!r}"
-        wrong("right_expression", what)
+        expression: Measure | None = getattr(row, key, None)
+        if expression and expression.other:
+            known(key, expression.other)
+    first, second = row.expression, getattr(row, "right_expression", None)
+    if isinstance(row, PublishedNumber) and first and first.is_many:
+        wrong("expression", f"{str(first)!r} is no number: name one step")
+    elif second and second.is_many and not (first and first.steps == second.steps):
+        wrong("right_expression", f"{str(second)!r} is not at the steps of {str(first)!r}")

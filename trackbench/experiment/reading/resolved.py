@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import yaml
 
+from trackbench.evaluation.measure import Measure
 from trackbench.experiment.reading.compose import split_path
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.points import single_paths
@@ -117,6 +118,8 @@ def _plain(value: Any, shown: Callable[[str], str]) -> Any:
         if isinstance(value, Part):
             return as_config(value, shown)
         value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Measure):
+        return str(value)
     if isinstance(value, dict):
         return {k: _plain(v, shown) for k, v in value.items()}
     return [_plain(v, shown) for v in value] if isinstance(value, list | tuple) else value

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.evaluation.derived import sizes
+from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.shares import with_shares
@@ -23,7 +24,7 @@ from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import csv_writer, made, replacing, write_text
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import Experiment
-from trackbench.experiment.reading.metric_names import base_name, kept_metrics
+from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
 from trackbench.experiment.reading.shared import Shared, shared
 from trackbench.experiment.storing.manifest import manifest_of
@@ -142,13 +143,11 @@ def _prefixed(
     if wanted is not None and not wanted:
         return
     if wanted is not None:  # a summary of what is not kept is never asked for
-        kept = {
-            m: values for m, values in result.per_run.items() if base_name(m) in {"lost", *wanted}
-        }
+        kept = {m: x for m, x in result.per_run.items() if measured(m).base in {"lost", *wanted}}
         result = result._replace(per_run=kept)
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, point.scenario):
-        if metric is None or wanted is None or base_name(row[metric]) in wanted:
+        if metric is None or wanted is None or measured(row[metric]).base in wanted:
             yield [*prefix, *_plain(row, DIGITS.get(name))]
 
 
@@ -171,7 +170,7 @@ def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
         elif name == "per_step.csv":
             rows = _timed(bound_steps(scenario.bounds()), scenario)
         for row in rows:
-            if wanted is None or base_name(row.metric) in wanted:
+            if wanted is None or measured(row.metric).base in wanted:
                 yield [*prefix, *_plain(row, DIGITS[name])]
 
 

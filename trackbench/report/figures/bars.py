@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from trackbench.evaluation.measure import Expression, measure
 from trackbench.evaluation.statistics import interval
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.evidence import point_of
-from trackbench.report.expressions import Expressions, over_runs
+from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
@@ -25,12 +26,11 @@ if TYPE_CHECKING:
 class Bars(FigureKind):
     """A statistic per filter with its confidence interval, and the published number beside it."""
 
-    asks: ClassVar[dict[str, str]] = {"metric": "expression"}
     label_keys: ClassVar[tuple[str, ...]] = ("floor", "baseline")
 
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
-    metric: str = "mean(rmse)"
+    metric: Expression = measure("mean(rmse)")
     """what is drawn: a metric of summary.csv, or any expression such as `rmse@20`"""
     level: OpenShare = 0.95
     """of the intervals"""
@@ -58,11 +58,11 @@ class Bars(FigureKind):
             self._bars(ax, expressions, labels)
             for label, look in lines.items():
                 if label in results.labels:
-                    value = expressions.term(str(label), self.metric).value
+                    value = expressions.term(self.metric.of(str(label))).value
                     ax.axvline(value, label=label, **look)
             self._published(ax, results, point, labels)
             ax.set_title(style.heading(point), fontsize=9)
-            ax.set_xlabel(self.x_label or self.metric)
+            ax.set_xlabel(self.x_label or str(self.metric))
             if self.log:
                 ax.set_xscale("log")
             ax.grid(visible=False, axis="y")
@@ -83,10 +83,10 @@ class Bars(FigureKind):
                             color=style.COLOURS[0])  # fmt: skip
 
     def _value(self, expressions: Expressions, label: str) -> tuple[float, float, float]:
-        term = expressions.term(label, self.metric)
-        values = over_runs(expressions, label, self.metric)
+        m = self.metric.of(label)
+        term, values = expressions.term(m), expressions.values(m)
         if values is not None:
-            return term.value, *interval(*values, level=self.level)
+            return term.value, *interval(m.statistic, values, level=self.level)
         low, high = (x if isfinite(x) else term.value for x in term.interval(self.level))
         return term.value, low, high
 

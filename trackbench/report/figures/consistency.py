@@ -1,10 +1,11 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackbench.evaluation.measure import OfStep, OfSummary, measure
 from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 class Anees(Curves):
     """Average normalised estimation error squared over time, with the band of a consistent filter."""
 
-    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
-
-    metric: str = "anees"
+    metric: OfStep = measure("anees")
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
     n_x: Count
     """number of components of the state, or of the part"""
@@ -51,9 +50,7 @@ class Anees(Curves):
 class Bias(Curves):
     """Mean signed errors over time, a row of panels per quantity, with bands of two standard errors."""
 
-    asks: ClassVar[dict[str, str]] = {"rows": "per_step"}
-
-    rows: dict[str, str]
+    rows: dict[str, OfStep]
     """vertical axis with its unit: metric of per_step.csv, such as `bias_radial`"""
     linear_within: Positive | None = None
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
@@ -82,11 +79,9 @@ class Bias(Curves):
 class Dots(FigureKind):
     """Metrics of summary.csv, a dot with two standard errors per filter; a panel row per grid point."""
 
-    asks: ClassVar[dict[str, str]] = {"columns": "summary"}
-
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
-    columns: dict[str, str]
+    columns: dict[str, OfSummary]
     """horizontal axis with its unit: metric of summary.csv, such as `mean(bias_radial)`"""
     expected: dict[str, float]
     """value of each metric for a filter without fault, drawn as a line"""
@@ -102,7 +97,7 @@ class Dots(FigureKind):
         for row, point in zip(axes, points, strict=True):
             frame = results.at(results.summary, point)
             row[len(row) // 2].set_title(style.heading(point))
-            for ax, metric in zip(row, self.columns.values(), strict=True):
+            for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
                 found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
                 for i, label in enumerate(labels):
                     look = {"color": style.line(i)["color"], "marker": "o", "markersize": 3.5}

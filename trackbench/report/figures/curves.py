@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from trackbench.evaluation.measure import Measure, OfRun, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
@@ -70,11 +71,11 @@ class Curves(FigureKind):
         return figure, [(list(column), p) for column, p in zip(axes.T, points, strict=True)]
 
     def lines(
-        self, results: Results, frame: "pd.DataFrame", point: dict[str, Any], metric: str
+        self, results: Results, frame: "pd.DataFrame", point: dict[str, Any], metric: Measure
     ) -> Iterator[tuple["pd.DataFrame", dict[str, Any]]]:
         """Each label's rows of a metric at a grid point, and how its line looks, label included."""
         frame = results.at(frame, point)
-        frame = frame[frame["metric"] == metric]
+        frame = frame[frame["metric"] == str(metric)]
         for label, look in self.labels(results):
             yield frame[frame["filter"] == label], {"label": label, **look}
 
@@ -94,9 +95,7 @@ class Curves(FigureKind):
 class RmseVsTime(Curves):
     """A metric of per_step.csv over time, with bands of two standard errors."""
 
-    asks: ClassVar[dict[str, str]] = {"metric": "per_step"}
-
-    metric: str = "rmse"
+    metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
 
     def draw(self, results: Results) -> "Figure":
@@ -120,11 +119,9 @@ class RmseVsTime(Curves):
 class RmsePerRun(Curves):
     """A metric of per_run.csv for each Monte Carlo run."""
 
-    asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
-
     x_label: str = "Run m"
     """label of the horizontal axis"""
-    metric: str = "rmse"
+    metric: OfRun = measure("rmse")
     """metric of per_run.csv"""
 
     def draw(self, results: Results) -> "Figure":
@@ -133,7 +130,7 @@ class RmsePerRun(Curves):
         for (ax,), point in panels:
             runs = results.runs(point)
             for label, look in self.labels(results):
-                values = runs.get((label, self.metric), np.empty(0))
+                values = runs.get((label, str(self.metric)), np.empty(0))
                 number = np.arange(1, len(values) + 1)
                 ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
         return self.finish(figure)

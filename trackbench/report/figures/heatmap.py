@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Comparison, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
@@ -25,11 +26,9 @@ if TYPE_CHECKING:
 class HeatMap(FigureKind):
     """A statistic over the grid and the filters; without a grid, the paired z of every two filters."""
 
-    asks: ClassVar[dict[str, str]] = {"metric": "comparison"}
-
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
-    metric: str = "mean(rmse)"
+    metric: Comparison = measure("mean(rmse)")
     """statistic in the cells; without a grid, the metric per run in brackets is compared"""
     x: str | None = None
     """path of the grid along the horizontal axis; default: the first"""
@@ -72,7 +71,7 @@ class HeatMap(FigureKind):
         )
         if point is None:
             return float("nan")
-        return Expressions(results, point).term(label, self.metric).value
+        return Expressions(results, point).term(self.metric.of(label)).value
 
     def _panels(
         self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
@@ -92,13 +91,13 @@ class HeatMap(FigureKind):
             ax.set_xlabel(style.name(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image)
         axes[0][0].set_ylabel(style.name(y))
-        figure.colorbar(image, ax=list(axes[0]), label=self.bar_label or self.metric)
+        figure.colorbar(image, ax=list(axes[0]), label=self.bar_label or str(self.metric))
         if self.title:
             figure.suptitle(self.title, fontsize=9)
         return figure
 
     def _pairs(self, results: Results, labels: list[str]) -> "Figure":
-        metric = self.metric.partition("(")[2].removesuffix(")") or self.metric
+        metric = self.metric.name
         z = np.full((len(labels), len(labels)), np.nan)
         for _, pairs in results.pairs:
             for pair in pairs:

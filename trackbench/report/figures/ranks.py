@@ -1,11 +1,12 @@
 """Figure kind `critical-difference`: mean ranks over runs, and who does not differ from whom."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import OfRun, measure
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style
@@ -25,11 +26,9 @@ class CriticalDifference(FigureKind):
     Demsar 2006. A lost run has the worst rank.
     """
 
-    asks: ClassVar[dict[str, str]] = {"metric": "per_run"}
-
     filters: tuple[str, ...] | None = None
     """labels to rank; default: all"""
-    metric: str = "rmse"
+    metric: OfRun = measure("rmse")
     """metric of per_run.csv; smaller is better"""
     alpha: OpenShare = 0.05
     """probability of a false difference anywhere in the figure"""
@@ -42,11 +41,11 @@ class CriticalDifference(FigureKind):
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
             runs = results.runs(point)
-            there = [b for b in labels if (b, self.metric) in runs]
+            there = [b for b in labels if (b, str(self.metric)) in runs]
             if len(there) < 2:
                 ax.set_axis_off()
                 continue
-            values = np.stack([runs[b, self.metric] for b in there])
+            values = np.stack([runs[b, str(self.metric)] for b in there])
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)
             _panel(ax, there, mean, cliques(mean, critical))

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import OfSummary, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
@@ -30,11 +31,9 @@ class RmseVsParameter(FigureKind):
     on a logarithmic axis stands at the left, apart.
     """
 
-    asks: ClassVar[dict[str, str]] = {"metric": "summary"}
-
     parameter: str | None = None
     """path of the grid that is the horizontal axis; default: the only one"""
-    metric: str = "mean(rmse_position)"
+    metric: OfSummary = measure("mean(rmse_position)")
     """metric of summary.csv"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
@@ -61,7 +60,7 @@ class RmseVsParameter(FigureKind):
         first = results.points()[0]
         held = {p: v for p, v in first.items() if p != path}
         frame = results.at(results.summary, held)
-        frame = frame[frame["metric"] == self.metric]
+        frame = frame[frame["metric"] == str(self.metric)]
         figure, ax = style.subplots(1, 1, 3.6)
         labels = results.chosen(self.filters)
         for i, label in enumerate(labels):

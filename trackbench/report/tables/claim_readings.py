@@ -71,7 +71,7 @@ class ClaimReadings(TableKind):
             for claim in published.claims
             if claim.labels
             and set(claim.labels) <= here
-            and not any("cpu_s" in expression for expression in claim.expressions)
+            and not any(m.metric.startswith("cpu_s") for m in claim.expressions)
         ]
 
 

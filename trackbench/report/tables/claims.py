@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from trackbench.evaluation.measure import OfRun
 from trackbench.experiment.reading.definition import Labelled
 from trackbench.registry import register
 from trackbench.report import agreement, style
@@ -23,7 +24,7 @@ class ClaimRow(Labelled):
     """label of the filter said to be better"""
     than: str
     """label of the filter said to be worse"""
-    metric: str
+    metric: OfRun
     """metric of per_run.csv, smaller is better"""
 
 
@@ -36,7 +37,6 @@ class Claims(TableKind):
     experiment's batches; else it is undecided. The notes give the values at which each is the case.
     """
 
-    asks: ClassVar[dict[str, str]] = {"claims": "per_run"}
     label_keys: ClassVar[tuple[str, ...]] = ("claims",)
 
     claims: dict[str, ClaimRow]
@@ -48,7 +48,7 @@ class Claims(TableKind):
         """The table from a results folder."""
         points = results.points()
         names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
-        table = Table(self.title, ["ClaimRow"], names, self.digits)
+        table = Table(self.title, ["Claim"], names, self.digits)
         at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
@@ -59,7 +59,8 @@ class Claims(TableKind):
 
 def _compared(evidence: Evidence, claim: ClaimRow) -> tuple[Term, str]:
     """The difference of the two filters on common runs, and what it says of the claim."""
-    less, than = ((label, f"mean({claim.metric})") for label in (claim.less, claim.than))
+    mean = claim.metric._replace(statistic="mean")
+    less, than = mean.of(claim.less), mean.of(claim.than)
     off, of_batches = evidence.of(lambda expressions: expressions.difference(less, than))
     return off, agreement.of_claim(-off.z(), [-of_batch.z() for of_batch in of_batches]).word
 

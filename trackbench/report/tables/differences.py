@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from trackbench.evaluation.measure import OfRun
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -17,12 +18,11 @@ class Differences(TableKind):
     Negative: smaller than the filter it is compared with. Runs that either filter lost are left out.
     """
 
-    asks: ClassVar[dict[str, str]] = {"columns": "per_run"}
     label_keys: ClassVar[tuple[str, ...]] = ("against",)
 
     against: str
     """label of the filter that is subtracted"""
-    columns: dict[str, str]
+    columns: dict[str, OfRun]
     """header: metric of per_run.csv, such as `rmse_position`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all others"""
@@ -39,7 +39,7 @@ class Differences(TableKind):
             for label in (b for b in labels if b != self.against):
                 cells = [
                     Cell.difference(runs.get((label, metric)), runs.get((self.against, metric)))
-                    for metric in self.columns.values()
+                    for metric in map(str, self.columns.values())
                 ]
                 table.add([*(str(v) for v in point.values()), label], cells)
         return table

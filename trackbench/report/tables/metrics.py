@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Interval
 
+from trackbench.evaluation.measure import Expression, Measure
 from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.evaluation.statistics import Estimate
 from trackbench.experiment.reading.definition import Labelled
@@ -34,10 +35,9 @@ class Gain(Labelled):
 class Metrics(TableKind):
     """A row per filter, a column per metric of summary.csv, such as `mean(rmse)`."""
 
-    asks: ClassVar[dict[str, str]] = {"columns": "expression"}
     label_keys: ClassVar[tuple[str, ...]] = ("gain",)
 
-    columns: dict[str, str]
+    columns: dict[str, Expression]
     """header: metric of summary.csv, `cpu_s_per_run`, or an expression, `ratio(cpu_s_per_run, RPF)`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
@@ -55,15 +55,14 @@ class Metrics(TableKind):
             keys = [str(v) for v in point.values()]
             for label in labels:
                 cells = [
-                    found.get((label, m)) or _evaluated(expressions, label, m)
+                    found.get((label, str(m))) or _evaluated(expressions, m.of(label))
                     for m in self.columns.values()
                 ]
                 table.add([*keys, label], cells)
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
-                gain = "gain({}, " + self.gain.over + ")"
                 cells = [
-                    _evaluated(expressions, self.gain.of, gain.format(m))
+                    _evaluated(expressions, m.beside("gain", self.gain.over).of(self.gain.of))
                     for m in self.columns.values()
                 ]
                 table.add([*keys, head], cells)
@@ -76,9 +75,9 @@ class Metrics(TableKind):
         return table
 
 
-def _evaluated(expressions: Expressions, label: str, expression: str) -> Cell:
-    """A cell of an expression that is no row of summary.csv, such as a ratio to another filter."""
-    term = expressions.term(label, expression)
+def _evaluated(expressions: Expressions, m: Measure) -> Cell:
+    """A cell of a measure that is no row of summary.csv, such as a ratio to another filter."""
+    term = expressions.term(m)
     return Cell(term.estimate, term.runs, term.lost)
 
 

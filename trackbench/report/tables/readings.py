@@ -1,7 +1,6 @@
 """Table kind `readings`: which of many readings of a paper comes nearest to all it prints."""
 
 import itertools
-import re
 from dataclasses import dataclass, replace
 from math import hypot, inf, isfinite
 from typing import Any, Literal, NamedTuple
@@ -9,9 +8,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from trackbench.core import elementary
-from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.evaluation.measure import TIME_MEAN, Measure
+from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
 from trackbench.experiment.reading.compose import split_path
-from trackbench.experiment.reading.grammar import COMPOSED
 from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.published import PublishedNumber, read_published
 from trackbench.keys import Count
@@ -23,8 +22,6 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
 from trackbench.report.terms import Term
-
-_OVER_RUNS = re.compile(r"(?:mean|rms|median|time-mean)\((.+)\)")
 
 
 class Number(NamedTuple):
@@ -120,7 +117,8 @@ class Readings(TableKind):
             for number in published.numbers
             if set(number.labels) & set(wanted)
             and not isinstance(number.value, str)
-            and not COMPOSED.fullmatch(number.expression)
+            and number.expression is not None
+            and not number.expression.relation
         ]
 
 
@@ -152,8 +150,9 @@ def ways_to_measure(
     A printed number with rows of several expressions is measured by one of them at a time, the same for
     all numbers of its printed metric.
     """
-    rows: dict[tuple[str, ...], list[str]] = {}
+    rows: dict[tuple[str, ...], list[Measure]] = {}
     for n in numbers:
+        assert n.expression is not None
         rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
     several = {at[-1]: dict.fromkeys(found) for at, found in rows.items() if len(set(found)) > 1}
     ways = []
@@ -161,29 +160,31 @@ def ways_to_measure(
         chosen = dict(zip(several, taken, strict=True))
         kept = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
         words = [statistic] if statistic else []
-        words += [_OVER_RUNS.sub(r"\1", expression) for expression in taken]
+        words += [m.name if _is_average(m) else str(m) for m in taken]
         ways.append((words, [_by(statistic, n) for n in kept]))
     return [*(["statistic"] if statistics else []), *several], ways
 
 
 def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
     """The number as another statistic of the same errors; a variance stays one."""
-    errors = _OVER_RUNS.fullmatch(number.expression)
-    if not statistic or errors is None:
+    m = number.expression
+    if not statistic or m is None or not _is_average(m):
         return number
-    return replace(number, expression=f"{statistic}({errors.group(1)})")
+    return replace(number, expression=m._replace(statistic=statistic))
+
+
+def _is_average(m: Measure) -> bool:
+    """Whether it is of the metric's unit, over the runs."""
+    averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
+    return m.statistic in averages and not m.steps and not m.relation
 
 
 def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[Number]:
     return [
-        Number(
-            label,
-            float(number.value),
-            expressions.term(label, number.expression),
-            number.expression.startswith("variance("),
-        )
+        Number(label, float(number.value), expressions.term(m.of(label)), m.statistic == "variance")
         for number in numbers
         for label in number.labels
+        if (m := number.expression) is not None
     ]
 
 

@@ -1,0 +1,55 @@
+"""What can be measured is listed: registered, and of an experiment."""
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.conftest import EXPERIMENTS
+from trackbench import glossary
+from trackbench.cli import app
+from trackbench.evaluation.measure import measured
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.metric_names import names_of
+from trackbench.metrics import metric_of
+
+SHIPPED = sorted(EXPERIMENTS.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_of_every_metric_it_is_known_what_it_is(path):
+    e = load(path)
+    names = names_of(e.settings, e.points[:1], e.left_out, noted=True)
+    assert not names.unasked
+    unknown = {m.metric for m in map(measured, names.per_run | names.per_step) if m.is_row}
+    assert {name for name in unknown if not metric_of(name)[0].help} == set()
+
+
+def test_an_experiments_metrics_are_listed():
+    text = glossary.metrics_of_config(EXPERIMENTS / "adaptive-kf.yaml")
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert (
+        "rmse_position run, step m, lower is better root mean square length of the error" in lines
+    )
+    assert (
+        "missed run lower is better share of legs that went by without the maneuvering mode"
+        in lines
+    )
+    assert any(line.startswith("rmse_velocity not kept") for line in lines)
+    assert any(line.startswith("windows of steps: before, leg 1") for line in lines)
+    assert any(
+        line.startswith("numbers beside them: ") and "cpu_s_per_run" in line for line in lines
+    )
+
+
+def told(*words):
+    return CliRunner().invoke(app, words)
+
+
+def test_the_command_line_tells():
+    assert "rmse[_quantity]" in told("list", "metrics").output
+    assert "time-mean" in told("list", "statistics").output
+    assert "dead_steps" in told("list", "metrics", str(EXPERIMENTS / "merwe2000.yaml")).output
+    assert "m/s, lower is better" in told("describe", "rmse_velocity").output
+    both = told("describe", "anees").output  # a figure, and a metric
+    assert "anees (figure)" in both
+    assert "anees (metric)\n\nmean NEES over the number of components\nnearer 1 is better" in both
+    assert "windows of metrics: quiet" in told("describe", "legs").output

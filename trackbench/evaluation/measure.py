@@ -1,0 +1,189 @@
+"""How it is written what is measured, read once.
+
+=============================  ==================================================================
+``mean(rmse[turns])``          a statistic over the runs of a metric, here over a window of steps
+``rmse@20``, ``rmse@last``     a metric at a step
+``rmse@3..last``               at each of these steps
+``anees``, ``cpu_s_per_run``   what summary.csv and timing.csv call so; a filter's key
+``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
+``below(rmse, PF)``            share of the runs in which the metric is below PF's
+=============================  ==================================================================
+"""
+
+import re
+from collections.abc import Iterable
+from functools import cache
+from itertools import chain
+from typing import Annotated, Any, Literal, NamedTuple, get_args
+
+from trackbench.evaluation.statistics import STATISTICS
+from trackbench.metrics import Metric, joined, metric_of
+from trackbench.scenarios.base import in_window
+
+TIME_MEAN = "time-mean"
+"""Statistic: the mean over a window's steps of the RMSE over runs."""
+_NAME = r"[\w.-]*[A-Za-z_][\w.-]*"
+_STEPS = r"(?:\d+(?:\.\.(?:\d+|last))?|last)"
+_GRAMMAR = re.compile(
+    r"(?:(?P<relation>gain|ratio|minus|below)\()?"
+    rf"(?:(?P<statistic>[a-z-]+)\()?(?P<metric>{_NAME})"
+    rf"(?:\[(?P<window>.+?)\]|@(?P<at>{_STEPS}))?(?(statistic)\)(?:@(?P<step>{_STEPS}))?)"
+    r"(?:(?<=\))/(?P<batches>\d+))?(?(relation), (?P<other>.+)\))"
+)
+
+
+class Steps(NamedTuple):
+    """Step numbers from first to last, one if there is no last; ``last`` is the run's last step."""
+
+    first: str
+    last: str = ""
+
+    def __str__(self) -> str:
+        return f"@{self.first}" + (f"..{self.last}" if self.last else "")
+
+    def among(self, steps: Iterable[int]) -> list[int]:
+        """Those of the given steps that are meant."""
+        end = float("inf") if self.last == "last" else int(self.last)
+        return [k for k in steps if int(self.first) <= k <= end]
+
+
+class Measure(NamedTuple):
+    """What is measured: of which metric and filter, over which runs and steps, beside which filter."""
+
+    metric: str
+    """``rmse_position``; a row of a file, or a filter's key"""
+    window: str = ""
+    statistic: str = ""
+    """over the runs; nothing if the metric itself is meant"""
+    steps: Steps | None = None
+    relation: Literal["gain", "ratio", "minus", "below", ""] = ""
+    other: str = ""
+    """label of the filter that it is related to"""
+    batches: int = 1
+    """of shares of an average over time: the batches that each have an average of their own"""
+    filter: str = ""
+    """label of the filter that it is of, once that is known"""
+
+    def __str__(self) -> str:
+        """As it is written, without the filter."""
+        text = f"{self.statistic}({self.name})" if self.statistic else self.name
+        text += f"/{self.batches}" if self.batches > 1 else ""
+        return f"{self.relation}({text}, {self.other})" if self.relation else text
+
+    @property
+    def name(self) -> str:
+        """The metric over its window or at its step, as per_run.csv has it."""
+        return in_window(self.metric, self.window) + str(self.steps or "")
+
+    @property
+    def plain(self) -> "Measure":
+        """What is taken of each filter, where two are related."""
+        return self._replace(relation="", other="")
+
+    @property
+    def family(self) -> tuple[Metric, str]:
+        """What its metric means, and the quantity."""
+        return metric_of(self.metric)
+
+    @property
+    def base(self) -> str:
+        """The metric without statistic, window and step, as the keys that keep metrics name it."""
+        found, quantity = self.family
+        return joined(found.series, quantity) if found.per_component else self.metric
+
+    @property
+    def is_row(self) -> bool:
+        """Whether it is what a file calls so: no statistic of it, and not at a step."""
+        return not (self.statistic or self.steps or self.relation)
+
+    @property
+    def is_over_runs(self) -> bool:
+        """Whether it is a statistic of numbers that each run has."""
+        return self.statistic in STATISTICS and not self.relation
+
+    @property
+    def step(self) -> int | None:
+        """The number of its step, if it is at one that has a number."""
+        if self.steps is None or self.steps.last or self.steps.first == "last":
+            return None
+        return int(self.steps.first)
+
+    @property
+    def is_many(self) -> bool:
+        """Whether it is of several steps."""
+        return self.steps is not None and bool(self.steps.last)
+
+    def of(self, label: str) -> "Measure":
+        """The same of a filter."""
+        return self._replace(filter=label)
+
+    def beside(self, relation: Literal["gain", "ratio", "minus"], other: str) -> "Measure":
+        """The same related to that of another filter."""
+        return self._replace(relation=relation, other=other)
+
+    def at_each(self, steps: Iterable[int]) -> list["Measure"]:
+        """At each of the steps that there are, if it is of several; else itself."""
+        if self.steps is None or not self.steps.last:
+            return [self]
+        return [self._replace(steps=Steps(str(k))) for k in self.steps.among(steps)]
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        """A word in the config."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(
+            measure,
+            core_schema.str_schema(),
+            serialization=core_schema.to_string_ser_schema(),
+        )
+
+
+@cache
+def measure(text: str) -> Measure:
+    """What is written; raises ValueError."""
+    found = _GRAMMAR.fullmatch(text)
+    if found is None:
+        raise ValueError(
+            f"{text!r} is no expression such as mean(rmse), rmse@20, gain(rms(rmse), PF)"
+        )
+    if found["statistic"] and found["statistic"] not in (*STATISTICS, TIME_MEAN):
+        known = ", ".join((*STATISTICS, TIME_MEAN))
+        raise ValueError(f"{found['statistic']!r} is no statistic; known: {known}")
+    words = {
+        key: found[key] or "" for key in ("metric", "window", "statistic", "relation", "other")
+    }
+    at = found["at"] or found["step"]
+    steps = Steps(*at.split("..")) if at else None
+    return Measure(**words, steps=steps, batches=int(found["batches"] or 1))  # type: ignore[arg-type]
+
+
+def measured(name: str) -> Measure:
+    """What a name in a file says; what nothing can be read from is a metric of that name."""
+    try:
+        return measure(name)
+    except ValueError:
+        return Measure(name)
+
+
+OfRun = Annotated[Measure, "per_run"]
+"""A key that names a metric of per_run.csv."""
+OfStep = Annotated[Measure, "per_step"]
+"""A key that names a metric of per_step.csv."""
+OfSummary = Annotated[Measure, "summary"]
+"""A key that names a row of summary.csv, a time, or a filter's key."""
+Expression = Annotated[Measure, "expression"]
+"""A key that says what is measured in any of these ways."""
+Comparison = Annotated[Measure, "comparison"]
+"""The same over a grid; without one the metric per run, of which filters are compared."""
+
+
+def role_of(hint: Any) -> str:
+    """What a key of one of these types may name: a file's metric, an expression, a comparison."""
+    own: tuple[Any, ...] = getattr(hint, "__metadata__", ())
+    return next(
+        chain((m for m in own if m in _ROLES), filter(None, map(role_of, get_args(hint)))), ""
+    )
+
+
+_ROLES = ("per_run", "per_step", "summary", "expression", "comparison")

@@ -1,0 +1,138 @@
+"""What tables, figures and settings ask for must be there, and kept."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from trackbench.evaluation.measure import Measure, measured, role_of
+from trackbench.evaluation.statistics import STATISTICS
+from trackbench.experiment.problems import Problem
+from trackbench.experiment.reading.definition import Exhibit, Point, Settings
+from trackbench.experiment.reading.metric_names import Names, kept_metrics, names_of
+from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.validate import hints_of
+from trackbench.filters.base import AnyFilter
+from trackbench.registry import Group
+from trackbench.tuning.objective import as_expression, bad_terms
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a part of the config asks for, where, and what it may be."""
+
+    keys: Keys
+    measure: Measure
+    role: str
+    named: bool = True
+    """whether the config names it; what a kind shows by itself need not be there, but be kept"""
+
+
+def check_metrics(
+    source: Source,
+    settings: Settings,
+    points: list[Point | None],
+    parts: dict[Group, dict[str, Exhibit]],
+    others: dict[str, AnyFilter],
+    problems: list[Problem],
+) -> None:
+    """Every metric that tables, figures and settings name must be one that there is, and is kept.
+
+    ``others`` are filters that are not run, whose metrics may be named. What filters note that are
+    mistaken or fail is not known, and of recorded data without a truth only what is not kept is said.
+    """
+    asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
+    there = [p for p in points if p is not None]
+    if not there or len(there) < len(points):
+        return
+    names = names_of(settings, there, others, noted=False)
+    if any(not a.named or _unknown(a, names, settings) for a in asked):
+        names = names_of(settings, there, others, noted=True)
+    truth = all(p.scenario.has_truth for p in there)
+    for a in asked:
+        what = (_unknown(a, names, settings) if truth else None) or _left_out(a, names, settings)
+        if what is not None:
+            problems.append(Problem(source.mark(a.keys), dotted(a.keys), what))
+
+
+def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
+    for key, role, words in (
+        ("medians", "series", settings.medians),
+        ("metrics", "base", settings.metrics),
+        ("per_step", "base", settings.per_step),
+    ):
+        for i, word in enumerate(words or ()):
+            yield Asked((key, i), measured(word), role)
+    for word in settings.until:
+        yield Asked(("until", word), measured(word), "row")
+    metric = settings.tuning.metric if settings.tune else None
+    known = {word for word, _ in bad_terms(metric)}
+    for word in [metric] if isinstance(metric, str) else metric or ():
+        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
+        if word not in known:  # which is said elsewhere
+            yield Asked(where, measured(as_expression(word)), "row")
+
+
+def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
+    """What tables and figures measure: by keys of a type such as `OfRun`, and by their ``needs``."""
+    for group, built in parts.items():
+        for name, part in built.items():
+            for word, role in part.needs.items():
+                yield Asked((group, name), measured(word), role, named=False)
+            yield from _asked_by(part, (group, name))
+
+
+def _asked_by(part: Any, keys: Keys) -> Iterator[Asked]:
+    for key in fields(part):
+        hint = hints_of(type(part))[key.name]
+        yield from _asked_in(getattr(part, key.name), hint, (*keys, key.name))
+
+
+def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
+    if isinstance(value, Measure):
+        yield Asked(keys, value, role_of(hint))
+    elif is_dataclass(value):
+        yield from _asked_by(value, keys)
+    elif isinstance(value, dict):
+        for head, inner in value.items():
+            yield from _asked_in(inner, hint, (*keys, head))
+
+
+def _unknown(asked: Asked, names: Names, settings: Settings) -> str | None:
+    """That there is no such metric, if the config names it."""
+    role, word = _where(asked, settings)
+    known = names.bases if role == "base" else names.of(role)
+    if word in known or not asked.named or names.may_be_noted(asked.measure.metric):
+        return None
+    near = get_close_matches(word, sorted(known), 1, 0.5)
+    short = sorted({measured(name).base for name in known})
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
+    return f"{word!r} is no metric here; {hint}"
+
+
+def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
+    """That the metric is not kept in the file it is taken from."""
+    role, word = _where(asked, settings)
+    kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
+        return None
+    if word in names.given or not (asked.named or word in names.of(role)):
+        return None
+    key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
+    return f"{word!r} is not kept: name it under {key}"
+
+
+def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
+    """The file that holds what is asked for, and its name there."""
+    m = asked.measure
+    if asked.role == "base":
+        return "base", m.base
+    if asked.role == "comparison" and not settings.grid:
+        return "per_run", m.name
+    if asked.role not in ("expression", "comparison"):
+        return asked.role, str(m)
+    if m.steps is not None:
+        return "per_step", str(m.plain._replace(steps=None))
+    if m.statistic in STATISTICS:
+        return "per_run", m.name
+    return "per_run" if m.relation == "below" else "summary", str(m.plain)

@@ -1,0 +1,150 @@
+"""What a metric is: how it is made of a series, its unit, and which way is better.
+
+A series is an array (T + 1, M). A metric is made of one over the steps of a run (per_run.csv) and over
+the runs at a step (per_step.csv). What nobody registers, such as a note of a filter of one's own, is
+the mean of the series of its own name.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+Better = Literal["lower", "higher", "zero", "one", ""]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric, or a family with a member for each quantity: ``rmse_position``."""
+
+    name: str
+    """as in the files, without quantity and window"""
+    help: str = ""
+    """one line for people"""
+    unit: str = ""
+    """its unit; `quantity` is that of the quantity that follows the name"""
+    better: Better = ""
+    """lower, higher, nearer zero, nearer one; nothing if it only describes"""
+    series: str = ""
+    """head of the series of errors that it is made of; a note is its own series"""
+    over_steps: Literal["mean", "rms", "sum", ""] = "mean"
+    """what a run's number is of the steps' values; nothing if it has none"""
+    over_runs: Literal["mean", "rms", "std", ""] = "mean"
+    """what a step's number is of the runs' values; nothing if it has none"""
+    per_component: bool = False
+    """whether it is divided by the number of components"""
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether the larger of two values is the better one."""
+        return self.better == "higher"
+
+    @property
+    def is_family(self) -> bool:
+        """Whether a quantity may follow the name."""
+        return self.unit == "quantity" or self.series == "nees"
+
+
+METRICS: dict[str, Metric] = {}
+"""Every metric of which something is known."""
+
+
+def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
+    """Say what a plugin's filter notes, or its scenario gives each run, under this name.
+
+    Raises ValueError if the name is one of the package's own.
+    """
+    if name in _PACKAGE or is_reserved(name):
+        raise ValueError(f"there is a metric {name!r} already")
+    METRICS[name] = Metric(name, help, unit, better)
+
+
+def joined(prefix: str, quantity: str) -> str:
+    """``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
+    return f"{prefix}_{quantity}" if quantity else prefix
+
+
+def metric_of(name: str) -> tuple[Metric, str]:
+    """The metric that a name without window is of, and the quantity."""
+    head, _, quantity = name.partition("_")
+    if name not in METRICS and head in METRICS and METRICS[head].is_family:
+        return METRICS[head], quantity
+    return METRICS.get(name) or Metric(name), ""
+
+
+def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
+    """Each metric that a series is made into, and its name; one that ``counts`` names is summed."""
+    head, _, quantity = series.partition("_")
+    made = [m for m in METRICS.values() if m.series == head]
+    if made:
+        yield from ((m, joined(m.name, quantity)) for m in made)
+    else:
+        own, _ = metric_of(series)
+        yield (replace(own, over_steps="sum") if series in counts else own), series
+
+
+def is_reserved(name: str) -> bool:
+    """Whether a filter's note of this name would be taken for a metric of the errors."""
+    head = name.partition("_")[0]
+    return any(m.series and head in (m.name, m.series) for m in METRICS.values())
+
+
+def unit_of(name: str) -> str:
+    """The unit of a metric by its name without window; nothing if it has none, or none is known."""
+    found, quantity = metric_of(name)
+    if found.unit != "quantity" or not quantity:
+        return found.unit.replace("quantity", "")
+    return _UNITS.get(quantity, "deg" if quantity.endswith("_deg") else "m")
+
+
+_UNITS = {"velocity": "m/s", "range_rate": "m/s"}
+_OWN = [
+    Metric("rmse", "root mean square length of the error", "quantity", "lower",
+           "squared", over_steps="rms", over_runs="rms"),
+    Metric("distance", "root mean square distance to the reference's estimate", "quantity", "lower",
+           "distance", over_steps="rms", over_runs="rms"),
+    Metric("bias", "mean signed error, estimate minus truth", "quantity", "zero", "error"),
+    Metric("std", "standard deviation of the error over the runs", "quantity", "lower",
+           "error", over_steps="", over_runs="std"),
+    Metric("nees", "normalised estimation error squared; of n components n if consistent", "", "",
+           "nees", over_runs=""),
+    Metric("anees", "mean NEES over the number of components", "", "one",
+           "nees", over_steps="", per_component=True),
+    Metric("outside", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
+           "outside"),
+    Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far", "", "", "lost"),
+]  # fmt: skip
+_NOTED = """
+diverged      | 1 | lower  | share of runs whose last ten estimates are outside that region
+peak          | quantity | lower | largest error of a run
+strayed       | 1 | lower  | share of runs off by more than ten sigmas of a measurement
+overshoot_m   | m | zero   | mean error along a turn's acceleration after its end
+delay_s       | s | lower  | time from an onset to the maneuvering mode
+missed        | 1 | lower  | share of legs that went by without the maneuvering mode
+already_on    | 1 | lower  | share of legs before which the maneuvering mode was on
+onset_error_s | s | zero   | estimated minus true onset
+onset_off_s   | s | lower  | size of the estimated onset's error
+onset_age_s   | s |        | time since the estimated onset when it is detected
+false_alarms_per_1000 | 1 | lower | alarms per 1000 quiet samples
+nis           |   |        | normalised innovation squared; of n components n if consistent
+gated         | 1 |        | measurements of a run that the gate refused
+mode          | 1 |        | weight of the maneuvering mode
+alarm         | 1 |        | decisions in a run that a maneuver has begun
+alarm_age_s   | s |        | time since the onset that an alarm takes for true
+zeta          |   |        | significance of the oldest onset's input; 2 in straight flight
+zeta_beyond   | 1 |        | share of steps with zeta beyond its law's 10 % point
+dead_steps    | 1 | lower  | steps of a run at which no particle had a weight
+ess           | 1 | higher | effective sample size before resampling, as a share of N
+distinct      | 1 | higher | share of the particles that are no copies
+acceptance    | 1 |        | share of the trials that are accepted
+spread_ratio  | 1 |        | spread of the cloud after its evolution over that before
+"""
+
+
+def _noted() -> Iterator[Metric]:
+    for line in _NOTED.strip().splitlines():
+        name, unit, better, text = (cell.strip() for cell in line.split("|"))
+        yield Metric(name, text, unit, cast(Better, better))
+
+
+METRICS.update({own.name: own for own in (*_OWN, *_noted())})
+_PACKAGE = frozenset(METRICS)
