@@ -70,7 +70,7 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
     for word in [metric] if isinstance(metric, str) else metric or ():
         where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
         if word not in known:  # which is said elsewhere
-            yield Asked(where, measured(as_expression(word)), "row")
+            yield Asked(where, measured(as_expression(word)), "summary")
 
 
 def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
