@@ -46,8 +46,8 @@ reproduce-tables: $(VENV)/.run
 	@$(BIN)/python -m tests.times
 	@$(BIN)/python -m tests.prose || true
 
-# Without two studies beyond the papers, which would take a third of the time; figures as in the report.
-QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
+# Without three studies beyond the papers, which would take a third of the time; figures as in the report.
+QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
 reproduce-quick: $(VENV)/.run
 	@$(BIN)/trackbench run $(QUICK) --quick --format svg --out build/quick
 

@@ -27,6 +27,7 @@ FLOORS = {
     "adapters": 2,
     "evaluation": 3,
     "experiment": 4,
+    "tuning": 4,
     "report": 5,
     "running": 6,
     "api": 6,

@@ -1,15 +1,15 @@
 """trackbench: Monte Carlo experiments with target-tracking filters, from YAML to tables.
 
-``trackbench.run``, ``run_all``, ``sweep`` and ``load`` do what the command line does.
+``trackbench.run``, ``run_all``, ``sweep``, ``tune`` and ``load`` do what the command line does.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from trackbench.api import load, run, run_all, sweep
+    from trackbench.api import load, run, run_all, sweep, tune
 
 __version__ = "0.1.0"
-__all__ = ["load", "run", "run_all", "sweep"]
+__all__ = ["load", "run", "run_all", "sweep", "tune"]
 
 
 def __getattr__(name: str) -> Any:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.files import touched
+from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.storing.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
@@ -21,7 +22,7 @@ from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
-from trackbench.running import Options, Report, found, prepare, preview, run_all, run_each
+from trackbench.running import Options, Report, file_of, prepare, preview, run_all, run_each
 
 __all__ = [
     "Options",
@@ -35,6 +36,7 @@ __all__ = [
     "run",
     "run_all",
     "sweep",
+    "tune",
 ]
 
 
@@ -56,11 +58,30 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
     options = replace(options or Options(), **changes)
     if options.out is None:
-        config = found(config, options)
-        name = prepare(config, options).settings.name
+        path = file_of(config, options)
+        name = prepare(path, options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
     (report,) = run_each([config], options, also=render_sweep)
     return report
+
+
+def tune(config: Path | str, options: Options | None = None, **changes: Any) -> Report:
+    """Tune the filters that the config's ``tune`` names, and run what is found beside them.
+
+    So does `run`; this raises UserError if there is nothing to tune.
+    """
+    options = replace(options or Options(), **changes)
+    check_tuned([Path(config)], options)
+    return run(config, options)
+
+
+def check_tuned(configs: Sequence[Path], options: Options) -> None:
+    """Raise UserError for a config that tunes no filter that is run."""
+    for config in configs:
+        experiment = prepare(config, options)
+        if not experiment.tuned:
+            what = "names no filter to be tuned: tune: {LABEL: {KEY: log:1e-6..10}}"
+            raise UserError(Problem(experiment.source.mark(("tune",)), "tune", what))
 
 
 def load(folder: Path | str) -> Results:

@@ -3,10 +3,11 @@
 import os
 import stat
 import sys
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from trackbench.evaluation.precision import looks
@@ -36,6 +37,10 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison
+from trackbench.tuning.entries import Values
+from trackbench.tuning.record import write_tuning
+from trackbench.tuning.tuned import Tuned
+from trackbench.tuning.tuner import tune
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,21 +103,27 @@ class Report:
         return self.results.summary
 
 
-def found(config: Path | str, options: Options) -> Path:
+def file_of(config: Path | str, options: Options) -> Path:
     """The file of a config, or of the shipped experiment of this name."""
     return located(Path(config), lambda line: _say(line, options))
 
 
-def prepare(config: Path, options: Options) -> Experiment:
-    """Read and validate a config, a file or a shipped experiment's name, with the options' overrides."""
+def prepare(
+    config: Path, options: Options, found: Mapping[str, Values] | None = None
+) -> Experiment:
+    """Read and validate a config, a file or a shipped experiment's name, with the options' overrides.
+
+    ``found`` is what tuning found.
+    """
     return configurations.load(
-        found(config, options),
+        file_of(config, options),
         list(options.set),
         list(options.only),
         options.runs,
         options.seed,
         list(options.grid),
         options.allow_plugins,
+        found,
     )
 
 
@@ -151,6 +162,7 @@ def run_each(
     with ExitStack() as stack:
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
             stack.enter_context(locked(folder, lambda line: _say(line, options)))
+        jobs = [_tuned(job, options) if job.experiment.tuned else job for job in jobs]
         outcomes = execute(
             [job.plan for job in jobs],
             BlockStore(cache_folder()),
@@ -172,12 +184,15 @@ def preview(configs: Sequence[Path | str], options: Options) -> list[str]:
 class _Job(NamedTuple):
     """An experiment that is going to be run, where, and a line that says so."""
 
+    config: Path
     experiment: Experiment
     folder: Path
     plan: Plan
     line: str
     most: int
     """runs at most"""
+    tuning: Mapping[str, Tuned] = MappingProxyType({})
+    """what tuning tried, by label"""
 
 
 def _jobs(configs: list[Path], options: Options) -> list[_Job]:
@@ -218,13 +233,24 @@ def _job(config: Path, options: Options, alone: bool) -> _Job:
     needed = check_memory(experiment, workers, options.save_tracks)
     line = describe(experiment, plan, workers, needed)
     first = begun(experiment)
-    return _Job(first, folder, _plan(first, most, options), line, most)
+    return _Job(config, first, folder, _plan(first, most, options), line, most)
 
 
 def _plan(experiment: Experiment, most: int, options: Options) -> Plan:
     settings = experiment.settings
     stops = list(looks(settings.min_runs, most)) if settings.until else []
     return make_plan(experiment, options.save_tracks, stops)
+
+
+def _tuned(job: _Job, options: Options) -> _Job:
+    """The experiment with the values that tuning finds on runs of its own."""
+    workers, store = _most_workers(options), BlockStore(cache_folder())
+    open_engine = engine(options.engine, workers, options.scheduler)
+    tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
+    found = {label: tried.found for label, tried in tuning.items()}
+    experiment = begun(prepare(job.config, options, found))
+    plan = _plan(experiment, job.most, options)
+    return job._replace(experiment=experiment, plan=plan, tuning=tuning)
 
 
 def _most_workers(options: Options) -> int:
@@ -237,6 +263,8 @@ def _reported(job: _Job, outcome: Outcome, options: Options, also: Also | None) 
         _say(line, options)
     with touched() as paths:
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
+        if job.tuning:
+            write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats)
         write_report(results, comparison)

@@ -13,6 +13,7 @@ from trackbench.cli.lines import echo_line, mistakes
 from trackbench.cli.running import run, sweep, this_command
 from trackbench.cli.shipped import copy, show
 from trackbench.cli.stored import compare, plot, report, verify
+from trackbench.cli.tuning import tune
 from trackbench.cli.vocabulary import describe, list_, new, schema
 
 app = typer.Typer(
@@ -22,7 +23,7 @@ app = typer.Typer(
     help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.",
 )
 _COMMANDS: tuple[Callable[..., None], ...] = (
-    *(run, compare, plot, report, verify, sweep),
+    *(run, compare, plot, report, verify, sweep, tune),
     *(cache, check, list_, describe, show, copy, new, schema),
 )
 

@@ -55,7 +55,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
-    _execute("run", configs, dry_run, api_options(locals()), json)
+    execute("run", configs, dry_run, api_options(locals()), json)
 
 
 def sweep(
@@ -78,15 +78,18 @@ def sweep(
     json: Json = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
-    _execute("sweep", [config], dry_run, api_options(locals()), json)
+    execute("sweep", [config], dry_run, api_options(locals()), json)
 
 
-def _execute(
+def execute(
     command: str, configs: list[Path], dry_run: bool, options: "Options", json: bool
 ) -> None:
+    """Do what `run`, `sweep` or `tune` asks for, print what came out, and exit."""
     from trackbench import api
     from trackbench.experiment.interrupts import interrupt
 
+    if command == "tune":
+        api.check_tuned(configs, options)
     if dry_run:
         for line in api.preview(configs, options):
             if json:
@@ -96,7 +99,7 @@ def _execute(
         return
     signal.signal(signal.SIGTERM, interrupt)
     sweeps = (api.sweep(config, options) for config in configs)
-    reports = api.run_all(configs, options) if command == "run" else sweeps
+    reports = sweeps if command == "sweep" else api.run_all(configs, options)
     failed = False
     try:
         with closing(reports):

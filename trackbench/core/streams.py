@@ -6,6 +6,9 @@ block, because a stream per run costs as much to create (10 us) as half a run of
 are made of raw words (`noise`), data in full float64, a block's noise by tables: numpy's own methods
 for other than uniform variates take the C library's functions, whose last bit is not the same
 everywhere.
+
+Runs and blocks of negative number are for training: -1 is the first of them. Their streams are of
+another kind, so that no filter can be judged on what it was tuned on, however many runs there are.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +24,7 @@ from trackbench.core.noise import NoiseGenerator, box_muller, erlang, is_erlang
 
 D = TypeVar("D", bound=np.generic)
 
-_DATA, _FILTER = 0, 1
+_DATA, _FILTER, _TRAINING_DATA, _TRAINING_FILTER = range(4)
 _CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
 
 
@@ -35,7 +38,7 @@ class RunStreams:
     def __init__(self, seed: int, runs: Sequence[int]) -> None:
         self.runs = tuple(runs)
         self._generators = [
-            Generator(SFC64(SeedSequence(seed, spawn_key=(_DATA, run)))) for run in runs
+            Generator(SFC64(_sequence(seed, run, _DATA, _TRAINING_DATA))) for run in runs
         ]
         self._waiting: dict[tuple[str, float], Array] = {}
 
@@ -124,4 +127,10 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 
 def block_stream(seed: int, block: int) -> Generator:
     """The stream of a filter's noise in one block, the same for every filter of that width."""
-    return NoiseGenerator(SFC64(SeedSequence(seed, spawn_key=(_FILTER, block))))
+    return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
+
+
+def _sequence(seed: int, number: int, kind: int, training: int) -> SeedSequence:
+    """Of a run or block and its kind; of a negative one the kind is that of training."""
+    key = (kind, number) if number >= 0 else (training, -1 - number)
+    return SeedSequence(seed, spawn_key=key)

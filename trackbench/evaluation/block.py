@@ -38,7 +38,11 @@ from trackbench.scenarios.base import Scenario, Simulation
 
 @dataclass(frozen=True)
 class BlockTask:
-    """What to compute: runs ``index * width`` onwards, ``used`` of the block's ``width``."""
+    """What to compute: runs ``index * width`` onwards, ``used`` of the block's ``width``.
+
+    A block of negative index holds training runs, from run -1 down: -1 the first ``width`` of them.
+    Only numbers per run are kept of it.
+    """
 
     scenario: Scenario
     filter: AnyFilter
@@ -67,11 +71,11 @@ class BlockTask:
     @property
     def first_run(self) -> int:
         """Number of the block's first run."""
-        return self.index * self.width
+        return self.index * self.width if self.index >= 0 else (self.index + 1) * self.width - 1
 
     def shown_of(self, used: int) -> int:
         """How many of the block's first ``used`` runs are shown with their whole tracks."""
-        return max(0, min(self.shown - self.first_run, used))
+        return 0 if self.index < 0 else max(0, min(self.shown - self.first_run, used))
 
 
 class Tracks(NamedTuple):
@@ -157,7 +161,11 @@ def _trimmed(
         tracks = Tracks(data.truth[..., :shown], seen, result.mean[..., :shown], cov)
     return BlockResult(
         per_run=per_run,
-        steps={name: step_sums(rows, per_run["lost"]) for name, rows in values.items()},
+        steps={
+            name: step_sums(rows, per_run["lost"])
+            for name, rows in values.items()
+            if task.index >= 0
+        },
         kept={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
         tracks=tracks,
         cpu_s=result.cpu_s,
@@ -178,7 +186,8 @@ def _keep_freed_memory() -> None:
 @lru_cache(maxsize=2)
 def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
     """The block's data; cached, because every filter of a block sees the same, and read-only."""
-    rng = RunStreams(seed, range(first_run, first_run + width))
+    step = 1 if first_run >= 0 else -1
+    rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return frozen(scenario.simulate(rng, width))
 
 
@@ -268,4 +277,4 @@ def _cached_reference(
     scenario: Scenario, reference: AnyFilter, seed: int, index: int, width: int
 ) -> Array:
     task = BlockTask(scenario, reference, seed, index, width, used=width)
-    return fixed(estimate(task, simulate(scenario, seed, index * width, width)).mean)
+    return fixed(estimate(task, simulate(scenario, seed, task.first_run, width)).mean)

@@ -108,17 +108,22 @@ class Measuring(Part):
 
         NaN where there is none, unless it is ``certain`` that there is.
         """
-        seen = self.measurement(x, k)
         if self.outliers is not None:
             noise = noise * self._stretch(self.outliers, noise.shape[-1], rng)
-        z = linalg.matvec(linalg.root(seen.cov), noise)
-        z += seen.mean
+        z = self.drawn(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
         if self.detection < 1 and not certain:
             z[:, rng.random(z.shape[-1:]) >= self.detection] = np.nan
         if (k - self.offset) % self.period and not certain:
             z[:] = np.nan
+        return z
+
+    def drawn(self, x: Array, k: int, noise: Array) -> Array:
+        """What is measured (n_z, M) of true states x by an error of standard normal noise (n_z, M)."""
+        seen = self.measurement(x, k)
+        z = linalg.matvec(linalg.root(seen.cov), noise)
+        z += seen.mean
         return z
 
     @staticmethod

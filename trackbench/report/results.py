@@ -22,6 +22,7 @@ from trackbench.report.defaults import default_keys
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
+from trackbench.tuning.record import Record, read_tuning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,6 +164,14 @@ class Results(Asked):
     def pairs(self) -> list[tuple[dict[str, Any], list[Pair]]]:
         """Every pair of filters on common runs, by point of the grid."""
         return [(point, pairs_at(self.runs(point), self.labels)) for point in self.points()]
+
+    @cached_property
+    def tuning(self) -> dict[str, Record]:
+        """Every trial of the filters that were tuned, by label; none if there is no tuning.csv."""
+        if not (self.folder / "tuning.csv").is_file():
+            return {}
+        with self.open("tuning.csv") as file:
+            return read_tuning(file, self.config.get("tune", {}))
 
     def open(self, name: str) -> TextIO:
         """One of the CSV files as text."""

@@ -242,7 +242,7 @@ class Tracking(Scenario):
             return "the bound is of normal errors without a bias"
         if self.prior_kind is PointMass:
             return "the first state is known"
-        return None
+        return self.target.no_bound
 
     def bounds(self) -> dict[str, Array]:
         """Posterior Cramer-Rao bound on every RMSE (K,), along the path without process noise.

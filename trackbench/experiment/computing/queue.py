@@ -58,7 +58,8 @@ class Queue:
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Remember why the task's filter fails; returns it and its other blocks, now left out."""
         lost = algorithm(task)
-        runs = f"runs {task.first_run} to {task.first_run + task.used - 1}"
+        last = task.first_run + (task.used - 1) * (1 if task.index >= 0 else -1)
+        runs = f"runs {task.first_run} to {last}"
         why = str(error) if isinstance(error, FilterError) else said(error)
         self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
         left_out = [t for t in self._waiting if algorithm(t) == lost]
@@ -98,7 +99,7 @@ class Queue:
 
 def algorithm(task: BlockTask) -> tuple[Any, ...]:
     """What fails together: a filter on a scenario."""
-    return task.scenario, task.filter, task.reference, task.width
+    return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
 def _result(future: Future[dict[int, BlockResult]]) -> Found:

@@ -145,7 +145,8 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
     """One line on what is about to be done."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
-    most = "up to " if settings.until else ""
+    most, tuning = "up to " if settings.until else "", settings.tuning
+    tuned = f"tunes {', '.join(experiment.tuned)} by {tuning.evaluations} trials on {tuning.runs} runs, "
     counts = [counted(len(experiment.points), "point")] if len(experiment.points) > 1 else []
     counts += [
         counted(len(experiment.points[0].filters), "filter"),
@@ -153,7 +154,7 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
         counted(steps, "step"),
     ]
     return (
-        f"{settings.name}: {' x '.join(counts)}, "
+        f"{settings.name}: {tuned if experiment.tuned else ''}{' x '.join(counts)}, "
         f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}, "
         f"about {needed / 1e6:.0f} MB"
     )

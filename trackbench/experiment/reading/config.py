@@ -6,6 +6,7 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ from trackbench.experiment.reading.published import Published, read_published
 from trackbench.experiment.reading.source import Source, read, unseen
 from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
+from trackbench.tuning.checks import tuned_axes, with_default_metric
+from trackbench.tuning.entries import Values, add_tuned
 
 _ALONE = {
     *("name", "title", "seed", "runs", "verdict_seeds", "block"),
@@ -47,10 +50,12 @@ def load(
     seed: int | None = None,
     grid: list[str] | None = None,
     allow_plugins: bool = False,
+    found: Mapping[str, Values] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
-    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's.
+    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's;
+    ``found`` are the values that tuning gave the keys of filters, by label.
     """
     source = read(path)
     if not isinstance(source.data, dict):
@@ -67,6 +72,7 @@ def load(
     for text in grid or []:
         add_axis(source, text)
     _set_only(source, only or [])
+    add_tuned(source, found or {})
     plugins = load_plugins(source, path.parent, allow_plugins)
     try:
         with guarded():
@@ -115,6 +121,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     left_out = _filters(source, others, problems)
     if whole:
         settings = with_recorded_runs(source, settings, points, problems)
+    settings = with_default_metric(settings, points)
+    axes = tuned_axes(source, settings, points, problems)
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
     parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
@@ -127,8 +135,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     published = _published(source, settings, folder, problems)
     if problems:
         raise UserError(*sorted(set(problems)))
-    found = [p for p in points if p is not None]
-    return Experiment(settings, found, left_out, tables, figures, source, published, plugins)
+    there = [p for p in points if p is not None]
+    return Experiment(settings, there, left_out, tables, figures, source, published, plugins, axes)
 
 
 def _without_mistakes(source: Source, problems: list[Problem]) -> Settings | None:

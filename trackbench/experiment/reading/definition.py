@@ -15,6 +15,8 @@ from trackbench.keys import ONE_LINE, Count, Natural
 from trackbench.models.assumed import Assume
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
+from trackbench.tuning.axes import Axis
+from trackbench.tuning.settings import Tuning
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
@@ -35,6 +37,8 @@ def _error(value: float | str) -> float | str:
 
 Error = Annotated[float | str, AfterValidator(_error)]
 """How exact a number is to be: 0.02, or 1% of it."""
+
+_AS_IT_IS = Tuning()
 
 Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
@@ -81,6 +85,11 @@ class Settings:
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
     """paths and the values they take: every combination is run; `a & b` take a value together"""
+    tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
+    """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
+    of choices. What is found is run as one more filter, `KF (tuned)`"""
+    tuning: Tuning = _AS_IT_IS
+    """by what they are tuned, on how many training runs, and how often each may try"""
     tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
@@ -177,6 +186,8 @@ class Experiment:
     source: Source
     published: Published
     plugins: tuple[Plugin, ...] = ()
+    tuned: dict[str, tuple[Axis, ...]] = field(default_factory=dict)
+    """keys that are tuned, by label of the filter"""
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:

@@ -14,6 +14,7 @@ from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
+from trackbench.tuning.objective import as_expression, bad_terms
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,12 @@ def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
             yield Asked((key, i), measured(word), role)
     for word in settings.until:
         yield Asked(("until", word), measured(word), "row")
+    metric = settings.tuning.metric if settings.tune else None
+    known = {word for word, _ in bad_terms(metric)}
+    for word in [metric] if isinstance(metric, str) else metric or ():
+        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
+        if word not in known:  # which is said elsewhere
+            yield Asked(where, measured(as_expression(word)), "summary")
 
 
 def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:

@@ -15,13 +15,14 @@ from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.source import Keys, scalar
 from trackbench.experiment.reading.validate import at, file_keys
 from trackbench.hooks import Part
+from trackbench.tuning.settings import tuned
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     """The config as plain data with every default; a grid keeps its list of values.
 
-    A part whose kind or preset the grid varies has only the keys that were given, since each kind
-    and preset has other defaults.
+    A part whose kind or preset the grid or tuning varies has only the keys that were given, since each
+    kind and preset has other defaults.
 
     A filter that ``only`` leaves out stays in it, so that tables, figures and published numbers may
     go on naming it.
@@ -57,8 +58,11 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
 
 
 def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
-    """Where the parts stand of which the grid varies a kind or preset."""
-    paths = [path for joint in experiment.settings.grid for path in single_paths(joint)]
+    """Where the parts stand of which the grid or tuning varies a kind or preset."""
+    settings = experiment.settings
+    paths = [path for joint in settings.grid for path in single_paths(joint)]
+    for label, keys in settings.tune.items():
+        paths += [f"filters.{of}.{key}" for of in (label, tuned(label)) for key in keys]
     varied = [split_path(experiment.source, path) for path in paths]
     varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from trackbench.evaluation.derived import sizes
 from trackbench.experiment.files import write_text
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.resolved import as_config
@@ -32,6 +33,8 @@ class Given:
     """of the truth"""
     measured: list[str]
     """components of a measurement"""
+    sizes: dict[str, int]
+    """components of the state, and of the parts that have a consistency measure of their own"""
     spans: list[list[float]]
     """start and end times of what a figure over time shades, s"""
 
@@ -49,6 +52,7 @@ def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
         filters,
         list(scenario.components),
         list(scenario.model.sensor.components),
+        dict(sizes(scenario)),
         [[float(t) for t in span] for span in scenario.spans],
     )
 

@@ -19,7 +19,7 @@ RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", 
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
 _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
-    *("sweep.csv", "report.html"),
+    *("sweep.csv", "tuning.csv", "report.html"),
 )
 _NAMED = {"tables": ("csv", "md", "tex"), "figures": ("png", "svg", "pdf")}
 """Folders of files that the config names, and their formats."""

@@ -27,7 +27,7 @@ class LinearSensor(Measuring):
 
     def H(self, n: int = 4) -> Array:
         """Measurement matrix (n_z, n) for a state of n components."""
-        return _selection(self.places.start, self.places.stop, self.places.step, n)
+        return selection(self.places.start, self.places.stop, self.places.step, n)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """N(H x, R) for x (n, *batch)."""
@@ -155,5 +155,6 @@ class ScalarSensor(LinearSensor):
 
 
 @cache
-def _selection(start: int, stop: int, step: int, n: int) -> Array:
+def selection(start: int, stop: int, step: int, n: int) -> Array:
+    """The rows (n_z, n) of a unit matrix that pick out some of the components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

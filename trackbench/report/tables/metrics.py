@@ -75,7 +75,7 @@ class Metrics(TableKind):
                 table.add([*keys, head], cells)
             table.notes += _lost_notes(results, point, labels)
         slow = [label for label in labels if label in results.one_by_one]
-        if slow and any("cpu_s" in metric for metric in self.columns.values()):
+        if slow and any("cpu_s" in str(m) for m in self.columns.values()):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other, in Python.")
         table.notes += [
             f"{row['filter']} failed: {row['reason']}"

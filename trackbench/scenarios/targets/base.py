@@ -115,6 +115,11 @@ class Target(Part):
         """
         return None
 
+    @property
+    def no_bound(self) -> str | None:
+        """Why a bound along its path would be none, if so."""
+        return None
+
     @abstractmethod
     def start(self, timeline: Timeline) -> Array:
         """The state (n_x,) at the first scan, as far as it is not drawn."""

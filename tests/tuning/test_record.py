@@ -1,0 +1,70 @@
+"""What tuning.csv says of the keys: ranges by hand, and what is written is read back."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackbench.tuning.axes import Axis, read_axis
+from trackbench.tuning.objective import Score
+from trackbench.tuning.record import Record, Trial, read_tuning, write_tuning
+from trackbench.tuning.tuned import Evaluation, Tuned
+
+
+def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -> Record:
+    """Trials of one key: value and objective, with a standard error of 1."""
+    return Record(
+        (read_axis(key, axis),), [Trial({key: value}, height, 1.0, 0) for value, height in trials]
+    )
+
+
+def test_the_range_of_one_standard_error_by_hand() -> None:
+    """Straight between trials: 1 above the best is reached a half and a quarter of the way out."""
+    record = _record((5.0, 20.0), (4.0, 22.0), (7.0, 24.0), (0.0, 30.0), (10.0, 40.0))
+    assert record.within(record.axes[0]) == [4.5, 5.5]
+    assert not list(record.remarks(10))
+
+
+def test_trials_beside_the_line_widen_the_range() -> None:
+    axes = (read_axis("q", "0..10"), read_axis("r", "0..10"))
+    points = [((5.0, 5.0), 20.0), ((4.0, 5.0), 22.0), ((8.0, 8.0), 20.5), ((9.0, 9.0), 21.5)]
+    record = Record(axes, [Trial({"q": q, "r": r}, y, 1.0, 0) for (q, r), y in points])
+    assert record.within(axes[0]) == [4.5, 8.0]
+    assert record.within(axes[1]) == [5.0, 8.0]
+
+
+def test_trials_that_lose_runs_are_not_within() -> None:
+    record = _record((5.0, 20.0), (1.0, 22.0))
+    record.trials.append(Trial({"q": 9.0}, 1.0, 1.0, 3))
+    assert record.within(record.axes[0])[1] == 5.0
+    assert record.best.values == {"q": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("trials", "said"),
+    [
+        ([(10.0, 1.0), (5.0, 9.0), (4.0, 9.0)], "q is at its upper bound, 10: let it go further"),
+        ([(0.0, 1.0), (5.0, 9.0), (4.0, 9.0)], "q is at its lower bound, 0: let it go further"),
+        ([(5.0, 1.0), (0.0, 1.5), (10.0, 1.5)], "q hardly matters: from 0 to 10 nothing is more"),
+        ([(1.0, 9.0), (2.0, 9.0), (5.0, 1.0)], "the best values came last"),
+    ],
+)
+def test_remarks(trials: list[tuple[float, float]], said: str) -> None:
+    assert any(line.startswith(said) for line in _record(*trials).remarks(10))
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    axes = (Axis("assume.motion.q", 0.0, 1.0), Axis("kind", choices=("cv", "cwna")))
+    influences = np.array([1.0, -1.0, np.nan])
+    tuned = Tuned(
+        axes, [Evaluation((0.25, "cv"), Score(1, 3.0, influences)), Evaluation((1.0, "cwna"), None)]
+    )
+    write_tuning(tmp_path / "tuning.csv", {"A, B": tuned})
+    text = (tmp_path / "tuning.csv").read_text()
+    tune = {"A, B": {"assume.motion.q": "0..1", "kind": ["cv", "cwna"]}}
+    record = read_tuning(io.StringIO(text), tune)["A, B"]
+    assert record.axes == axes
+    assert record.trials[0] == Trial({"assume.motion.q": 0.25, "kind": "cv"}, 3.0, 1.0, 1)
+    assert np.isnan(record.trials[1].objective)
+    assert record.best is record.trials[0]

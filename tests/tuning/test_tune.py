@@ -1,0 +1,209 @@
+"""Tuning as it is typed: what comes out, and that it comes out again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import trackbench
+from trackbench import api, verification
+from trackbench.experiment.problems import UserError
+
+CONFIG = """
+name: small
+seed: 11
+runs: 60
+scenario:
+  kind: tracking
+  last: 40
+  target: {kind: driven, motion: {kind: cwna, q: 0.5}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+filters:
+  KF: {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}
+  Kind: {kind: kf, assume: {motion: {kind: cv, q: 0.4}}}
+tune:
+  KF: {assume.motion.q: log:1e-3..100}
+  Kind: {assume.motion.kind: [cv, cwna], assume.motion.q: log:1e-3..100}
+tuning: {runs: 80, evaluations: 20}
+metrics: [rmse_position, nees]
+tables:
+  rmse: {kind: metrics, columns: {Position: rms(rmse_position), ANEES: anees}}
+"""
+SAME = ("tuning.csv", "per_run.csv", "per_step.csv", "summary.csv", "paired.csv", "config.yaml")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tune") / "small.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+@pytest.fixture(scope="module")
+def report(config: Path) -> api.Report:
+    return trackbench.run(config, out=config.parent / "out", workers=1, quiet=True, formats=["svg"])
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in SAME}
+
+
+def test_a_kalman_filter_finds_the_noise_that_drives_the_target(report: api.Report) -> None:
+    """Of a linear Gaussian target the true q is the best: the error rises by its square from there."""
+    found = report.results.tuning["KF"]
+    assert 0.25 < found.best.values["assume.motion.q"] < 1.0
+    low, high = found.within(found.axes[0])
+    assert low < 0.5 < high
+    assert found.trials[0].values["assume.motion.q"] == 0.01
+    assert len(found.trials) <= 20
+
+
+def test_tuned_filters_stand_beside_the_others(report: api.Report) -> None:
+    labels = ["KF", "KF (tuned)", "Kind", "Kind (tuned)"]
+    assert [keys[0] for keys in report.tables["rmse"].keys] == labels
+    values = [cells[0].estimate.value for cells in report.tables["rmse"].cells]
+    assert values[1] < 0.9 * values[0]
+    paired = (report.folder / "paired.csv").read_text()
+    assert "KF (tuned),Kind (tuned),rmse_position" in paired
+    entry = report.results.config["filters"]["KF (tuned)"]
+    best = report.results.tuning["KF"].best.values["assume.motion.q"]
+    assert entry["assume"]["motion"] == {"kind": "cwna", "q": best}
+
+
+def test_the_table_has_both_numbers_and_their_gap(report: api.Report) -> None:
+    """Held against numpy over the runs; the training's against the file."""
+    table = report.tables["tuning"]
+    training, result, gap, untuned, gained = (cell.estimate for cell in table.cells[0])
+    runs = report.results.runs({})
+    tuned, given = (runs[label, "rmse_position"] for label in ("KF (tuned)", "KF"))
+    assert result.value == pytest.approx(np.sqrt(np.mean(tuned**2)))
+    assert untuned.value == pytest.approx(np.sqrt(np.mean(given**2)))
+    assert training.value == report.results.tuning["KF"].best.objective
+    assert gap.value == pytest.approx(result.value - training.value)
+    assert gap.stderr == pytest.approx(np.hypot(result.stderr, training.stderr))
+    assert abs(gap.value) < 4 * gap.stderr
+    assert gained.value == pytest.approx(untuned.value - result.value)
+    rng = np.random.default_rng(1)
+    numbers = rng.integers(len(tuned), size=(2000, len(tuned)))
+    resampled = np.sqrt((given[numbers] ** 2).mean(1)) - np.sqrt((tuned[numbers] ** 2).mean(1))
+    assert gained.stderr == pytest.approx(resampled.std(), rel=0.15)
+
+
+def test_a_figure_per_filter(report: api.Report) -> None:
+    names = sorted(path.name for path in (report.folder / "figures").iterdir())
+    assert names == ["tuning-KF.svg", "tuning-Kind.svg"]
+    drawn = (report.folder / "figures" / "tuning-Kind.svg").read_text()
+    assert "assume.motion.kind" in drawn
+    assert "cwna" in drawn
+    page = (report.folder / "report.html").read_text()
+    assert 'id="figure-tuning-KF"' in page
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_same_bytes_for_any_workers_and_from_nothing(
+    report: api.Report, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
+) -> None:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    again = trackbench.run(config, out=tmp_path / "out", workers=workers, quiet=True)
+    assert _files(again.folder) == _files(report.folder)
+
+
+def test_fresh_and_resumed(report: api.Report, config: Path, tmp_path: Path) -> None:
+    for fresh in (True, False):
+        again = trackbench.run(config, out=tmp_path / "out", workers=1, quiet=True, fresh=fresh)
+        assert _files(again.folder) == _files(report.folder)
+    manifest = again.results.manifest
+    assert manifest["blocks"] == {"computed": 0, "reused": 4}  # one of each filter
+
+
+def test_another_filter_beside_it_changes_nothing(
+    report: api.Report, config: Path, tmp_path: Path
+) -> None:
+    alone = trackbench.run(config, out=tmp_path / "out", only=["Kind"], workers=1, quiet=True)
+    assert list(alone.results.tuning) == ["Kind"]
+    mine = [
+        line for line in (report.folder / "tuning.csv").read_text().splitlines() if "Kind" in line
+    ]
+    assert (alone.folder / "tuning.csv").read_text().splitlines()[1:] == mine
+    assert [keys[0] for keys in alone.tables["rmse"].keys] == ["Kind", "Kind (tuned)"]
+
+
+def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Path) -> None:
+    again = trackbench.run(
+        report.folder / "config.yaml", out=tmp_path / "out", workers=1, quiet=True
+    )
+    assert _files(again.folder) == _files(report.folder)
+    assert not verification.verify(report.folder, 20)
+    figure = (report.folder / "figures" / "tuning-KF.svg").read_bytes()
+    api.plot(report.folder, ("svg",))
+    assert (report.folder / "figures" / "tuning-KF.svg").read_bytes() == figure
+
+
+def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
+    changes = [
+        "tune.KF={assume.motion.q: log:1e-3..0.05}",
+        "tune.Kind={assume.motion.q: 0.4..0.45}",
+        "scenario.score.lost_beyond=7",
+    ]
+    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    notes = "\n".join(report.tables["tuning"].notes)
+    assert "KF: assume.motion.q is at its upper bound, 0.05: let it go further." in notes
+    assert "Kind: assume.motion.q hardly matters: from 0.4 to 0.45" in notes
+    assert "of 80 training runs are lost with the best values." in notes
+    changes = ["tune.Kind={assume.motion.q: [0.4, 50]}", "only=[Kind]"]
+    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    said = "Kind: tuned, it is no better on the runs of the results than as it was."
+    assert said in report.tables["tuning"].notes
+
+
+def test_a_run_takes_the_old_tuning_away(config: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    trackbench.run(config, out=out, workers=1, quiet=True)
+    trackbench.run(config, out=out, workers=1, quiet=True, set=["tune={}"])
+    assert not (out / "tuning.csv").exists()
+
+
+def test_by_anees_it_is_consistent(config: Path, tmp_path: Path) -> None:
+    changes = ["tuning.metric=anees", "only=[KF]"]
+    report = trackbench.run(config, out=tmp_path / "out", set=changes, workers=1, quiet=True)
+    assert report.results.tuning["KF"].best.objective < 0.05
+    (_, anees), (_, tuned) = report.tables["rmse"].cells
+    assert anees.estimate.value > 1.5
+    assert abs(tuned.estimate.value - 1.0) < 0.1 + 3.0 * tuned.estimate.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ("tune.XF={q: 1..2}", "tune.XF: 'XF' is not a filter here; did you mean KF?"),
+        ("tune.KF={}", "tune.KF: 0 keys; a filter is tuned in 1 to 5"),
+        ("tune.KF={assume.motion.q: 2..1}", "tune.KF.assume.motion.q: '2..1' does not rise"),
+        ("tune.KF={assume.motion.q: -1..1}", "tune.KF.assume.motion.q: at -1.0: assume.motion.q:"),
+        ("tune.KF={asume.q: 1..2}", "tune.KF.asume.q: at 1: asume: unknown key; did you mean"),
+        (
+            "tune.Kind={assume.motion.kind: [cv, cvv]}",
+            "tune.Kind.assume.motion.kind: at cvv: assume.motion.kind: 'cvv' is not a kind of motion",
+        ),
+        ("tuning.metric=rmse@3", "tuning.metric: 'rmse@3' is no statistic over runs"),
+        (
+            "tuning.metric=rms(rmse_positon)",
+            "tuning.metric: 'rms(rmse_positon)' is no metric here; did you mean rms(rmse_position)?",
+        ),
+        ("tuning.metric=rms(rmse_velocity)", "rmse_velocity"),
+        ("tuning.evaluations=1", "tuning.evaluations: 1 is less than 2"),
+        ("tuning.budget=1", "tuning.budget: unknown key; known:"),
+        (
+            "grid={scenario.sensor.sigma: [1, 2]}",
+            "tune: each point of a grid has values of its own",
+        ),
+        ("reference=KF", "tune.KF: the reference filter is what others are measured to"),
+        ("tune=3", "tune: 3 is not a mapping"),
+    ],
+)
+def test_a_mistake_is_a_line(config: Path, change: str, what: str) -> None:
+    with pytest.raises(UserError) as error:
+        api.prepare(config, api.Options(set=[change]))
+    lines = str(error.value).splitlines()
+    assert any(what in line for line in lines), lines
+    assert all(line.startswith((f"--set {change}: ", f"{config}:")) for line in lines), lines

@@ -1,0 +1,93 @@
+"""Figure kind `tuning`: the objective over each key that was tuned."""
+
+from dataclasses import dataclass
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, ClassVar
+
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.kinds import FigureKind
+from trackbench.report.results import Results
+from trackbench.report.tables.tuning import words_of
+from trackbench.tuning.axes import Axis
+from trackbench.tuning.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ABROAD = 3.0  # of the best half's spread: trials further up are off the page
+_BARS = 4.0  # standard errors of the best that the page shows at least
+_ROW_IN = 2.4
+
+
+@register("figures", "tuning")
+@dataclass(frozen=True, kw_only=True)
+class TuningFigure(FigureKind):
+    """Every trial of a filter over each of its keys; the best, and what is within its standard error.
+
+    Trials in which runs were lost are crosses. Triangles are far above the page.
+    """
+
+    label_keys: ClassVar[tuple[str, ...]] = ("filter",)
+
+    filter: str
+    """label of the filter that is tuned"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A panel per key."""
+        record = results.tuning.get(self.filter)
+        axes = record.axes if record is not None else ()
+        columns = min(max(len(axes), 1), 3)
+        rows = ceil(max(len(axes), 1) / columns)
+        figure, panels = style.subplots(rows, columns, 0.5 + _ROW_IN * rows, squeeze=False)
+        for n, ax in enumerate(panels.flat):
+            if record is None or n >= len(axes):
+                ax.set_axis_off()
+                continue
+            _panel(ax, record, axes[n])
+        figure.supylabel(words_of(results.config["tuning"]["metric"]), fontsize=9)
+        figure.suptitle(self.title or style.words(self.filter, 80), fontsize=9)
+        return figure
+
+
+def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
+    def x(value: object) -> float:
+        return float(axis.choices.index(value) if axis.choices else value)  # type: ignore[arg-type]
+
+    best, near = record.best, record.within(axis)
+    there = [t for t in record.trials if isfinite(t.objective)]
+    top, band = _top([t.objective for t in there], best.stderr), style.COLOURS[4]
+    ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
+    if near and not axis.choices:
+        ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
+    line = sorted((x(t.values[axis.key]), min(t.objective, top)) for t in record.beside(axis))
+    if not axis.choices:
+        ax.plot(*zip(*line, strict=True), color=style.COLOURS[0], linewidth=0.6, alpha=0.6)
+    for t in there:
+        marker = "^" if t.objective > top else "x" if t.lost else "o"
+        height = min(t.objective, top)
+        ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
+    if isfinite(best.objective):
+        where, bar = x(best.values[axis.key]), best.stderr
+        ax.errorbar(
+            where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4
+        )
+    if axis.log:
+        ax.set_xscale("log")
+    if axis.choices:
+        ax.set_xticks(range(len(axis.choices)), [style.number(c) for c in axis.choices])
+    else:
+        ax.set_xlim(axis.low, axis.high)
+        ax.margins(y=0.08)
+    ax.set_xlabel(style.words(axis.key, 40))
+
+
+def _top(objectives: list[float], stderr: float) -> float:
+    """Where the page ends, so that what is near the best can be told apart."""
+    ranked = sorted(objectives)
+    if not ranked:
+        return 0.0
+    middle = ranked[len(ranked) // 2]
+    near = max(middle + _ABROAD * (middle - ranked[0]), ranked[0] + _BARS * stderr)
+    return min(ranked[-1], near)

@@ -1,0 +1,120 @@
+"""Table kind `tuning`: what tuning found, on the runs it saw and on those that it did not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+
+from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.kinds import TableKind
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+from trackbench.tuning.objective import Objective, Score
+from trackbench.tuning.record import Record
+from trackbench.tuning.settings import tuned
+
+_HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
+_SEEN = 2.0  # standard errors
+
+
+@register("tables", "tuning")
+@dataclass(frozen=True, kw_only=True)
+class TuningTable(TableKind):
+    """A row per tuned filter: the values found, each with the range within one standard error.
+
+    `Training` is the metric on the runs it was tuned on, `Results` on those of the results, `Gap` how
+    much larger that is; `Untuned` is the filter as the config has it, on the runs of the results, and
+    `Gained` how much larger that is than the tuned one, paired.
+    """
+
+    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        tuning, runs = results.config["tuning"], results.runs({})
+        objective = Objective.of(tuning["metric"], results.given({}).sizes)
+        title = (
+            self.title or f"Tuned by {words_of(tuning['metric'])}, {tuning['runs']} training runs"
+        )
+        table = Table(title, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
+        for label, record in results.tuning.items():
+            found, given = (_score(objective, runs, of) for of in (tuned(label), label))
+            table.add(
+                [label, _found(record), str(len(record.trials))], _cells(record, found, given)
+            )
+            table.notes += (
+                f"{label}: {said}." for said in _said(record, found, given, tuning["runs"])
+            )
+        return table
+
+
+def words_of(metric: str | dict[str, float]) -> str:
+    """The metric as one writes a sum."""
+    if isinstance(metric, str):
+        return metric
+    return " + ".join(f"{weight:g} {word}" for word, weight in metric.items())
+
+
+def _score(
+    objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
+) -> Score | None:
+    """A filter's score on the runs of the results; none if it was not run, or failed."""
+    mine = {metric: values for (of, metric), values in runs.items() if of == label}
+    wanted = {*objective.metrics, "lost"}
+    return objective.score(mine) if wanted <= mine.keys() else None
+
+
+def _found(record: Record) -> str:
+    parts = []
+    for axis in record.axes:
+        near = [style.number(value) for value in record.within(axis)]
+        value = style.number(record.best.values[axis.key])
+        if axis.choices:
+            also = [v for v in near if v != value]
+            parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))
+        else:
+            parts.append(f"{axis.key} = {value} ({near[0]} to {near[-1]})")
+    return "; ".join(parts)
+
+
+def _cells(record: Record, found: Score | None, given: Score | None) -> list[Cell]:
+    best = record.best
+    training = Cell(Estimate(best.objective, best.stderr), 1, best.lost)
+    result, untuned = _cell(found), _cell(given)
+    gap, stderr = result.estimate.value - best.objective, result.estimate.stderr
+    difference = Cell(Estimate(gap, float(np.hypot(stderr, best.stderr))), result.runs, 0)
+    return [training, result, difference, untuned, _gained(found, given)]
+
+
+def _cell(score: Score | None) -> Cell:
+    if score is None:
+        return Cell.missing()
+    runs = len(score.influences) - score.lost
+    return Cell(Estimate(score.value, score.stderr), runs, score.lost)
+
+
+def _gained(found: Score | None, given: Score | None) -> Cell:
+    """Untuned less tuned, on common runs."""
+    if found is None or given is None:
+        return Cell.missing()
+    moved = given.influences - found.influences
+    both = ~np.isnan(moved)
+    difference = Estimate(given.value - found.value, mean(moved[both]).stderr)
+    return Cell(difference, int(both.sum()), 0)
+
+
+def _said(record: Record, found: Score | None, given: Score | None, runs: int) -> Iterator[str]:
+    yield from record.remarks(runs)
+    if found is None or given is None:
+        return
+    if found.lost > given.lost:
+        yield f"tuned, it loses {found.lost} runs of the results, and {given.lost} as it was"
+    gained, stderr = _gained(found, given).estimate
+    if given.lost <= found.lost and not gained > _SEEN * stderr:
+        worse = "worse" if gained < -_SEEN * stderr else "no better"
+        yield f"tuned, it is {worse} on the runs of the results than as it was"

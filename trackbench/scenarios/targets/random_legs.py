@@ -1,0 +1,121 @@
+"""A target that flies another path in every run: legs of random length and acceleration."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import cos_sin
+from trackbench.core.streams import Streams
+from trackbench.keys import NonNegative, Positive, Steps
+from trackbench.models.sensing import Measuring
+from trackbench.models.several import Several
+from trackbench.registry import register
+from trackbench.scenarios.targets.base import Flight, Target, Timeline
+
+Number = Annotated[int, Interval(ge=1, le=1000)]
+
+
+@register("targets", "random-legs")
+@dataclass(frozen=True, kw_only=True)
+class RandomLegs(Target):
+    """Legs of constant acceleration along and across the velocity, drawn anew in every run.
+
+    The simulated problem of Greenberg, Yannay & Mannor 2023. Each step takes the acceleration at its
+    beginning. After the last leg the target is gone: there is nothing to measure, and no error.
+    """
+
+    area: Positive
+    """the first position is anywhere within so many metres of the origin along each axis"""
+    speed: tuple[Positive, Positive]
+    """least and largest speed at first, m/s, in any direction"""
+    legs: tuple[Number, Number]
+    """least and largest number of legs"""
+    leg_steps: tuple[Steps, Steps]
+    """least and largest number of steps of a leg"""
+    sigma_along: NonNegative
+    """standard deviation of a leg's acceleration along the velocity, m/s^2"""
+    across: NonNegative
+    """largest acceleration of a leg across the velocity, to either side, m/s^2"""
+
+    axes = 2
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "legs", "leg_steps"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name}: {low:g} is more than {high:g}")
+
+    @property
+    def no_bound(self) -> str | None:
+        """There is no path that it flies in every run."""
+        return "the target flies another path in every run"
+
+    def start(self, timeline: Timeline) -> Array:
+        """At rest in the corner of the area: as far from a sensor at the origin as it starts."""
+        return np.array([self.area, 0.0, self.area, 0.0])
+
+    def path(self, timeline: Timeline) -> Array:
+        """The same at every step."""
+        return np.repeat(self.start(timeline)[:, None], len(timeline.steps), axis=1)
+
+    def fly(
+        self,
+        start: Array,
+        timeline: Timeline,
+        sensor: Measuring | Several,
+        rng: Streams,
+        scans: int,
+    ) -> Flight:
+        """Truth drawn anew, NaN after its last leg, and its measurements."""
+        runs, steps = start.shape[1], timeline.steps.tolist()
+        truth = self._flown(len(steps), timeline.T, rng, runs)
+        first = 0 if scans else 1
+        noise = rng.standard_normal((len(sensor.components), len(steps) - first, runs))
+        seen = [
+            sensor.observed(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
+            for i, k in enumerate(steps[first:], first)
+        ]
+        return Flight(truth, np.stack(seen, axis=1))
+
+    def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
+        """States (4, K, M)."""
+        x, y, share, heading, many = rng.random((5, runs))
+        most = self.legs[1]
+        lengths = _whole(self.leg_steps, rng.random((most, runs)))
+        across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
+        along = self.sigma_along * rng.standard_normal((most, runs))
+        ends = np.cumsum(lengths, axis=0)
+        last = np.take_along_axis(ends, _whole(self.legs, many)[None] - 1, axis=0)[0]
+        speed = self.speed[0] + (self.speed[1] - self.speed[0]) * share
+        c, s = cos_sin(2.0 * np.pi * heading)
+        state = np.stack(
+            [self.area * (2.0 * x - 1.0), speed * c, self.area * (2.0 * y - 1.0), speed * s]
+        )
+        out = np.full((4, steps, runs), np.nan)
+        out[:, 0] = state
+        for i in range(1, steps):
+            leg = np.minimum((ends < i).sum(axis=0), most - 1)[None]
+            forward, aside = (np.take_along_axis(a, leg, axis=0)[0] for a in (along, across))
+            state = _moved(state, forward, aside, T)
+            out[:, i] = np.where(i <= last, state, np.nan)
+        return out
+
+
+def _whole(
+    ends: tuple[int, int], shares: Array
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+    """Whole numbers from the least to the largest, each as probable."""
+    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.int64)
+
+
+def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
+    """The state (4, M) after T seconds of an acceleration along and across its velocity, in m/s^2."""
+    px, vx, py, vy = state
+    speed = np.sqrt(vx * vx + vy * vy)
+    u, w = vx / speed, vy / speed
+    ax, ay = along * u - across * w, along * w + across * u
+    half = 0.5 * T * T
+    return np.stack([px + vx * T + half * ax, vx + ax * T, py + vy * T + half * ay, vy + ay * T])

@@ -1,0 +1,161 @@
+"""tuning.csv: every trial, a row per key; and what it says of the keys."""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from math import inf, isfinite, nan
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+from trackbench.experiment.files import write_csv
+from trackbench.experiment.reading.source import scalar
+from trackbench.tuning.axes import Axis, read_axis
+from trackbench.tuning.search import looked_around
+from trackbench.tuning.tuned import Tuned
+
+HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
+_DIGITS = 7
+_FLAT = 0.9  # share of an axis: what lies within a standard error on so much of it hangs on nothing
+_END = 0.005  # share of an axis next to its end
+
+
+class Trial(NamedTuple):
+    """Values by key, the objective with its standard error, and lost runs; NaN if the filter failed."""
+
+    values: Mapping[str, Any]
+    objective: float
+    stderr: float
+    lost: int
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What orders trials."""
+        return self.lost, self.objective if isfinite(self.objective) else inf
+
+
+@dataclass
+class Record:
+    """The trials of a filter in their order."""
+
+    axes: tuple[Axis, ...]
+    trials: list[Trial] = field(default_factory=list)
+
+    @property
+    def best(self) -> Trial:
+        """The trial of the smallest rank; of equal ones the first."""
+        return min(self.trials, key=lambda trial: trial.rank)
+
+    def within(self, axis: Axis) -> list[Any]:
+        """Ends of a key's range, or choices, that are no more than one standard error worse.
+
+        The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
+        their best the objective is taken to be straight between trials; any other trial that is as
+        good widens the range. Beyond the trials nothing is known.
+        """
+        best = self.best
+        limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
+        line = [(axis.share(t.values[axis.key]) or 0.0, t) for t in self.beside(axis)]
+        good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
+        if axis.choices:
+            there = {t.values[axis.key] for t in good}
+            return [choice for choice in axis.choices if choice in there]
+        middle = axis.share(best.values[axis.key]) or 0.0
+        below = sorted((-x, t.objective) for x, t in line if x <= middle)
+        above = sorted((x, t.objective) for x, t in line if x >= middle)
+        shares = [axis.share(t.values[axis.key]) or 0.0 for t in good]
+        ends = min(shares, default=middle), max(shares, default=middle)
+        return [
+            axis.at(min(ends[0], -_reach(below, limit))),
+            axis.at(max(ends[1], _reach(above, limit))),
+        ]
+
+    def beside(self, axis: Axis) -> list[Trial]:
+        """Trials that differ from the best in this key at most, and lose as many runs."""
+        best = self.best
+        others = [a.key for a in self.axes if a != axis]
+        same = [t for t in self.trials if all(t.values[k] == best.values[k] for k in others)]
+        return [t for t in same if t.lost == best.lost]
+
+    def remarks(self, runs: int) -> Iterator[str]:
+        """What should be known of what was found: lost runs, keys at an end, keys of no effect."""
+        best = self.best
+        if not isfinite(best.objective):
+            yield "no value that was tried keeps a single training run"
+            return
+        late = self.trials.index(best) >= len(self.trials) - looked_around(
+            self.axes, len(self.trials)
+        )
+        if late and any(not axis.choices for axis in self.axes) and len(self.trials) > 1:
+            yield "the best values came last, looking around: more evaluations may find better ones"
+        if best.lost:
+            yield f"{best.lost} of {runs} training runs are lost with the best values"
+        for axis in self.axes:
+            value, near = best.values[axis.key], self.within(axis)
+            span = _shares(axis, near)
+            if not axis.choices and span[1] - span[0] >= _FLAT:
+                yield (
+                    f"{axis.key} hardly matters: from {near[0]:g} to {near[-1]:g} nothing is more than "
+                    "a standard error from the best"
+                )
+            elif not axis.choices and not _END < _shares(axis, [value])[0] < 1.0 - _END:
+                side = "lower" if value == axis.at(0.0) else "upper"
+                yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
+
+
+def write_tuning(path: Path, found: Mapping[str, Tuned]) -> None:
+    """Write tuning.csv."""
+    write_csv(path, HEADER, _rows(found))
+
+
+def _rows(found: Mapping[str, Tuned]) -> Iterator[list[Any]]:
+    for label, tuned in found.items():
+        for n, trial in enumerate(tuned.evaluations):
+            score = trial.score
+            numbers: list[Any] = [nan, nan, ""]
+            if score is not None:
+                numbers = [_rounded(score.value), _rounded(score.stderr), score.lost]
+            for axis, value in zip(tuned.axes, trial.values, strict=True):
+                yield [label, n, axis.key, value, *numbers]
+
+
+def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
+    """What `write_tuning` wrote, of the filters that a config tunes, by label."""
+    trials: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for row in csv.DictReader(file):
+        trials.setdefault((row["filter"], row["trial"]), []).append(row)
+    out = {
+        label: Record(tuple(read_axis(key, written) for key, written in keys.items()))
+        for label, keys in tune.items()
+    }
+    for (label, _), rows in trials.items():
+        out[label].trials.append(_trial(rows))
+    return {label: record for label, record in out.items() if record.trials}
+
+
+def _trial(rows: list[dict[str, str]]) -> Trial:
+    first = rows[0]
+    values = {row["key"]: scalar(row["value"]) for row in rows}
+    lost = int(first["lost"]) if first["lost"] else 1 << 30
+    return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
+
+
+def _reach(line: list[tuple[float, float]], limit: float) -> float:
+    """How far from the first point of a line (share, objective) the objective stays below the limit."""
+    reached, height = line[0]
+    for x, y in line[1:]:
+        if not y <= limit:
+            return reached + (x - reached) * (
+                (limit - height) / (y - height) if isfinite(y) else 0.0
+            )
+        reached, height = x, y
+    return reached
+
+
+def _rounded(x: float) -> float:
+    return float(f"{x:.{_DIGITS}g}")
+
+
+def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
+    """The least and the largest share."""
+    shares = [axis.share(value) or 0.0 for value in values]
+    return min(shares), max(shares)

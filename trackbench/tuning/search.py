@@ -1,0 +1,165 @@
+"""Which values are tried next: a few all over, scipy's simplex from the best of them, a look around.
+
+A search hangs on the ranks it is told and on nothing else, so it comes out the same for any number of
+workers. Nelder and Mead's simplex compares ranks and does not reckon with them: runs that are lost, and
+objectives that particles make rough, do not mislead it. How it was chosen is in docs/tuning.md.
+"""
+
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from itertools import product
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.tuning.axes import Axis
+
+Values: TypeAlias = tuple[Any, ...]
+"""A value of each axis."""
+Rank: TypeAlias = tuple[int, float]
+"""Runs lost, and the objective of the others: the smaller, the better."""
+Shares: TypeAlias = tuple[float, ...]
+Asking: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
+"""Gives values to try, any of them at once, and is sent their ranks."""
+
+_ALL_OVER = 4  # points per key before the simplex
+_RATIOS = (
+    1.618033988749895,
+    1.324717957244746,
+    1.2207440846057596,
+    1.1673039782614187,
+    1.1347241384015194,
+)
+"""Generalised golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
+_STEP = 0.1  # share of an axis between the corners of the first simplex
+_SMALL = 2e-3  # share within which the simplex has come together
+_AROUND = (
+    -0.2,
+    -0.08,
+    -0.03,
+    0.03,
+    0.08,
+    0.2,
+)  # shares at which a key is looked at around the best
+_WORST = 1e300
+_LOST = 1e12  # what a lost run counts: more than any objective
+
+
+def looked_around(axes: Sequence[Axis], budget: int) -> int:
+    """How much of the budget is kept back from the simplex for the look around."""
+    return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
+
+
+class Search:
+    """At most ``budget`` values of the axes, beginning with those at the shares ``start``."""
+
+    def __init__(self, axes: Sequence[Axis], start: Shares, budget: int) -> None:
+        self.ranks: dict[Values, Rank] = {}
+        self._axes, self._start, self._left = axes, start, budget
+        self._places: dict[Values, Shares] = {}
+        self._numbers = [i for i, axis in enumerate(axes) if not axis.choices]
+        self._kept_back = looked_around(axes, budget)
+
+    @property
+    def best(self) -> Values:
+        """The values of the smallest rank; of equal ones the first."""
+        return min(self.ranks, key=lambda values: self.ranks[values])
+
+    def run(self) -> Asking:
+        """Choices at the start's numbers, numbers at the best choice, a look around, choices again."""
+        yield from self._ask([self._start, *self._with_each_choice(self._start)])
+        if self._numbers:
+            yield from self._ask(self._all_over(self._places[self.best]))
+            yield from self._simplex(self._places[self.best])
+            yield from self._look_around()
+            yield from self._ask(self._with_each_choice(self._places[self.best]))
+
+    def _ask(self, places: Iterable[Shares]) -> Asking:
+        """The values at these places that are not known yet, as far as the budget goes."""
+        new: dict[Values, Shares] = {}
+        for place in places:
+            values = self._values(place)
+            if values not in self.ranks:
+                new.setdefault(values, place)
+        wanted = list(new)[: self._left]
+        if wanted:
+            self._left -= len(wanted)
+            self._places |= {values: new[values] for values in wanted}
+            self.ranks |= yield wanted
+
+    def _values(self, place: Shares) -> Values:
+        return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
+
+    def _with_each_choice(self, place: Shares) -> list[Shares]:
+        """The place with every combination of choices; of many, each changed alone."""
+        axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
+        combinations = int(np.prod([n for _, n in axes]))
+        each = [{i: (k + 0.5) / n} for i, n in axes for k in range(n)]
+        if combinations <= self._left // 2:
+            ranges = [[(i, (k + 0.5) / n) for k in range(n)] for i, n in axes]
+            each = [dict(chosen) for chosen in product(*ranges)]
+        return [tuple(c.get(i, s) for i, s in enumerate(place)) for c in each]
+
+    def _all_over(self, place: Shares) -> list[Shares]:
+        """Points that lie evenly however many there are: multiples of the ratio's powers, modulo one."""
+        d = len(self._numbers)
+        steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
+        return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
+
+    def _simplex(self, place: Shares) -> Asking:
+        """Replayed from the first corner after each answer: scipy is not asked to wait."""
+        corners = [np.array([place[i] for i in self._numbers])]
+        for n, i in enumerate(self._numbers):
+            corner = corners[0].copy()
+            step = max(_STEP, self._axes[i].grain)
+            corner[n] += step if corner[n] < 0.5 else -step
+            corners.append(corner)
+        yield from self._ask([self._at(place, corner) for corner in corners])
+        while self._left > self._kept_back:
+            wanted = self._next_corner(place, np.array(corners))
+            if wanted is None:
+                return
+            yield from self._ask([wanted])
+
+    def _next_corner(self, place: Shares, corners: Array) -> Shares | None:
+        """Where the simplex goes that is not known yet; None if it has come together."""
+        from scipy.optimize import minimize
+
+        def rank(x: Array) -> float:
+            values = self._values(self._at(place, x))
+            if values not in self.ranks:
+                raise _UnknownError(self._at(place, x))
+            lost, objective = self.ranks[values]
+            return min(_LOST * lost + objective, _WORST)
+
+        options = {"initial_simplex": corners, "xatol": _SMALL, "fatol": np.inf}
+        bounds = [(0.0, 1.0)] * len(self._numbers)
+        try:
+            minimize(rank, corners[0], method="Nelder-Mead", bounds=bounds, options=options)
+        except _UnknownError as unknown:
+            return unknown.place
+        return None
+
+    def _at(self, place: Shares, numbers: Array) -> Shares:
+        """The place with other shares of the axes of numbers."""
+        changed = dict(zip(self._numbers, numbers.tolist(), strict=True))
+        return tuple(changed.get(i, share) for i, share in enumerate(place))
+
+    def _look_around(self) -> Asking:
+        """Along each key by itself from the best, so that its range can be told; near by, then far."""
+        near = sorted(_AROUND, key=abs)
+        for pair in zip(near[::2], near[1::2], strict=True):
+            place, places = self._places[self.best], []
+            for i in self._numbers:
+                for step in pair:
+                    share = min(max(place[i] + step, 0.0), 1.0)
+                    places.append((*place[:i], share, *place[i + 1 :]))
+            yield from self._ask(places)
+
+
+class _UnknownError(Exception):
+    """A place whose rank is not known yet."""
+
+    def __init__(self, place: Shares) -> None:
+        super().__init__()
+        self.place = place

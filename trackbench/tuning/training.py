@@ -1,0 +1,92 @@
+"""What a filter is tuned on: blocks of training runs, and the metric they are scored by."""
+
+from collections.abc import Iterator, Mapping
+from math import ceil
+from typing import Any
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.derived import sizes
+from trackbench.experiment.planning.plan import block_width
+from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.resolved import as_config
+from trackbench.tuning.axes import Axis
+from trackbench.tuning.objective import Objective, Score
+from trackbench.tuning.search import Shares, Values
+from trackbench.tuning.trials import Trial, make_trial
+
+
+class Training:
+    """Training runs of one filter of an experiment; the runs are the same for every filter."""
+
+    def __init__(self, experiment: Experiment, label: str) -> None:
+        self.axes: tuple[Axis, ...] = experiment.tuned[label]
+        self._experiment, self._label = experiment, label
+        self._point = experiment.points[0]
+        metric = experiment.settings.tuning.metric
+        assert metric is not None
+        self.objective = Objective.of(metric, sizes(self._point.scenario))
+
+    @property
+    def start(self) -> Shares:
+        """Where the config's own values lie; the middle where they lie nowhere."""
+        given = given_values(self._experiment, self._label)
+        shares = (axis.share(given.get(axis.key)) for axis in self.axes)
+        return tuple(0.5 if share is None else share for share in shares)
+
+    def tasks(self, values: Values) -> list[BlockTask]:
+        """The blocks of a trial, as few as its particles allow; none if there is no such filter."""
+        keys = [axis.key for axis in self.axes]
+        chosen = dict(zip(keys, values, strict=True))
+        trial = make_trial(self._experiment.source, self._point, self._label, chosen, [])
+        return [] if trial is None else [self._block(trial, i) for i in range(self._blocks(trial))]
+
+    def score(self, per_run: Mapping[str, Array]) -> Score:
+        """Of a trial's values per run; raises UserError if the metric is not among them."""
+        for name in self.objective.metrics:
+            if name not in per_run:  # of recorded data it is not known beforehand what there is
+                mark = self._experiment.source.mark(("tuning", "metric"))
+                what = f"{self._label} has no {name!r} here"
+                raise UserError(Problem(mark, "tuning.metric", what))
+        return self.objective.score(per_run)
+
+    def _blocks(self, trial: Trial) -> int:
+        return ceil(self._experiment.settings.tuning.runs / self._most(trial))
+
+    def _most(self, trial: Trial) -> int:
+        asked = self._experiment.settings.block
+        return asked if isinstance(asked, int) else block_width(trial.filter, self._point.scenario)
+
+    def _block(self, trial: Trial, number: int) -> BlockTask:
+        """All blocks but the last are full, and none is wider than it has to be."""
+        settings = self._experiment.settings
+        width = ceil(settings.tuning.runs / self._blocks(trial))
+        measured = any(name.startswith("distance") for name in self.objective.metrics)
+        return BlockTask(
+            scenario=self._point.scenario,
+            filter=trial.filter,
+            assume=trial.assume,
+            seed=settings.seed,
+            index=-1 - number,
+            width=width,
+            used=min(width, settings.tuning.runs - number * width),
+            reference=self._point.filters[settings.reference or ""] if measured else None,
+        )
+
+
+def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
+    """The values of a filter's own keys by path, presets and defaults filled in."""
+    point = experiment.points[0]
+    config = as_config((point.filters | experiment.left_out)[label])
+    if label in point.assumed:
+        config["assume"] = as_config(point.assumed[label])
+    return dict(_flat(config))
+
+
+def _flat(part: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if not isinstance(part, dict | list):
+        yield path, part
+        return
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        yield from _flat(value, f"{path}.{key}" if path else str(key))

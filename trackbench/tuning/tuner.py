@@ -1,0 +1,135 @@
+"""Tune the filters of an experiment: each search's trials become blocks of training runs in one queue.
+
+Searches do not wait for each other, and a trial is scored when its last block is there, from the
+blocks in their order; so what is found does not hang on workers, interruptions or the other filters.
+"""
+
+from contextlib import closing
+from typing import Any
+
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.merge import merge
+from trackbench.experiment.computing.cache import BlockStore
+from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.queue import Queue
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.tuning.objective import Score
+from trackbench.tuning.search import Search, Values
+from trackbench.tuning.training import Training
+from trackbench.tuning.tuned import Evaluation, Tuned
+
+
+def tune(
+    experiment: Experiment,
+    store: BlockStore,
+    open_engine: OpenEngine,
+    workers: int,
+    fresh: bool = False,
+    progress: bool = True,
+) -> dict[str, Tuned]:
+    """Search the keys of every filter that is tuned; finished blocks are kept in the store.
+
+    With ``fresh`` none of an earlier run is taken. A trial whose filter raises is the worst there is.
+    """
+    store.prepare()
+    queue = Queue(workers)
+    kept = _Kept(store, fresh)
+    tuners = [_Tuner(experiment, label, kept) for label in experiment.tuned]
+    with _bar(tuners, progress) as bar, closing(queue.run(open_engine)) as finished:
+        while True:
+            for tuner in tuners:
+                bar.update(tuner.advance())
+                for task in tuner.missing:
+                    queue.add(task, experiment.plugins)
+            if not any(tuner.missing for tuner in tuners):
+                break
+            task, result = next(finished)
+            if isinstance(result, Exception):
+                for gone in queue.give_up(task, result):
+                    _tell(tuners, gone, None)
+            else:
+                kept.put(task, result)
+                _tell(tuners, task, result[task.used])
+        next(finished, None)  # nothing comes any more: the workers may go
+    return {tuner.label: tuner.tuned for tuner in tuners}
+
+
+class _Kept:
+    """The store's blocks, or only those of this session."""
+
+    def __init__(self, store: BlockStore, fresh: bool) -> None:
+        self._store, self._fresh = store, fresh
+        self._own: set[BlockTask] = set()
+
+    def get(self, task: BlockTask) -> BlockResult | None:
+        return None if self._fresh and task not in self._own else self._store.get(task)
+
+    def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
+        self._store.put(task, results)
+        self._own.add(task)
+
+
+class _Tuner:
+    """One filter's search, and the blocks that it waits for."""
+
+    def __init__(self, experiment: Experiment, label: str, kept: _Kept) -> None:
+        self.label, self.budget = label, experiment.settings.tuning.evaluations
+        self.training = Training(experiment, label)
+        self.tuned = Tuned(experiment.tuned[label])
+        self.missing: set[BlockTask] = set()
+        self._kept = kept
+        self._search = Search(self.training.axes, self.training.start, self.budget)
+        self._asking = self._search.run()
+        self._asked: dict[Values, list[BlockTask]] = {}
+        self._there: dict[BlockTask, BlockResult | None] = {}
+        self._ask(next(self._asking))
+
+    def advance(self) -> int:
+        """Go on as far as the blocks that are there allow; returns how many trials that were."""
+        before = len(self.tuned.evaluations)
+        while self._asked and not self.missing:
+            found = [
+                Evaluation(values, self._score(tasks)) for values, tasks in self._asked.items()
+            ]
+            self.tuned.evaluations += found
+            self._there.clear()
+            try:
+                self._ask(self._asking.send({e.values: e.rank for e in found}))
+            except StopIteration:
+                self._asked = {}
+        return len(self.tuned.evaluations) - before
+
+    def tell(self, task: BlockTask, result: BlockResult | None) -> None:
+        """What came of a block; nothing, if its filter failed."""
+        if task in self.missing:
+            self.missing.remove(task)
+            self._there[task] = result
+
+    def _ask(self, wanted: list[Values]) -> None:
+        self._asked = {values: self.training.tasks(values) for values in wanted}
+        for task in (task for tasks in self._asked.values() for task in tasks):
+            found = self._kept.get(task)
+            if found is None:
+                self.missing.add(task)
+            else:
+                self._there[task] = found
+
+    def _score(self, tasks: list[BlockTask]) -> Score | None:
+        """Of a trial's blocks in their order; nothing without a filter, or if it failed."""
+        there = [block for block in map(self._there.get, tasks) if block is not None]
+        if not tasks or len(there) < len(tasks):
+            return None
+        return self.training.score(merge(there).per_run)
+
+
+def _tell(tuners: list[_Tuner], task: BlockTask, result: BlockResult | None) -> None:
+    for tuner in tuners:
+        tuner.tell(task, result)
+
+
+def _bar(tuners: list[_Tuner], progress: bool) -> Any:
+    from tqdm import tqdm
+
+    total = sum(tuner.budget for tuner in tuners)
+    hidden = None if progress else True  # None: silent when stderr is no terminal
+    return tqdm(total=total, unit="trial", desc="tuning", disable=hidden)
