@@ -45,6 +45,15 @@ def test_it_stops_when_every_filter_is_exact_enough(tmp_path: Path) -> None:
     assert (first["stderr"] > 0.04 * first["value"]).any()
 
 
+def test_a_table_says_after_how_many_runs_each_was_enough(tmp_path: Path) -> None:
+    table = run(tmp_path, 4000, UNTIL + "\ntables: {p: {kind: precision}}").tables["p"]
+    runs = trackbench.load(tmp_path / "out").config["runs"]
+    after = {keys[0]: int(keys[3]) for keys in table.keys}
+    assert after.keys() == {"EKF", "PF"}
+    assert max(after.values()) == runs
+    assert set(after.values()) <= set(looks(20, 4000))
+
+
 def test_the_bytes_are_those_of_so_many_runs(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("until", "again", "alone", "plain")]
     for folder in folders:

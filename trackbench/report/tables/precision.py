@@ -1,0 +1,65 @@
+"""Table kind `precision`: how many runs each filter needed until its numbers were as exact as asked."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from annotated_types import Interval
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.precision import Looked, Wanted, looked, looks
+from trackbench.evaluation.statistics import Estimate
+from trackbench.registry import register
+from trackbench.report.kinds import TableKind
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+
+
+@register("tables", "precision")
+@dataclass(frozen=True, kw_only=True)
+class Precision(TableKind):
+    """A row per filter and number of `until`: its value, and after how many runs it was exact enough.
+
+    The runs are those at which the errors were looked at; "no" where all of them were not enough.
+    """
+
+    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        config = results.config
+        wanted = [Wanted.read(metric, error) for metric, error in config.get("until", {}).items()]
+        stops = list(looks(config["min_runs"], config["runs"]))
+        heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
+        table = Table(self.title, heads, ["Value"], self.digits)
+        for point in results.points():
+            for label in results.filters:
+                result = _result(results.runs(point), label)
+                for w in wanted:
+                    at = [found for n in stops for found in _look(results, point, result, w, n)]
+                    if at:
+                        cell = Cell(
+                            Estimate(at[-1].row.value, at[-1].row.stderr), at[-1].row.runs, 0
+                        )
+                        keys = [label, w.metric, str(config["until"][w.metric]), _enough(at, stops)]
+                        table.add([*(str(v) for v in point.values()), *keys], [cell])
+        return table
+
+
+def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
+    """What per_run.csv has of a filter."""
+    per_run = {metric: values for (of, metric), values in runs.items() if of == label}
+    return FilterResult(per_run, {}, {}, None, [])
+
+
+def _look(
+    results: Results, point: dict[str, Any], result: FilterResult, wanted: Wanted, runs: int
+) -> list[Looked]:
+    if "lost" not in result.per_run:
+        return []
+    return looked([wanted], result, results.given(point).sizes, {}, runs)
+
+
+def _enough(found: list[Looked], stops: list[int]) -> str:
+    return next((str(n) for n, look in zip(stops, found, strict=False) if look.enough), "no")
