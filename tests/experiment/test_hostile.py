@@ -311,7 +311,7 @@ def test_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "trackbench", "check", str(folder / "c.yaml")]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.endswith(r"caf\udce9/c.yaml: good, 1 filters" + "\n")
+    assert done.stdout.endswith(r"caf\udce9/c.yaml: good, 1 filter" + "\n")
     (folder / "c.yaml").write_text(GOOD.replace(SCENARIO, RECORDED % "z.csv"))
     with pytest.raises(UserError, match=r"3:36: scenario.target: the name of a folder it lies in"):
         load(folder / "c.yaml")

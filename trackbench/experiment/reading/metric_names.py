@@ -126,7 +126,8 @@ def names_of(
 
 
 def _kind(settings: Settings, label: str) -> type:
-    return kinds("filters").get(settings.filters[label].get("kind", ""), Settings)
+    kind = settings.filters[label].get("kind")
+    return kinds("filters").get(kind if isinstance(kind, str) else "", Settings)
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:

@@ -11,7 +11,7 @@ from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
 from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.storing.given import given_at
+from trackbench.experiment.reading.resolved import as_config
 from trackbench.keys import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import register
@@ -110,7 +110,7 @@ class PosteriorEllipses(FigureKind):
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
         point = points[self.point - 1]
-        scenario = given_at(point).scenario
+        scenario = as_config(point.scenario, str)
         if _kind(scenario) != "tracking" or _kind(scenario["sensor"]) != "range-azimuth":
             return {"": "there is no range and azimuth to show"}
         driven_by = _kind(scenario["target"].get("motion"))
