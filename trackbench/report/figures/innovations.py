@@ -12,7 +12,7 @@ from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
-from trackbench.report.figures.curves import Curves
+from trackbench.report.figures.curves import Curves, OverTime
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _ENOUGH = 60  # measured components whose average is worth a point
 
 @register("figures", "nis")
 @dataclass(frozen=True, kw_only=True)
-class Nis(Curves):
+class Nis(OverTime):
     """Normalised innovation squared over the number of components, with a consistent filter's band.
 
     Averages over runs and over successive steps, so many that each is of some components; the grey band
@@ -52,7 +52,7 @@ class Nis(Curves):
                 if len(rows):
                     count = (numbers["value"] * numbers["runs"]).to_numpy()
                     k, value, number = self._averages(
-                        rows["step"].to_numpy(), rows["value"].to_numpy(), count
+                        rows[self.x].to_numpy(), rows["value"].to_numpy(), count
                     )
                     ax.plot(k, value, marker="o", markersize=2, **look)
                     band = max(band, (k, number), key=lambda b: len(b[0]))

@@ -48,7 +48,7 @@ class Innovations(TableKind):
         """The table from a results folder; columns that no filter has are left out."""
         found = {point: self._cells(results, dict(point)) for point in _points(results)}
         there = {metric for cells in found.values() for _, metric in cells}
-        columns = {h: m for h, m in _columns(results).items() if m in there}
+        columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
         for point, cells in found.items():
             for label in results.chosen(self.filters):
@@ -71,15 +71,15 @@ def _points(results: Results) -> list[tuple[tuple[str, Any], ...]]:
     return [tuple(point.items()) for point in results.points()]
 
 
-def _columns(results: Results) -> dict[str, str]:
-    """Heading and metric of every column that there may be."""
-    components = results.scenario.model.sensor.components
-    errors = {
-        f"{head} error, {c}": f"rms(rmse_{name}_{c})"
-        for head, name in _ERRORS.items()
-        for c in components
-    }
-    return _COLUMNS | errors
+def _errors(results: Results) -> dict[str, str]:
+    """Heading and metric of a column for each component of the measurement."""
+    found = {}
+    for head, kind in _ERRORS.items():
+        for name in dict.fromkeys(results.summary["metric"]):
+            component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
+            if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
+                found[f"{head} error, {component}"] = name
+    return found
 
 
 def _bands(found: dict[Any, dict[tuple[str, str], Cell]]) -> list[str]:
