@@ -34,7 +34,7 @@ def _shapes(tracker: Any, scenario: Any) -> None:
         _check_array(f"cov at step {k}", found.cov)
         check_names(checked_numbers("diagnostic", tracker.diagnostics(state), runs))
         if i and tells_likelihood(tracker):
-            checked_numbers("the series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
+            checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
 
 
 def _check_array(name: str, array: Any) -> None:

@@ -113,7 +113,7 @@ class Foretelling:
         if not tells_likelihood(self._tracker):
             return {}
         own: Any = self._tracker.log_likelihood(state)
-        found = checked_numbers("the series", {_SCORE: own}, len(measured))
+        found = checked_numbers("series", {_SCORE: own}, len(measured))
         return {_SCORE: np.where(measured, found[_SCORE], np.nan)}
 
     def _predicted(self, seen: Innovation) -> None:
