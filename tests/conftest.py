@@ -28,11 +28,14 @@ def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
     return cls(**({**cls.presets[preset], **keys} if preset else keys))
 
 
-def track(scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1) -> Filtered:
-    """Filtered of every step of so many runs."""
-    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
+def track(
+    scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1, **keys: Any
+) -> Filtered:
+    """Estimates of every step of so many runs."""
+    covariances = keys.pop("covariances", 0)
+    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs, **keys)
     with np.errstate(all="ignore"):
-        return estimate(task, simulate(scenario, seed, 0, runs))
+        return estimate(task, simulate(scenario, seed, 0, runs), covariances)
 
 
 def per_run(

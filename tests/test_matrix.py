@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from trackbench.evaluation.block import BlockTask, run_block
+from trackbench.evaluation.foretelling import Kind
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds
@@ -40,6 +41,8 @@ PER_AXIS = "a sensor of planar positions"
 SCANS = "a start from two scans of a radar at the origin"
 READING = "a sensor of range and azimuth"
 SCALAR = ("grid", "inversion")
+TOLD: tuple[Kind, ...] = ("score", "prediction")
+SCORELESS = ("prior-mean", "conversion")  # one looks at no measurement, one has no prediction
 OF_POSITIONS = ("adaptive-kf", "alpha-beta", "input-estimation", "vdf")
 OF_SCANS = ("conversion", "los-rbpf", "mpf")
 OF_READINGS = ("cmkf", "mcaekf")
@@ -128,10 +131,13 @@ def test_it_runs_or_is_refused(problem: str, kind: str, tmp_path: Path) -> None:
         assert f"{kind} needs {reason}, which there is not here" in str(error.value)
         return
     (point,) = load(path).points
-    task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4)
+    task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4, foretold=TOLD)
     found = run_block(task).per_run
     assert np.isfinite(found["rmse_position"]).all()
     assert (found["lost"] == 0.0).all()
+    assert ("log_score" in found) is (kind not in SCORELESS)
+    for metric in {"log_score", "anis"} & found.keys() if kind not in SCORELESS else ():
+        assert np.isfinite(found[metric]).all(), metric
 
 
 @pytest.mark.parametrize("problem", [p for p in PROBLEMS if p != "range-azimuth-elevation"])

@@ -39,6 +39,11 @@ class Metric:
         return self.better == "higher"
 
     @property
+    def is_score(self) -> bool:
+        """Whether it is an average of logarithms, of which no ratio says anything."""
+        return self.series.endswith("log_likelihood")
+
+    @property
     def is_family(self) -> bool:
         """Whether a quantity may follow the name."""
         return self.unit == "quantity" or self.series == "nees"
@@ -74,9 +79,10 @@ def metric_of(name: str) -> tuple[Metric, str]:
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Each metric that a series is made into, and its name; one that ``counts`` names is summed."""
     head, _, quantity = series.partition("_")
-    made = [m for m in METRICS.values() if m.series == head]
+    made = [(m, m.name) for m in METRICS.values() if m.series == series]
+    made = made or [(m, joined(m.name, quantity)) for m in METRICS.values() if m.series == head]
     if made:
-        yield from ((m, joined(m.name, quantity)) for m in made)
+        yield from made
     else:
         own, _ = metric_of(series)
         yield (replace(own, over_steps="sum") if series in counts else own), series
@@ -85,12 +91,14 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 def is_reserved(name: str) -> bool:
     """Whether a filter's note of this name would be taken for a metric of the errors."""
     head = name.partition("_")[0]
-    return any(m.series and head in (m.name, m.series) for m in METRICS.values())
+    return any(m.series and {name, head} & {m.name, m.series} for m in METRICS.values())
 
 
 def unit_of(name: str) -> str:
     """The unit of a metric by its name without window; nothing if it has none, or none is known."""
     found, quantity = metric_of(name)
+    if quantity.startswith(("predicted_", "held_")):  # of the sensor's component
+        return ""
     if found.unit != "quantity" or not quantity:
         return found.unit.replace("quantity", "")
     return _UNITS.get(quantity, "deg" if quantity.endswith("_deg") else "m")
@@ -112,6 +120,15 @@ _OWN = [
     Metric("outside", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
            "outside"),
     Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far", "", "", "lost"),
+    Metric("log_score", "mean log-density that measurements were given, nats", "", "higher",
+           "log_likelihood"),
+    Metric("held_log_score", "the same of measurements that are held out", "", "higher",
+           "held_log_likelihood"),
+    Metric("anis", "normalised innovation squared over the number of components", "", "one",
+           "anis", over_steps=""),
+    Metric("innovations", "measured components of a run", "1", "", "innovations", over_steps="sum"),
+    Metric("autocorrelation", "of whitened innovations, by lag", "1", "zero",
+           "autocovariance", over_steps="", over_runs=""),
 ]  # fmt: skip
 _NOTED = """
 diverged      | 1 | lower  | share of runs whose last ten estimates are outside that region

@@ -137,7 +137,7 @@ scenario:
   start: {kind: one-scan, sigma_velocity: 10}
   assume: {motion: {kind: cwna, q: 1}}
 filters: {EKF: {kind: ekf}}
-tables: {c: {kind: consistency}}
+tables: {c: {kind: innovations}}
 figures: {t: {kind: track, filters: [EKF]}, e: {kind: estimates}}
 """
 

@@ -12,6 +12,7 @@ from trackbench.contract.passes import filtered, kalman_filtered, noise, simulat
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.evaluation.checked import check_estimate, check_names, checked_numbers
+from trackbench.filters.base import tells_likelihood
 
 _RUNS = 200
 
@@ -32,6 +33,8 @@ def _shapes(tracker: Any, scenario: Any) -> None:
         _check_array(f"mean at step {k}", found.mean)
         _check_array(f"cov at step {k}", found.cov)
         check_names(checked_numbers("diagnostic", tracker.diagnostics(state), runs))
+        if i and tells_likelihood(tracker):
+            checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
 
 
 def _check_array(name: str, array: Any) -> None:

@@ -24,12 +24,16 @@ Interval = tuple[Array, Array]
 
 
 class Panel(NamedTuple):
-    """A density (n, M) at n Gauss-Legendre nodes x (n, M) between low and high (M,)."""
+    """A density (n, M) at n Gauss-Legendre nodes x (n, M) between low and high (M,).
+
+    ``evidence`` (M,) is the density of what all panels were conditioned on last.
+    """
 
     low: Array
     high: Array
     x: Array
     density: Array
+    evidence: Array | None = None
 
     @property
     def half(self) -> Array:
@@ -111,8 +115,8 @@ def condition(
         density = sum(_pushed(old, panel.x, transition, reach) for old in prior)
         joint.append(panel._replace(density=likelihood(panel.x) * density * panel.density))
     with np.errstate(invalid="ignore", divide="ignore"):
-        mass = sum(total(panel.mass, axis=0) for panel in joint)
-        return tuple(panel._replace(density=panel.density / mass) for panel in joint)
+        mass = np.asarray(sum(total(panel.mass, axis=0) for panel in joint))
+        return tuple(p._replace(density=p.density / mass, evidence=mass) for p in joint)
 
 
 def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
+from trackbench.core.elementary import log
 from trackbench.core.once import once
 
 
@@ -19,6 +20,8 @@ class Innovation(NamedTuple):
 
     nu: Array
     S: Array
+    stretch: Array | float = 1.0
+    """by how much volumes of measurements grow (*batch) where ``nu`` is of converted ones"""
 
     @property
     def nis(self) -> Array:
@@ -43,12 +46,17 @@ class Innovation(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """log N(nu; 0, S) (*batch) of what was measured; NaN where nothing was."""
+        """log N(nu; 0, S) (*batch) of what was measured, as a density of the measurement itself.
+
+        NaN where nothing was measured.
+        """
         missing = np.isnan(self.nu)
         if not missing.any():
-            return zero_mean_log_prob(self.nu, self.S)
-        value = log_prob_of_measured(self.nu, self.S, missing)
-        return np.where(missing.all(axis=0), np.nan, value)
+            value = zero_mean_log_prob(self.nu, self.S)
+        else:
+            value = log_prob_of_measured(self.nu, self.S, missing)
+            value = np.where(missing.all(axis=0), np.nan, value)
+        return value if isinstance(self.stretch, float) else value + log(self.stretch)
 
 
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:

@@ -37,6 +37,16 @@ def updated_weights(predicted: Array, nis: Array, scale: Array) -> Array:
         return np.where(least == np.inf, predicted, w / total(w, axis=0))
 
 
+def log_mixture(weights: Array, log_densities: Array) -> Array:
+    """Logarithm (M,) of the mixture of densities with weights (r, M), from their logarithms (r, M)."""
+    with np.errstate(divide="ignore"):
+        terms = elementary.log(weights) + log_densities
+    value = terms[0]
+    for term in terms[1:]:
+        value = elementary.logaddexp(value, term)
+    return value
+
+
 def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     """Mean (n, M) and covariance (n, n, M) of the mixture with weights (r, M)."""
     terms = list(zip(weights, states, strict=True))

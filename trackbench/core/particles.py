@@ -51,11 +51,46 @@ class Particles(NamedTuple):
         return Gaussian(mean, cov)
 
 
+class Mass(NamedTuple):
+    """What unnormalised weights sum to, ``exp(top) * scale`` (M,): a logarithm for whoever asks."""
+
+    top: Array
+    scale: Array
+
+    @property
+    def log(self) -> Array:
+        """Logarithm of the sum (M,), -inf of a dead run."""
+        return self.top + elementary.log(self.scale)
+
+
 class Weights(NamedTuple):
-    """Normalised weights w (M, N) and which runs had none above zero, dead (M,)."""
+    """Normalised weights w (M, N), which runs had none above zero, dead (M,), and their sum before."""
 
     w: Array
     dead: Mask
+    mass: Mass
+
+
+class Evidence(NamedTuple):
+    """What tells the likelihood of a measurement that a cloud's unnormalised weights estimate.
+
+    ``carried`` are the N particles' log-weights (M, N) from before, up to a constant, or 0.0 for equal
+    ones; ``scale`` (M,) is what the new weights were left out to be divided by.
+    """
+
+    mass: Mass
+    carried: Array | float
+    N: int
+    scale: Array | float = 1.0
+
+    @property
+    def log(self) -> Array:
+        """Logarithm (M,) of the mean unnormalised weight (Doucet & Johansen 2009, section 4.1)."""
+        if isinstance(self.carried, float):
+            before = elementary.log(float(self.N))
+        else:
+            before = normalise(self.carried).mass.log
+        return np.asarray(self.mass.log - before - elementary.log(self.scale))
 
 
 def uniform(runs: int, N: int) -> Array:
@@ -82,16 +117,17 @@ def normalise(log_w: Array) -> Weights:
     A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
     +inf among them becomes NaN as a whole: it has left the numbers, and its estimate must say so.
     """
-    top = _row_maxima(log_w)
+    top = shift = _row_maxima(log_w)
     dead = top == -np.inf
     if dead.any():
-        log_w, top = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
-    shifted = log_w - top[:, None]
+        log_w, shift = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
+    shifted = log_w - shift[:, None]
     np.maximum(shifted, CLIP, out=shifted)
     w = elementary.exp_of_moderate(shifted)
     w -= _CLIPPED  # zero where the exponent was clipped; lost in rounding everywhere else
-    w *= 1.0 / total(w)[:, None]
-    return Weights(w, dead)
+    scale = total(w)
+    w *= 1.0 / scale[:, None]
+    return Weights(w, dead, Mass(top, scale))
 
 
 def _row_maxima(a: Array) -> Array:

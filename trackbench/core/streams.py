@@ -24,7 +24,7 @@ from trackbench.core.noise import NoiseGenerator, box_muller, erlang, is_erlang
 
 D = TypeVar("D", bound=np.generic)
 
-_DATA, _FILTER, _TRAINING_DATA, _TRAINING_FILTER = range(4)
+_DATA, _FILTER, _TRAINING_DATA, _TRAINING_FILTER, _ASIDE, _TRAINING_ASIDE = range(6)
 _CHUNK = 256  # variates drawn per run at a time; part of the definition of a run's data
 
 
@@ -128,6 +128,11 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 def block_stream(seed: int, block: int) -> Generator:
     """The stream of a filter's noise in one block, the same for every filter of that width."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
+
+
+def aside_stream(seed: int, block: int) -> Generator:
+    """The stream of steps that a filter is asked to take and that are not its own."""
+    return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 
 def _sequence(seed: int, number: int, kind: int, training: int) -> SeedSequence:

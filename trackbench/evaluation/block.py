@@ -13,7 +13,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.streams import RunStreams, block_stream
+from trackbench.core.streams import RunStreams, aside_stream, block_stream
 from trackbench.evaluation.checked import (
     check_axes,
     check_estimate,
@@ -22,6 +22,7 @@ from trackbench.evaluation.checked import (
     told_to_copy,
 )
 from trackbench.evaluation.derived import ConsistencySeries, observed
+from trackbench.evaluation.foretelling import Foretelling, Kind, Told
 from trackbench.evaluation.metrics import (
     FOUND,
     StepSums,
@@ -60,6 +61,10 @@ class BlockTask:
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
     """what the filter assumes that is not the scenario's"""
+    foretold: tuple[Kind, ...] = ()
+    """what the filter is asked to say of measurements before it is given them"""
+    hold_out: int | None = None
+    """every so many-th measurement of a run is not given to the filter"""
     also: tuple[int, ...] = field(default=(), compare=False)
     """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
 
@@ -200,6 +205,8 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     """
     scenario, tracker, n = task.scenario, task.filter, len(data.truth)
     model, rng = frozen(task.seen.model), block_stream(task.seed, task.index)
+    aside = aside_stream(task.seed, task.index)
+    telling = Foretelling(tracker, model, data.measurements, task.foretold, task.hold_out, aside)
     prior, every = prior_of(data, model), len(model.motion.components)
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
@@ -209,13 +216,16 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
         found = tracker.estimate(state)
     for i, k in enumerate(scenario.steps):
         if i > 0:
+            before = state
             with clock:
-                state = tracker.step(model, state, data.measurements[:, i - 1], int(k), rng)
+                state = tracker.step(model, state, telling.given[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)
             noted.append(checked_numbers("diagnostic", tracker.diagnostics(state), task.width))
         check_estimate(found, (n, every), task.width)
         if i == 0:
             check_axes(found, prior.mean)
+        elif not telling.is_idle:
+            telling.add(Told(before, state, found, int(k)), i - 1)
         found = _own_part(found, n)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
         consistency.add(mean[:, i], found.cov, data.truth[:, i])
@@ -233,7 +243,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     nees = errors.pop("nees")
     notes = _stacked(noted) | errors
     notes |= {name: np.stack([o[name] for o in others]) for name in others[0]}
-    return Filtered(mean, nees, kept, notes, clock.cpu_s)
+    return Filtered(mean, nees, kept, notes | telling.series(), clock.cpu_s)
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:
@@ -269,12 +279,18 @@ def _stacked(noted: list[dict[str, Array]]) -> dict[str, Array]:
 
 def _reference_mean(task: BlockTask) -> Array:
     assert task.reference is not None
-    return _cached_reference(task.scenario, task.reference, task.seed, task.index, task.width)
+    key = (task.seed, task.index, task.width, task.hold_out)
+    return _cached_reference(task.scenario, task.reference, *key)
 
 
 @lru_cache(maxsize=2)
 def _cached_reference(
-    scenario: Scenario, reference: AnyFilter, seed: int, index: int, width: int
+    scenario: Scenario,
+    reference: AnyFilter,
+    seed: int,
+    index: int,
+    width: int,
+    hold_out: int | None,
 ) -> Array:
-    task = BlockTask(scenario, reference, seed, index, width, used=width)
+    task = BlockTask(scenario, reference, seed, index, width, used=width, hold_out=hold_out)
     return fixed(estimate(task, simulate(scenario, seed, task.first_run, width)).mean)

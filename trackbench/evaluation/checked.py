@@ -12,7 +12,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.filters.base import ReturnedError
 from trackbench.metrics import is_reserved
 
-_METHODS = {"diagnostic": "diagnostics", "expectation": "expectation"}
+_METHODS = {"diagnostic": "diagnostics", "expectation": "expectation", "series": "log_likelihood"}
 _WORD = re.compile(r"[\w.-]+")
 
 

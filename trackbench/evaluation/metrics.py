@@ -3,10 +3,11 @@
 A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
 names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalised error squared,
 ``outside`` whether that is more than it is once in a million times for a consistent filter,
-``distance_<quantity>`` the squared distance to the reference filter's estimate.
+``distance_<quantity>`` the squared distance to the reference filter's estimate. `foretelling` has more.
 """
 
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from trackbench.core.sums import total
 from trackbench.metrics import joined, metrics_of
 from trackbench.scenarios.base import Scenario, in_window
 
+_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
 FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
 LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
 
@@ -69,6 +71,8 @@ def per_run_metrics(
             for metric, name in metrics_of(series, counts):
                 if metric.over_steps:
                     out[in_window(name, window)] = _OVER_STEPS[metric.over_steps](rows[mask])
+        for name, numbers in _of_innovations(values, mask):
+            out[in_window(name, window)] = numbers
     for name, numbers in scenario.run_metrics(values).items():
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
@@ -76,9 +80,20 @@ def per_run_metrics(
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
 
 
+def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
+    """Sums over the steps and all measured components, over their number and over those of lag 0."""
+    if "innovations" not in values:
+        return
+    nis = _sum((values["anis"] * values["innovations"])[mask])
+    yield "anis", nis / _sum(values["innovations"][mask])
+    for name, rows in values.items():
+        if name.startswith("autocovariance_"):
+            yield name.replace("covariance", "correlation"), _sum(rows[mask]) / nis
+
+
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
     """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
-    errors = [rows for name, rows in values.items() if name.partition("_")[0] == "squared"]
+    errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
     if not errors:
         return np.where(finite, FOUND, NOT_FINITE)
     first = errors[0]

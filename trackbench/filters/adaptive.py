@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fading import significance_threshold, tail
 from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.filters.axes import (
     Site,
@@ -49,7 +50,8 @@ class Switched(NamedTuple):
     (3); ``mode`` (M,) which is on, ``since`` the step it began; ``rho`` the fading sum; ``evidence``
     the log-likelihood ratio of the second decision; ``recent`` (p, M) the acceleration's significance;
     ``nis`` of the reported filter; ``alarm`` where the first decision has just been made, ``age`` how
-    long before, s, the maneuver is then taken to have begun, else NaN; ``zeta`` of the oldest onset.
+    long before, s, the maneuver is then taken to have begun, else NaN; ``zeta`` of the oldest onset;
+    ``seen`` both filters' innovations, and where the maneuvering one was on.
     """
 
     quiet: Gaussian
@@ -65,6 +67,7 @@ class Switched(NamedTuple):
     zeta: Array
     alarm: Mask
     age: Array
+    seen: tuple[Innovation, Innovation | None, Mask] | None = None
 
 
 @register("filters", "adaptive-kf")
@@ -173,6 +176,16 @@ class AdaptiveKF(Filter[Switched]):
         turning = first_components(state.turning, 2)
         return both_axes(choose(state.mode == TURNING, turning, state.quiet))
 
+    def log_likelihood(self, state: Switched) -> Array:
+        """log N(innovation; 0, S) (M,) of the filter that was on when the measurement came."""
+        if state.seen is None:
+            return np.full(state.nis.shape, np.nan)
+        quiet, turning, on = state.seen
+        value = over_axes(quiet.log_likelihood)
+        if turning is not None:
+            value = np.where(on, over_axes(turning.log_likelihood), value)
+        return np.where(np.isnan(quiet.nu).any(axis=(0, 1)), np.nan, value)
+
     def diagnostics(self, state: Switched) -> dict[str, Array]:
         """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now.
 
@@ -197,7 +210,7 @@ class AdaptiveKF(Filter[Switched]):
         motion = self.nmf.axis(T)
         quiet, seen = axis_step(s.quiet, motion, z, R)
         nis, ratio = over_axes(seen.nis), np.zeros_like(s.rho)
-        turning, recent, reported = s.turning, s.recent, nis
+        turning, recent, reported, seen_turning = s.turning, s.recent, nis, None
         if (s.mode != QUIET).any():
             turning, seen_turning = axis_step(s.turning, self.mf.axis(T), z, R)
             if (s.mode == BOTH).any():
@@ -222,6 +235,7 @@ class AdaptiveKF(Filter[Switched]):
             past=past,
             recent=recent,
             nis=np.where(missing, np.nan, reported),
+            seen=(seen, seen_turning, s.mode == TURNING),
         )
         return moved, ratio
 

@@ -20,11 +20,15 @@ from trackbench.registry import register
 
 
 class Smoothed(NamedTuple):
-    """N(mean, cov), the last NIS (M,), and the number n of measurements so far, in each run or all."""
+    """N(mean, cov), the last NIS (M,), and the number n of measurements so far, in each run or all.
+
+    ``seen`` is the innovation, once there is one.
+    """
 
     posterior: Gaussian
     nis: Array
     n: Array
+    seen: Innovation | None = None
 
 
 @register("filters", "alpha-beta")
@@ -90,11 +94,18 @@ class AlphaBeta(Filter[Smoothed]):
         n = np.asarray(state.n + (~missing if missing.any() else 1))
         posterior = kalman.corrected(predicted, nu, self.gain(n, own.T, sensor.sigma), H, sensor.R)
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
-        return Smoothed(posterior, Innovation(nu, S).nis, n)
+        seen = Innovation(nu, S)
+        return Smoothed(posterior, seen.nis, n, seen)
 
     def estimate(self, state: Smoothed) -> Gaussian:
         """The track and its covariance."""
         return state.posterior
+
+    def log_likelihood(self, state: Smoothed) -> Array:
+        """log N(innovation; 0, S) (M,), S by the covariance that its gains give."""
+        if state.seen is None:
+            return np.full(state.nis.shape, np.nan)
+        return state.seen.log_likelihood
 
     def diagnostics(self, state: Smoothed) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z."""

@@ -49,6 +49,10 @@ class Filter(Part, Generic[State]):
         """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
         return {}
 
+    def log_likelihood(self, state: State) -> Array | None:
+        """log p(z_k | z_1..k-1) (M,) of the last measurement by its own approximation, if it has one."""
+        return None
+
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """What it cannot do there, by key (``""``: as a whole): mistakes before anything runs."""
         return {}
@@ -78,6 +82,11 @@ AnyFilter = Filter[Any]
 def knows_expectations(tracker: AnyFilter) -> bool:
     """Whether the filter knows posterior means of functions beside those of its estimate."""
     return type(tracker).expectation is not Filter.expectation
+
+
+def tells_likelihood(tracker: AnyFilter) -> bool:
+    """Whether the filter tells what it thought of each measurement before it saw it."""
+    return type(tracker).log_likelihood is not Filter.log_likelihood
 
 
 class ReturnedError(ValueError):

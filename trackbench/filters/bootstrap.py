@@ -12,7 +12,7 @@ from trackbench.core import elementary, particles, resampling
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.moves import independence_moves
-from trackbench.core.particles import Particles, WeightReading, read_likelihood
+from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
@@ -28,7 +28,8 @@ class Cloud(NamedTuple):
     ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
     (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows; ``w``
     (M, N) the weights before resampling, where they are noted; ``mode`` (M, N) the number of the motion
-    that each particle follows, if there are several.
+    that each particle follows, if there are several; ``evidence`` what the likelihood of the last
+    measurement is the product of.
     """
 
     particles: Particles
@@ -40,6 +41,7 @@ class Cloud(NamedTuple):
     log_w: Array | float = 0.0
     w: Array | None = None
     mode: Index | None = None
+    evidence: tuple[Evidence, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +79,12 @@ class ParticleFilter(Filter[Cloud]):
     def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) of functions of the state."""
         return state.weighted.expectation(g)
+
+    def log_likelihood(self, state: Cloud) -> Array:
+        """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
+        if not state.evidence:
+            return np.full(state.dead.shape, np.nan)
+        return state.evidence[0].log
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
@@ -127,7 +135,8 @@ class PF(ParticleFilter):
         x = model.motion.transition(origin, k).sample(rng)
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
-        w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
+        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
+        told = (Evidence(mass, state.log_w, w.shape[1]),)
         weighted, size = Particles(x, w), self._size(state.age + 1)
         if self.moves:
             # Parents are resampled with their children, as components of one state.
@@ -135,8 +144,8 @@ class PF(ParticleFilter):
             resampled = self._moved(model, self._resample_if_needed(joint, rng, size), z, k, rng)
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
-        source = weighted if self.estimate_from == "weighted" else resampled
-        return Cloud(resampled, source, source.moments(), dead, state.age + 1, w=w)
+        source, age = weighted if self.estimate_from == "weighted" else resampled, state.age + 1
+        return Cloud(resampled, source, source.moments(), dead, age, w=w, evidence=told)
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``distinct``: share of particles that are no copies after resampling."""
@@ -179,12 +188,14 @@ class RPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead = particles.normalise(self._log_weights(model, state, z, x, k))
-        weighted = Particles(x, w)
+        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
+        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
-        resampled = self._resampled(weighted, rng, self._size(state.age + 1))
+        resampled = self._resampled(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        return Cloud(Particles(x, resampled.w), weighted, moments, dead, state.age + 1, w=w)
+        cloud = Particles(x, resampled.w)
+        return Cloud(cloud, weighted, moments, dead, age, w=w, evidence=told)
 
 
 @register("filters", "apf")
@@ -213,10 +224,21 @@ class APF(ParticleFilter):
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
-        w, dead = particles.normalise(second)
-        moved = Particles(x, w)
+        w, dead, mass = particles.normalise(second)
+        told = (
+            Evidence(chosen.mass, state.log_w, first.shape[1]),
+            Evidence(mass, 0.0, w.shape[1]),
+        )
+        moved, age = Particles(x, w), state.age + 1
         log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
-        return Cloud(moved, moved, moved.moments(), dead, state.age + 1, log_w=log_w, w=w)
+        return Cloud(moved, moved, moved.moments(), dead, age, log_w=log_w, w=w, evidence=told)
+
+    def log_likelihood(self, state: Cloud) -> Array:
+        """Logarithm (M,) of both stages' mean weights, multiplied (Pitt 2002, section 2.2)."""
+        if not state.evidence:
+            return np.full(state.dead.shape, np.nan)
+        first, second = (stage.log for stage in state.evidence)
+        return np.where(first == -np.inf, 0.0, first) + second
 
     @property
     def _in_float64(self) -> bool:

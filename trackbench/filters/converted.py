@@ -54,7 +54,10 @@ class CMKF(GaussianFilter):
         H = np.eye(len(predicted.mean))[0:4:2]
         nu = sensor.from_here(seen.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], seen.cov)
-        return kalman.update(predicted, nu, H, R)
+        posterior, innovation = kalman.update(predicted, nu, H, R)
+        # d(x, y) = b^2 r d(r, a) of a position at b r.
+        x, y = seen.mean
+        return posterior, innovation._replace(stretch=(x * x + y * y) / sensor.reading(z).r)
 
 
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:

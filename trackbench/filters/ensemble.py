@@ -20,10 +20,14 @@ _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, secti
 
 
 class Ensemble(NamedTuple):
-    """Members x (n, M, N) of equal weight, and the last normalised innovation squared (M,)."""
+    """Members x (n, M, N) of equal weight, and the last normalised innovation squared (M,).
+
+    ``seen`` is the innovation itself, once there is one.
+    """
 
     x: Array
     nis: Array
+    seen: Innovation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +47,12 @@ class EnsembleFilter(Filter[Ensemble]):
         m = mean(state.x)
         e = state.x - m[..., None]
         return Gaussian(m, _cross(e, e))
+
+    def log_likelihood(self, state: Ensemble) -> Array:
+        """log N(innovation; 0, S) (M,), S by the members' covariances."""
+        if state.seen is None:
+            return np.full(state.nis.shape, np.nan)
+        return state.seen.log_likelihood
 
     def diagnostics(self, state: Ensemble) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z."""
@@ -74,7 +84,8 @@ class EnKF(EnsembleFilter):
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
         each = np.where(missing, 0.0, nu)[..., None] - dz + error
         x = x + linalg.matvec(K[..., None], each)
-        return Ensemble(x, Innovation(nu, S).nis)
+        innovation = Innovation(nu, S)
+        return Ensemble(x, innovation.nis, innovation)
 
 
 @register("filters", "edh")
@@ -98,15 +109,15 @@ class ExactFlow(EnsembleFilter):
         # The flow of all particles of a run is one affine map of their deviations from the mean.
         turn = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
         shift, done = np.zeros_like(start), 0.0
-        nis, sensor = state.nis, cast(DifferentiableSensor, model.sensor)
+        nis, first, sensor = state.nis, state.seen, cast(DifferentiableSensor, model.sensor)
         for length in _lengths(self.steps):
             A, pull, seen = _flow(sensor, Gaussian(start, P), shift, z, k, done + 0.5 * length)
-            nis = nis if done else seen.nis
+            nis, first = (nis, first) if done else (seen.nis, seen)
             turn = turn + length * linalg.matmul(A, turn)
             shift = shift + length * (linalg.matvec(A, shift) + pull)
             done += length
         flown = linalg.matvec(turn[..., None], x - start[..., None])
-        return Ensemble(flown + (start + shift)[..., None], nis)
+        return Ensemble(flown + (start + shift)[..., None], nis, first)
 
 
 def _flow(

@@ -87,12 +87,17 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
         source = after if self.estimate_from == "after" else before
         carried = Particles(evolved.x, particles.uniform(*initial.w.shape))
         estimate, P = source.moments(), proposed.kalman.cov
-        cloud = ProposedCloud(carried, P, estimate, initial.dead, initial.w)
+        w, dead, mass = initial
+        cloud = ProposedCloud(carried, P, estimate, dead, w, mass)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
     def estimate(self, state: EvolvedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.cloud.estimate
+
+    def log_likelihood(self, state: EvolvedCloud) -> Array:
+        """Logarithm (M,) of the mean weight of what was proposed, before the evolution."""
+        return self.log_evidence(state.cloud)
 
     def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:
         """Share of new trials accepted, spread of the cloud after over before, steps without weight.

@@ -19,11 +19,15 @@ from trackbench.models.twopoint import Convertible
 
 
 class Tracked(NamedTuple):
-    """The posterior N(mean, cov), the last normalised innovation squared (M,), what was refused (M,)."""
+    """The posterior N(mean, cov), the last normalised innovation squared (M,), what was refused (M,).
+
+    ``seen`` is the innovation itself, once there is one.
+    """
 
     posterior: Gaussian
     nis: Array
     gated: Mask | None = None
+    seen: Innovation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,15 +58,21 @@ class GaussianFilter(Filter[Tracked]):
         posterior, innovation = self.updated(model, state.posterior, z, k)
         nis = innovation.nis
         if self.gate is None:
-            return Tracked(posterior, nis)
+            return Tracked(posterior, nis, seen=innovation)
         refused = nis > _limits(self.gate, len(z))[(~np.isnan(innovation.nu)).sum(axis=0)]
         if refused.any():
             posterior, _ = self.updated(model, state.posterior, np.where(refused, np.nan, z), k)
-        return Tracked(posterior, nis, refused)
+        return Tracked(posterior, nis, refused, innovation)
 
     def estimate(self, state: Tracked) -> Gaussian:
         """The posterior."""
         return state.posterior
+
+    def log_likelihood(self, state: Tracked) -> Array:
+        """log N(innovation; 0, S) (M,) of the last measurement, refused or not."""
+        if state.seen is None:
+            return np.full(state.nis.shape, np.nan)
+        return state.seen.log_likelihood
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z; ``gated``: refused measurements."""

@@ -11,18 +11,22 @@ from numpy.random import Generator
 from trackbench.core import particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, covering
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Evidence, Particles
 from trackbench.filters.base import Filter
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
 
 class Fitted(NamedTuple):
-    """The Gaussian, the weighted cloud (n, M, N) whose moments it has, runs without weight (M,)."""
+    """The Gaussian, the weighted cloud (n, M, N) whose moments it has, runs without weight (M,).
+
+    ``evidence`` is what the weights tell of the last measurement.
+    """
 
     posterior: Gaussian
     cloud: Particles
     dead: Mask
+    evidence: Evidence
 
 
 @register("filters", "gpf")
@@ -58,6 +62,10 @@ class GaussianPF(Filter[Fitted]):
         """Posterior means (M,) of functions of the state."""
         return state.cloud.expectation(g)
 
+    def log_likelihood(self, state: Fitted) -> Array:
+        """Logarithm (M,) of the mean weight."""
+        return state.evidence.log
+
     def diagnostics(self, state: Fitted) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero; ``ess``: effective share of the N particles."""
         return {
@@ -68,6 +76,6 @@ class GaussianPF(Filter[Fitted]):
 
 def _fitted(x: Array, log_w: Array) -> Fitted:
     """Draws (n, M, N) and log-weights (M, N)."""
-    w, dead = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
+    w, dead, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
-    return Fitted(cloud.moments(), cloud, dead)
+    return Fitted(cloud.moments(), cloud, dead, Evidence(mass, 0.0, w.shape[1]))

@@ -11,7 +11,7 @@ from trackbench.core import elementary, linalg, particles
 from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Mass, Particles
 from trackbench.core.sums import dot, total
 from trackbench.filters.base import Filter
 from trackbench.keys import Count, NonNegative, Positive
@@ -25,11 +25,15 @@ _DUST = 1e-9  # weight below which a few azimuths do not bring a component back
 
 
 class Mixture(NamedTuple):
-    """Components with means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one."""
+    """Components with means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one.
+
+    ``mass`` is what the weights of the last update summed to, once there was one.
+    """
 
     mean: Array
     cov: Array
     w: Array
+    mass: Mass | None = None
 
 
 @register("filters", "gaussian-sum")
@@ -92,13 +96,18 @@ class GaussianSum(Filter[Mixture]):
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, AS_IT_IS)
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
-        w = _thinned(bank.mean, particles.normalise(log_w).w, self.kept)
+        weights = particles.normalise(log_w)
+        w = _thinned(bank.mean, weights.w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))
-        return _compact(_merged(heaviest, self.merge_within))
+        return _compact(_merged(heaviest, self.merge_within))._replace(mass=weights.mass)
 
     def estimate(self, state: Mixture) -> Gaussian:
         """Mean and covariance of the mixture."""
         return _moments(state, state.w)
+
+    def log_likelihood(self, state: Mixture) -> Array:
+        """Logarithm (M,) of the mixture of the components' likelihoods."""
+        return np.full(len(state.w), np.nan) if state.mass is None else state.mass.log
 
 
 def _of_azimuths(

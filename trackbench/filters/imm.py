@@ -8,7 +8,15 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.mixing import combined, common, padded, predicted_weights, updated_weights
+from trackbench.core.kalman import Innovation
+from trackbench.core.mixing import (
+    combined,
+    common,
+    log_mixture,
+    padded,
+    predicted_weights,
+    updated_weights,
+)
 from trackbench.core.sums import total
 from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import GaussianFilter
@@ -22,12 +30,17 @@ _EKF = EKF()
 
 
 class Models(NamedTuple):
-    """A Gaussian per model, their weights (r, M), the mixture's NIS (M,), components reported."""
+    """A Gaussian per model, their weights (r, M), the mixture's NIS (M,), components reported.
+
+    ``seen`` are the models' innovations and ``predicted`` their weights before it, once there are any.
+    """
 
     states: tuple[Gaussian, ...]
     weights: Array
     nis: Array
     reported: int
+    seen: tuple[Innovation, ...] = ()
+    predicted: Array | None = None
 
 
 @register("filters", "imm")
@@ -66,7 +79,7 @@ class IMM(JumpMarkov[Models]):
     def step(self, model: Model, state: Models, z: Array, k: int, rng: Generator) -> Models:
         """Mix, filter with every model, weigh by the likelihoods."""
         predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
-        models, states, judged = self.models(model), [], []
+        models, states, all_seen = self.models(model), [], []
         names = [own.motion.components for own in models]
         for j, own in enumerate(models):
             like = state.states[j]
@@ -76,7 +89,8 @@ class IMM(JumpMarkov[Models]):
             ]
             posterior, seen = self.filter.updated(own, combined(padded_to, mixing[:, j]), z, k)
             states.append(posterior)
-            judged.append(seen.judged())
+            all_seen.append(seen)
+        judged = [seen.judged() for seen in all_seen]
         nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
         weights = updated_weights(predicted, nis, scale)
         nis_of_all = total(predicted * nis, axis=0)
@@ -84,13 +98,22 @@ class IMM(JumpMarkov[Models]):
         if missing.any():
             weights = np.where(missing, predicted, weights)
             nis_of_all = np.where(missing, np.nan, nis_of_all)
-        return Models(tuple(states), weights, nis_of_all, state.reported)
+        return Models(
+            tuple(states), weights, nis_of_all, state.reported, tuple(all_seen), predicted
+        )
 
     def estimate(self, state: Models) -> Gaussian:
         """Moments of the mixture, of the scenario's own components."""
         n = state.reported
         own = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
         return combined(own, state.weights)
+
+    def log_likelihood(self, state: Models) -> Array:
+        """Logarithm (M,) of the models' likelihoods by predicted weight."""
+        if state.predicted is None:
+            return np.full(state.nis.shape, np.nan)
+        each = np.stack([seen.log_likelihood for seen in state.seen])
+        return log_mixture(state.predicted, each)
 
     def diagnostics(self, state: Models) -> dict[str, Array]:
         """``nis``: the models' mean NIS by predicted weight; ``mode``: weight of all but the first."""

@@ -9,6 +9,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.kalman import Innovation
 from trackbench.filters.adaptive import AdaptiveKF, Switched
 from trackbench.filters.axes import axis_step, both_axes, choose, over_axes, per_axis, site
 from trackbench.filters.base import PLANAR_POSITION, Filter
@@ -83,19 +84,27 @@ class VDF(Filter[Switched]):
         """Position and velocity of the filter that is on."""
         return self.machine.estimate(state)
 
+    def log_likelihood(self, state: Switched) -> Array:
+        """That of the filter that was on."""
+        return self.machine.log_likelihood(state)
+
     def diagnostics(self, state: Switched) -> dict[str, Array]:
         """``nis``, ``mode``, ``alarm`` and ``alarm_age_s`` as of `adaptive-kf`."""
         return self.machine.diagnostics(state)
 
 
 class Corrected(NamedTuple):
-    """The filter (2, 2, M), its hypotheses, the NIS, the runs corrected now, and the inputs' age, s."""
+    """The filter (2, 2, M), its hypotheses, the NIS, the runs corrected now, and the inputs' age, s.
+
+    ``seen`` is the innovation, once there is one.
+    """
 
     quiet: Gaussian
     inputs: Hypotheses
     nis: Array
     alarm: Mask
     age: Array
+    seen: Innovation | None = None
 
 
 @register("filters", "input-estimation")
@@ -157,11 +166,19 @@ class InputEstimation(Filter[Corrected]):
             inputs = inputs.restarted(alarm, k)
         missing = np.isnan(seen.nu).any(axis=(0, 1))
         nis = np.where(missing, np.nan, over_axes(seen.nis))
-        return Corrected(quiet, inputs.opened(k), nis, alarm, np.where(alarm, age * T, np.nan))
+        since = np.where(alarm, age * T, np.nan)
+        return Corrected(quiet, inputs.opened(k), nis, alarm, since, seen)
 
     def estimate(self, state: Corrected) -> Gaussian:
         """The corrected filter."""
         return both_axes(state.quiet)
+
+    def log_likelihood(self, state: Corrected) -> Array:
+        """log N(innovation; 0, S) (M,) of the filter before a correction."""
+        if state.seen is None:
+            return np.full(state.nis.shape, np.nan)
+        missing = np.isnan(state.seen.nu).any(axis=(0, 1))
+        return np.where(missing, np.nan, over_axes(state.seen.log_likelihood))
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
         """``nis``; ``mode`` and ``alarm``: 1 where the state was just corrected; ``alarm_age_s``."""

@@ -10,7 +10,7 @@ from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Evidence, Particles
 from trackbench.core.regularisation import Kernel, Mode, jitter_each
 from trackbench.core.streams import SomeRuns, Streams
 from trackbench.core.sums import total
@@ -83,11 +83,14 @@ class LineOfSight(ParticleFilter):
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
         log_w = state.log_w - half_distance
-        w, dead = particles.normalise(log_w)
+        w, dead, mass = particles.normalise(log_w)
+        scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
+        told = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
         nu /= r
         weighted = Particles(_stretched(x, K, nu), w)
         log_w, age = np.where(dead[:, None], 0.0, log_w), state.age + 1
-        cloud = Cloud(weighted, weighted, _mixture(weighted, P), dead, age, P, log_w)
+        estimate = _mixture(weighted, P)
+        cloud = Cloud(weighted, weighted, estimate, dead, age, P, log_w, evidence=(told,))
         return self._renewed(cloud, k, rng, self._size(age))
 
     def _renewed(self, cloud: Cloud, k: int, rng: Generator, size: int) -> Cloud:

@@ -17,7 +17,13 @@ from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.moves import independence_moves
-from trackbench.core.particles import Particles, WeightReading, read_likelihood
+from trackbench.core.particles import (
+    Evidence,
+    Mass,
+    Particles,
+    WeightReading,
+    read_likelihood,
+)
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
@@ -39,7 +45,7 @@ TransitionReading = Literal["model", "increment"]
 class ProposedCloud(NamedTuple):
     """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
 
-    ``w`` (M, N) are the weights before resampling.
+    ``w`` (M, N) are the weights before resampling, ``mass`` what they summed to before that was one.
     """
 
     particles: Particles
@@ -47,6 +53,7 @@ class ProposedCloud(NamedTuple):
     estimate: Gaussian
     dead: Mask
     w: Array
+    mass: Mass | None = None
 
     def noted(self) -> dict[str, Array]:
         """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""
@@ -149,6 +156,12 @@ class KalmanProposal(Filter[State]):
         noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
         return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
+    def log_evidence(self, cloud: ProposedCloud) -> Array:
+        """Logarithm (M,) of the mean unnormalised weight; NaN if the weights are no densities."""
+        if cloud.mass is None or self.transition_density == "increment":
+            return np.full(cloud.dead.shape, np.nan)
+        return Evidence(cloud.mass, 0.0, self.N).log
+
     def _proposal(
         self, model: Model, kalman: Gaussian, origin: Array, k: int
     ) -> "Gaussian | Defensive":
@@ -182,7 +195,7 @@ class _ProposalFilter(KalmanProposal[ProposedCloud]):
         origin = state.particles.x
         proposed = self.propose(model, state, z, k, rng)
         target = self.log_target(model, origin, z, proposed.x, k)
-        w, dead = particles.normalise(target - proposed.log_q(proposed.x))
+        w, dead, mass = particles.normalise(target - proposed.log_q(proposed.x))
         weighted = Particles(proposed.x, w)
         index = ancestors(w, rng, self.resampling)
         x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
@@ -191,7 +204,7 @@ class _ProposalFilter(KalmanProposal[ProposedCloud]):
             x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source.moments(), dead, w)
+        return ProposedCloud(resampled, P, source.moments(), dead, w, mass)
 
     def _moved(
         self,
@@ -214,6 +227,10 @@ class _ProposalFilter(KalmanProposal[ProposedCloud]):
     def estimate(self, state: ProposedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.estimate
+
+    def log_likelihood(self, state: ProposedCloud) -> Array:
+        """Logarithm (M,) of the mean weight lik * prior / proposal."""
+        return self.log_evidence(state)
 
     def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
         """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.

@@ -139,6 +139,12 @@ class Grid(Filter[grid.Posterior]):
         """Posterior mean and variance."""
         return grid.moments(state)
 
+    def log_likelihood(self, state: grid.Posterior) -> Array:
+        """log p(z_k | z_1..k-1) (M,), exact."""
+        density = state[0].evidence
+        unknown = np.full(state[0].low.shape, np.nan)
+        return unknown if density is None else elementary.log(density)
+
 
 def _anywhere_if_missing(
     z: Array, reach: list[grid.Interval], support: grid.Interval

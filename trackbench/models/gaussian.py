@@ -11,7 +11,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.unscented import PointRule, SigmaPoints
+from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
 
 
@@ -120,9 +120,24 @@ def additive_step(
     The noise of either is added to the covariance (Arasaratnam & Haykin 2009, section 5).
     """
     predicted = point_prediction(model, state, k, assumed, rule)
-    points, batch = rule.points(predicted.mean, predicted.cov), state.mean.ndim - 1
-    R = with_trailing(assumed.measurement(model, predicted.mean, k).cov, batch, leading=2)
+    return _additive_update(model, predicted, z, k, assumed, rule)
+
+
+def _additive_update(
+    model: Model, predicted: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
+) -> tuple[Gaussian, Innovation]:
+    points = rule.points(predicted.mean, predicted.cov)
+    R = assumed.measurement(model, predicted.mean, k).cov
+    R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
     return _conditioned(model, points, points.x, predicted, z, k, None, R)
+
+
+def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
+    """z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
+    n, runs = predicted.mean.shape
+    each = np.broadcast_to(with_trailing(predicted.cov, 1, leading=2), (n, n, runs))
+    cubature, whole = Unscented(1.0, 0.0, 0.0), Gaussian(predicted.mean, each)
+    return _additive_update(model, whole, z, k, Assumed(), cubature)[1]
 
 
 def _conditioned(

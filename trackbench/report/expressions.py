@@ -76,6 +76,8 @@ class Expressions:
             return self.difference(mine, other)
         if m.relation == "below":
             return self._below(mine, other)
+        if m.family[0].is_score:  # a ratio of logarithms says nothing
+            return MISSING
         common = self._found(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
         return ratio if m.relation == "ratio" else gain(ratio)

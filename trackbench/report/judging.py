@@ -135,7 +135,8 @@ def _in_words(label: str, term: Term) -> str:
 def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
     """Why a filter whose error is said to be smaller is not better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
-    if claim.relation != "<" or a is None or b is None or not lost.loses_more(a, b):
+    better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
+    if claim.relation != better or a is None or b is None or not lost.loses_more(a, b):
         return ""
     return f"{claim.left} loses {int((a > 0).sum())} runs, {right} {int((b > 0).sum())}"
 

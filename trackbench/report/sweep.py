@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import measured
-from trackbench.evaluation.statistics import relative_gain
+from trackbench.evaluation.statistics import paired_difference, relative_gain
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.points import single_paths
 from trackbench.report import style
@@ -94,11 +94,14 @@ def write_sweep(sweep: Sweep) -> None:
 def best_points(sweep: Sweep) -> Iterator[str]:
     """The point with the smallest error of each filter that varies, in each scenario.
 
-    Points of a filter share their data and noise, so their difference is taken run by run.
+    Without a truth that with the highest log score, if there is one, held out or not. Points of a filter
+    share their data and noise, so their difference is taken run by run.
     """
     if not sweep.metrics:  # every filter failed
         return
-    metric = sweep.metrics[0]
+    metric, told = sweep.metrics[0], ("mean(held_log_score)", "mean(log_score)")
+    if not any(_is_error(name) for name in sweep.metrics):
+        metric = next((name for name in told if name in sweep.metrics), metric)
     fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
     for label in sweep.varying:
         groups: dict[Values, list[SweepScore]] = {}
@@ -107,7 +110,9 @@ def best_points(sweep: Sweep) -> Iterator[str]:
                 groups.setdefault(tuple(score.point[i] for i in fixed), []).append(score)
         for scores in groups.values():
             if len(scores) > 1:
-                yield _best(sweep, label, metric, sorted(scores, key=lambda s: s.value))
+                sign = -1.0 if measured(metric).family[0].more_is_better else 1.0
+                ranked = sorted(scores, key=lambda s: sign * s.value)
+                yield _best(sweep, label, metric, ranked)
 
 
 def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> str:
@@ -115,14 +120,24 @@ def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> st
     text = f"{label} at {_at(sweep, first.point)}: {metric} {first.value:.4g} ± {first.stderr:.2g}"
     a, b = (sweep.per_run(label, measured(metric).name, s.point) for s in (first, second))
     both = np.isfinite(a) & np.isfinite(b)
-    gain, stderr = relative_gain(a[both], b[both])
-    text += f", {100 * gain:.2g} ± {100 * stderr:.2g} % below {_at(sweep, second.point)}"
+    if measured(metric).family[0].is_score:
+        gain, stderr = paired_difference(a[both], b[both])
+        text += f", {gain:.2g} ± {stderr:.2g} above {_at(sweep, second.point)}"
+    else:
+        gain, stderr = relative_gain(a[both], b[both])
+        text += f", {100 * gain:.2g} ± {100 * stderr:.2g} % below {_at(sweep, second.point)}"
     return text if gain > 2 * stderr else f"{text}, which is no difference"
 
 
 def _at(sweep: Sweep, point: Values) -> str:
     names = map(style.name, sweep.paths)
     return ", ".join(f"{name} = {value}" for name, value in zip(names, point, strict=True))
+
+
+def _is_error(metric: str) -> bool:
+    """Whether it is an error that a truth tells."""
+    found, quantity = measured(metric).family
+    return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
 
 def _is_headline(metric: str) -> bool:

@@ -9,6 +9,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
 from trackbench.experiment.planning.plan import block_width
 from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.reading.asked import kinds_of
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.resolved import as_config
 from trackbench.tuning.axes import Axis
@@ -72,6 +73,8 @@ class Training:
             width=width,
             used=min(width, settings.tuning.runs - number * width),
             reference=self._point.filters[settings.reference or ""] if measured else None,
+            foretold=kinds_of(name.partition("[")[0] for name in self.objective.metrics),
+            hold_out=settings.hold_out,
         )
 
 

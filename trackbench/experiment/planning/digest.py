@@ -28,6 +28,7 @@ def block_key(task: BlockTask, used: int) -> str:
         _part(task.assume) if task.assume is not None else None,
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
+        [task.foretold, task.hold_out],
         [code_digest(), arithmetic.own()],
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()

@@ -9,6 +9,7 @@ from typing import TypeAlias
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.machine import memory
 from trackbench.experiment.problems import Problem, UserError, counted
+from trackbench.experiment.reading.asked import foretold
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.metric_names import number_per_run
 from trackbench.experiment.reading.plugins import Plugin
@@ -63,7 +64,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     """Cut every filter's runs into blocks of its width; ``looks`` are numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    kept = _kept_series(experiment)
+    kept, told = _kept_series(experiment), foretold(experiment)
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -83,6 +84,8 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     keep_covariance=save_tracks or experiment.shown_covariances,
                     keep_steps=kept,
                     also=tuple(n - block * width for n in looks if 0 < n - block * width < width),
+                    foretold=told,
+                    hold_out=settings.hold_out,
                 )
                 for block in range(ceil(settings.runs / width))
             ]

@@ -31,6 +31,7 @@ from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.points import grid_points, take
 from trackbench.experiment.reading.published import Published, read_published
 from trackbench.experiment.reading.source import Source, read, unseen
+from trackbench.experiment.reading.untold import fill_in
 from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_default_metric
@@ -123,6 +124,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         settings = with_recorded_runs(source, settings, points, problems)
     settings = with_default_metric(settings, points)
     axes = tuned_axes(source, settings, points, problems)
+    if whole:
+        fill_in(source, settings, points)
     tables = _parts("tables", source, problems)
     figures = _parts("figures", source, problems)
     parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}

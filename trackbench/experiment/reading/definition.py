@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
+from annotated_types import Ge
 from pydantic import AfterValidator, StringConstraints
 
 from trackbench.experiment.reading.plugins import Plugin
@@ -77,6 +78,8 @@ class Settings:
     """labels of the filters that are run, beside the reference; default: all"""
     bound: Label | None = None
     """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
+    hold_out: Annotated[int, Ge(2)] | None = None
+    """every so many-th measurement of a run is not given to the filters, and predicted instead; 5"""
     medians: list[str] = field(default_factory=list)
     """series whose median per step is wanted, such as nees"""
     metrics: list[str] | None = None

@@ -1,5 +1,6 @@
 """What tables, figures and settings ask for must be there, and kept."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
@@ -15,6 +16,9 @@ from trackbench.experiment.reading.validate import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
 from trackbench.tuning.objective import as_expression, bad_terms
+
+_OF_TRUTH = ("squared", "error", "distance", "nees", "outside")
+"""Series of errors."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ def check_metrics(
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
 
     ``others`` are filters that are not run, whose metrics may be named. What filters note that are
-    mistaken or fail is not known, and of recorded data without a truth only what is not kept is said.
+    mistaken or fail is not known.
     """
     asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
     there = [p for p in points if p is not None]
@@ -48,9 +52,8 @@ def check_metrics(
     names = names_of(settings, there, others, noted=False)
     if any(not a.named or _unknown(a, names, settings) for a in asked):
         names = names_of(settings, there, others, noted=True)
-    truth = all(p.scenario.has_truth for p in there)
     for a in asked:
-        what = (_unknown(a, names, settings) if truth else None) or _left_out(a, names, settings)
+        what = _unknown(a, names, settings) or _left_out(a, names, settings)
         if what is not None:
             problems.append(Problem(source.mark(a.keys), dotted(a.keys), what))
 
@@ -102,12 +105,27 @@ def _unknown(asked: Asked, names: Names, settings: Settings) -> str | None:
     """That there is no such metric, if the config names it."""
     role, word = _where(asked, settings)
     known = names.bases if role == "base" else names.of(role)
+    m = asked.measure
+    if m.relation in ("gain", "ratio") and m.family[0].is_score:
+        return f"'{m}': a log score is a logarithm, of which there is no share: take minus(...)"
+    if word not in known and not names.has_truth and _is_of_truth(m):
+        less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
+        bases = {measured(name).base for name in known}
+        others = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
+        return f"there is no truth to measure {word!r} by; there are: {others}"
     if word in known or not asked.named or names.may_be_noted(asked.measure.metric):
         return None
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
     return f"{word!r} is no metric here; {hint}"
+
+
+def _is_of_truth(m: Measure) -> bool:
+    """Whether it is an error, or what is made of errors."""
+    found, quantity = m.family
+    of_prediction = quantity.startswith(("predicted_", "held_"))
+    return found.series in _OF_TRUTH and not of_prediction
 
 
 def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:

@@ -9,13 +9,14 @@ import numpy as np
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import prior_of, simulate
 from trackbench.evaluation.derived import sizes
+from trackbench.evaluation.foretelling import foretold_series
 from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, per_run_metrics
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings
-from trackbench.filters.base import AnyFilter, Filter, knows_expectations
+from trackbench.filters.base import AnyFilter, Filter, knows_expectations, tells_likelihood
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
@@ -57,6 +58,8 @@ class Names:
     given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
     """numbers beside them: times, and the filters' keys"""
     windows: set[str] = field(default_factory=set)
+    has_truth: bool = True
+    """whether there are errors at all"""
     unasked: list[type] = field(default_factory=list)
     """kinds of filters that are mistaken or fail, so that what they note is not known"""
 
@@ -101,13 +104,14 @@ def names_of(
 
     They are asked at the first point of each scenario, and at the last.
     """
-    names = Names()
+    names = Names(has_truth=all(p.scenario.has_truth for p in points))
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
         found = set()  # filters mostly have the same series
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
+            series |= set(_foretold(settings, point.scenario, tracker))
             counts = frozenset() if tracker is None else tracker.counts
             if noted:
                 try:
@@ -136,7 +140,15 @@ def _numbers(tracker: AnyFilter) -> set[str]:
     return {k for k, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
 
 
+def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
+    """What is there for whoever asks for it."""
+    scores = tracker is not None and tells_likelihood(tracker)
+    return foretold_series(scenario.model.sensor.components, scores, settings.hold_out)
+
+
 def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -> Iterator[str]:
+    if not scenario.has_truth:
+        return
     nowhere = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(nowhere, nowhere).items():
         yield joined("squared", quantity)

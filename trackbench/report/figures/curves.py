@@ -197,7 +197,8 @@ class EstimatesOfOneRun(OverTime):
         self, axes: list["Axes"], results: Results, tracks: dict[str, Array], c: int, run: int
     ) -> None:
         k, truth = tracks[f"{self.x}s"], tracks["truth"][c, :, run]
-        axes[0].plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
+        if np.isfinite(truth).any():
+            axes[0].plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
         for below in axes[1:]:
             below.set_yscale("linear")
             below.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})

@@ -38,6 +38,8 @@ class Track(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The state must have the two components."""
         last = min(len(p.scenario.components) for p in points) - 1
+        if not self.filters and not all(p.scenario.has_truth for p in points):
+            return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
         if all(0 <= c <= last for c in self.components):
             return {}
         return {"components": f"{list(self.components)}: the state has components 0 to {last}"}

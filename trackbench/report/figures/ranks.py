@@ -29,7 +29,7 @@ class CriticalDifference(FigureKind):
     filters: tuple[str, ...] | None = None
     """labels to rank; default: all"""
     metric: OfRun = measure("rmse")
-    """metric of per_run.csv; smaller is better"""
+    """metric of per_run.csv; smaller is better, unless of this one larger is"""
     alpha: OpenShare = 0.05
     """probability of a false difference anywhere in the figure"""
 
@@ -46,12 +46,15 @@ class CriticalDifference(FigureKind):
             if len(there) < 2:
                 ax.set_axis_off()
                 continue
-            values = np.stack([runs[b, str(self.metric)] for b in there])
+            best, sign = (
+                ("largest", -1.0) if self.metric.family[0].more_is_better else ("smallest", 1.0)
+            )
+            values = sign * np.stack([runs[b, str(self.metric)] for b in there])
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)
             _panel(ax, there, mean, cliques(mean, critical))
             where = style.heading(point)
-            words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the smallest)"
+            words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
             ax.set_title(words, pad=14, fontsize=9)
         style.title(figure, self.title, len(points), len(every))

@@ -1,0 +1,145 @@
+"""A recording without a truth: what is shown of it, what may be asked, and which way better is."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from trackbench import api
+from trackbench.experiment.problems import UserError
+from trackbench.report.figures.ranks import mean_ranks
+
+RADAR = """
+kind: tracking
+T: 2
+last: 60
+target:
+  kind: legs
+  launch: {x: 9000, y: 5000, vx: -60, vy: 80}
+  legs: [{start: 40, end: 70, turn_rate_deg_s: 2}]
+sensor: {kind: range-azimuth, sigma_range: 50, sigma_azimuth_mrad: 3}
+start: two-scan
+assume: {motion: {kind: cv, q: 4}}
+"""
+CONFIG = """
+name: rec
+seed: 2
+scenario:
+  kind: tracking
+  T: 2
+  target: {kind: measured, measurements: m.csv}
+  sensor: {kind: range-azimuth, sigma_range: 50, sigma_azimuth_mrad: 3}
+  start: {kind: given, mean: [8880, -60, 5160, 80], sigma: [60, 40, 60, 40]}
+  assume: {motion: {kind: cv, q: 4}}
+filters:
+  EKF: {kind: ekf}
+  RPF: {kind: rpf, N: 300}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A radar's scenario and three recorded runs of it."""
+    folder = tmp_path_factory.mktemp("recorded")
+    (folder / "radar.yaml").write_text(RADAR)
+    (folder / "sim.yaml").write_text(
+        "name: sim\nruns: 3\nscenario: {use: radar.yaml}\nfilters: {EKF: {kind: ekf}}\n"
+    )
+    out = run(folder, "sim", save_tracks=True).folder
+    with np.load(out / "tracks.npz") as tracks:
+        z, steps = tracks["measurements"], tracks["steps"][1:]
+    rows = [(m, k, *z[:, i, m]) for m in range(3) for i, k in enumerate(steps)]
+    frame = pd.DataFrame(rows, columns=["run", "step", "range", "azimuth"])
+    frame.to_csv(folder / "m.csv", index=False)
+    return folder
+
+
+def run(folder: Path, name: str, more: str = "", **options: object) -> api.Report:
+    path = folder / f"{name}.yaml"
+    if name != "sim":
+        path.write_text(CONFIG + more)
+    keys = {"formats": (), "workers": 1, "quiet": True, "out": folder / f"out-{name}"} | options
+    return api.run(path, **keys)
+
+
+def mistakes(folder: Path, more: str) -> list[str]:
+    path = folder / "bad.yaml"
+    path.write_text(CONFIG + more)
+    with pytest.raises(UserError) as caught:
+        api.prepare(path, api.Options())
+    return str(caught.value).splitlines()
+
+
+def test_what_can_be_said_is_shown_and_nothing_else(folder: Path) -> None:
+    report = run(folder, "default", "hold_out: 5\n", formats=("svg",))
+    (name,) = report.tables
+    text = report.tables[name].markdown()
+    assert name == "innovations"
+    assert "–" not in text
+    assert "Held-out log score" in text
+    assert "95 % bands of a consistent filter" in text
+    assert {p.stem for p in (report.folder / "figures").iterdir()} == {"nis", "whiteness", "track"}
+    page = (report.folder / "report.html").read_text()
+    assert "Truth" not in page
+    assert "RMSE" not in page
+    again = api.run(report.folder / "config.yaml", out=folder / "again", quiet=True, workers=1)
+    for file in ("per_run.csv", "per_step.csv", "tables/innovations.csv"):
+        assert (again.folder / file).read_bytes() == (report.folder / file).read_bytes()
+
+
+def test_more_is_better_of_a_log_score(folder: Path) -> None:
+    report = run(folder, "pairs")
+    pairs = pd.read_csv(report.folder / "paired.csv")
+    scores = report.per_run[report.per_run["metric"] == "log_score"]
+    mean = scores.groupby("filter")["value"].mean()
+    (row,) = pairs[pairs["metric"] == "log_score"].itertuples()
+    assert row.difference == pytest.approx(mean[row.filter_a] - mean[row.filter_b], rel=1e-5)
+
+
+def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
+    path = folder / "swept.yaml"
+    path.write_text(CONFIG + "hold_out: 4\n")
+    grid = ["filters.EKF.gate=0.3,0.9999"]
+    options = {"out": folder / "swept", "quiet": True, "workers": 1, "formats": ()}
+    report = api.sweep(path, grid=grid, only=["EKF"], **options)
+    rows = pd.read_csv(folder / "swept" / "sweep.csv")
+    scores = rows[rows["metric"] == "mean(held_log_score)"].set_index(grid[0].partition("=")[0])
+    (best,) = report.best
+    assert f"EKF at gate = {scores['value'].idxmax():g}: mean(held_log_score)" in best
+    assert " above gate = " in best
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (
+            "tables: {t: {kind: metrics, columns: {E: rms(rmse_position)}}}\n",
+            "tables.t.columns.E: there is no truth to measure 'rmse_position' by; there are: anis",
+        ),
+        ("tables: {t: {kind: consistency}}\n", "tables.t: there is no truth to measure 'anees' by"),
+        (
+            "figures: {f: {kind: rmse-vs-time, metric: rmse_position}}\n",
+            "figures.f.metric: there is no truth to measure 'rmse_position' by",
+        ),
+        ("figures: {f: {kind: track}}\n", "figures.f.filters: there is no truth to draw"),
+        (
+            'tables: {t: {kind: metrics, columns: {E: "gain(mean(log_score), RPF)"}}}\n',
+            "a log score is a logarithm, of which there is no share: take minus(...)",
+        ),
+        ("hold_out: 1\n", "hold_out"),
+    ],
+)
+def test_what_needs_a_truth_is_one_line(folder: Path, more: str, expected: str) -> None:
+    lines = mistakes(folder, more)
+    assert len(lines) == 1
+    assert expected in lines[0]
+
+
+def test_an_experiment_that_asks_for_nothing_of_it_has_nothing_of_it(folder: Path) -> None:
+    metrics = set(run(folder, "sim").per_run["metric"])
+    assert not {m for m in metrics if "log_score" in m or "predicted" in m or "anis" in m}
+
+
+def test_ranks_of_a_score_begin_with_the_highest() -> None:
+    assert mean_ranks(-np.array([[1.0, 2.0], [3.0, 4.0]])).tolist() == [2.0, 1.0]

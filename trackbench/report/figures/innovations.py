@@ -1,0 +1,119 @@
+"""Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.foretelling import LAGS
+from trackbench.evaluation.measure import measured
+from trackbench.evaluation.statistics import anees_band
+from trackbench.keys import Count
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.figures.curves import Curves, OverTime
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ENOUGH = 60  # measured components whose average is worth a point
+
+
+@register("figures", "nis")
+@dataclass(frozen=True, kw_only=True)
+class Nis(OverTime):
+    """Normalised innovation squared over the number of components, with a consistent filter's band.
+
+    Averages over runs and over successive steps, so many that each is of some components; the grey band
+    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
+    """
+
+    needs: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
+
+    y_label: str = "NIS per component"
+    """label of the vertical axis"""
+    log: bool = True
+    """logarithmic vertical axis"""
+    over: Count | None = None
+    """steps that are averaged together; default: as many as measure 60 components"""
+
+    def draw(self, results: Results) -> "Figure":
+        """One line per filter."""
+        figure, panels = self.panels(results)
+        for (ax,), point in panels:
+            band: tuple[Array, Array] = (np.empty(0), np.empty(0))
+            for (rows, look), (numbers, _) in zip(
+                self.lines(results, results.per_step, point, measured("anis")),
+                self.lines(results, results.per_step, point, measured("innovations")),
+                strict=True,
+            ):
+                if len(rows):
+                    count = (numbers["value"] * numbers["runs"]).to_numpy()
+                    k, value, number = self._averages(
+                        rows[self.x].to_numpy(), rows["value"].to_numpy(), count
+                    )
+                    ax.plot(k, value, marker="o", markersize=2, **look)
+                    band = max(band, (k, number), key=lambda b: len(b[0]))
+            if len(band[0]):
+                low, high = np.array([anees_band(1, round(n)) for n in band[1]]).T
+                ax.fill_between(
+                    band[0], low, high, color="black", alpha=0.15, lw=0, label="95 % band"
+                )
+            ax.axhline(1.0, color="black", linewidth=0.6)
+        return self.finish(figure)
+
+    def _averages(self, k: Array, value: Array, count: Array) -> tuple[Array, Array, Array]:
+        """Middle step, average and number of components of so many successive steps each."""
+        over = self.over or max(1, round(_ENOUGH / float(count.mean())))
+        ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
+        parts = [slice(i, i + over) for i in ends]
+        numbers = np.array([count[p].sum() for p in parts])
+        averages = np.array([(value[p] * count[p]).sum() for p in parts]) / numbers
+        return np.array([k[p].mean() for p in parts]), averages, numbers
+
+
+@register("figures", "autocorrelation")
+@dataclass(frozen=True, kw_only=True)
+class Autocorrelation(Curves):
+    """Autocorrelation of whitened innovations by lag, in measurements; white ones stay in the band."""
+
+    needs: ClassVar[dict[str, str]] = {
+        "innovations": "per_run",
+        **{f"autocorrelation_{lag}": "per_run" for lag in range(1, LAGS + 1)},
+    }
+
+    x_label: str = "Lag in measurements"
+    """label of the horizontal axis"""
+    y_label: str = "Autocorrelation"
+    """label of the vertical axis"""
+
+    def draw(self, results: Results) -> "Figure":
+        """A point per lag, one line per filter; the band is 1.96 over the root of their number."""
+        figure, panels = self.panels(results)
+        lags = np.arange(1, LAGS + 1)
+        for (ax,), point in panels:
+            ax.axhline(0.0, color="black", linewidth=0.6)
+            found, most = _means(results, point), 0.0
+            for label, look in self.labels(results):
+                if (label, "innovations") in found:
+                    value = [found.get((label, f"autocorrelation_{lag}"), np.nan) for lag in lags]
+                    ax.plot(lags, value, marker="o", markersize=3, **{"label": label, **look})
+                    most = max(most, found[label, "innovations"])
+            if most:
+                width = 1.96 / np.sqrt(most)
+                ax.axhspan(-width, width, color="black", alpha=0.15, lw=0, label="95 % band")
+            ax.set_xticks(lags)
+        style.legend_outside(figure, figure.axes)
+        return figure
+
+
+def _means(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], float]:
+    """Means over runs by (filter, metric), of ``innovations`` the sum."""
+    out = {}
+    for (label, metric), values in results.runs(point).items():
+        there = values[~np.isnan(values)]
+        if len(there):
+            out[label, metric] = float(there.sum() if metric == "innovations" else there.mean())
+    return out
