@@ -469,3 +469,16 @@ def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> Non
         pytest.importorskip(name)
     found = check_filter(looped(one))
     assert {f.check for f in found if f.verdict == "bad"} == set(bad), [*map(str, found)]
+
+
+def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
+    """A prediction is a step without a measurement, of a copy; it is the Kalman filter's."""
+    task = BlockTask(MANEUVER, looped(Plain)(), 1, 0, RUNS, RUNS)
+    data = simulate(MANEUVER, 1, 0, RUNS)
+    asked = replace(task, foretold=("prediction",))
+    plain, told = estimate(task, data), estimate(asked, data)
+    assert_array_equal(told.mean, plain.mean)
+    exact = estimate(replace(asked, filter=KF(), hold_out=5), data)
+    held = estimate(replace(asked, hold_out=5), data)
+    for name in ("anis", "squared_predicted_x", "squared_held_x", "autocovariance_3"):
+        assert_allclose(held.diagnostics[name], exact.diagnostics[name], rtol=1e-7, atol=1e-9)

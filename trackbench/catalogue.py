@@ -91,7 +91,7 @@ def entries(kind: str) -> Iterator[dict[str, Any]]:
             "kind": kind,
             "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
             "keys": keys,
-            "presets": getattr(cls, "presets", {}),
+            "presets": cls.presets if group == "filters" else {},
         }
     measured = described(kind)
     if measured:

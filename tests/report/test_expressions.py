@@ -31,7 +31,7 @@ class Folder:
         return {"runs": RUNS}
 
     def given(self, point):
-        return Given(point, {}, {"A": {"kind": "none", "N": 4}, "B": {}}, [], [], [])
+        return Given(point, {}, {"A": {"kind": "none", "N": 4}, "B": {}}, [], [], {}, [])
 
     def runs(self, point):
         return self.values

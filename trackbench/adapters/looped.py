@@ -1,5 +1,6 @@
 """The filter that the runner sees: one object per run, looped over in Python."""
 
+from copy import deepcopy
 from dataclasses import MISSING, fields, make_dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
@@ -166,7 +167,15 @@ class _Stream:
         self._block, self._run = block, run
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # asked by whoever copies or pickles it
+            raise AttributeError(name)
         return getattr(self._own, name)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_Stream":
+        other = _Stream(self._block, self._run)
+        if "_own" in vars(self):
+            vars(other)["_own"] = deepcopy(self._own, memo)
+        return other
 
     @cached_property
     def _own(self) -> Generator:

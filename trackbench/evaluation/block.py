@@ -216,7 +216,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
         found = tracker.estimate(state)
     for i, k in enumerate(scenario.steps):
         if i > 0:
-            before = state
+            before = state if telling.is_idle else telling.kept(state)
             with clock:
                 state = tracker.step(model, state, telling.given[:, i - 1], int(k), rng)
                 found = tracker.estimate(state)

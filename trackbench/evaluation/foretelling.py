@@ -16,6 +16,7 @@ judge innovations). Whoever is asked goes on from where it was, with the noise t
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -88,6 +89,12 @@ class Foretelling:
         """Whether nothing is to be told."""
         return not self._wanted and self._held is None
 
+    def kept(self, state: Any) -> Any:
+        """The state as it is now: objects of one run change with each step."""
+        if not self._tracker.one_by_one:
+            return state
+        return deepcopy(state, {id(self._model): self._model})
+
     def add(self, told: Told, i: int) -> None:
         """The step that was given measurement i."""
         z = self.given[:, i]
@@ -106,7 +113,8 @@ class Foretelling:
         return {n: np.vstack([np.full_like(r[:1], np.nan), r]) for n, r in rows.items()}
 
     def _aside(self, told: Told, z: Array) -> tuple[Any, Gaussian]:
-        state = self._tracker.step(self._model, told.before, z, told.k, self._rng)
+        before = self.kept(told.before)
+        state = self._tracker.step(self._model, before, z, told.k, self._rng)
         return state, self._tracker.estimate(state)
 
     def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
