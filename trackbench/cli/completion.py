@@ -100,7 +100,7 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     if group is not None and isinstance(part, dict) and "kind" in part:
         cls = kinds(cast(Group, group))[part["kind"]]
         known = {field.name: hints_of(cls)[field.name] for field in fields(cls)}
-        known |= {"preset": str} if getattr(cls, "presets", None) else {}
+        known |= {"preset": str} if group == "filters" and cls.presets else {}
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
     for key in dict.fromkeys([*known, *part]):
