@@ -98,7 +98,7 @@ class Record:
                     "a standard error from the best"
                 )
             elif not axis.choices and not _END < _shares(axis, [value])[0] < 1.0 - _END:
-                side = "lower" if value == axis.at(0.0) else "upper"
+                side = "lower" if _shares(axis, [value])[0] < 0.5 else "upper"
                 yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
