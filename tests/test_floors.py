@@ -29,6 +29,7 @@ FLOORS = {
     "experiment": 4,
     "tuning": 4,
     "report": 5,
+    "jobs": 6,
     "running": 6,
     "api": 6,
     "catalogue": 6,

@@ -14,6 +14,7 @@ from typing import Any
 from trackbench.experiment.files import touched
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.storing.outputs import seal
+from trackbench.jobs import Options, file_of, prepare
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
 from trackbench.report.opening import open_results, open_with_notes
@@ -22,7 +23,7 @@ from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
-from trackbench.running import Options, Report, file_of, prepare, preview, run_all, run_each
+from trackbench.running import Report, preview, run_all, run_each
 
 __all__ = [
     "Options",

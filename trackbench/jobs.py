@@ -1,0 +1,173 @@
+"""What a command asks for: its options, and each config as a job, validated before anything runs."""
+
+import os
+import stat
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+from trackbench.evaluation.precision import looks
+from trackbench.experiment.computing.cache import BlockStore, cache_folder
+from trackbench.experiment.computing.engines import Engine, cpu_count, engine
+from trackbench.experiment.computing.growing import begun
+from trackbench.experiment.planning.plan import Plan, check_memory, describe, make_plan
+from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.experiment.reading import config as configurations
+from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.shipped import located
+from trackbench.tuning.entries import Values
+from trackbench.tuning.tuned import Tuned
+from trackbench.tuning.tuner import tune
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run an experiment; only set, only, runs, seed and grid change a number in a CSV."""
+
+    set: Sequence[str] = ()
+    only: Sequence[str] = ()
+    runs: int | None = None
+    seed: int | None = None
+    grid: Sequence[str] = ()
+    out: Path | str | None = None
+    engine: Engine = "processes"
+    workers: int | None = None
+    scheduler: str | None = None
+    fresh: bool = False
+    save_tracks: bool = False
+    formats: Sequence[str] = ("png", "svg")
+    allow_plugins: bool = False
+    quiet: bool = False
+
+
+def file_of(config: Path | str, options: Options) -> Path:
+    """The file of a config, or of the shipped experiment of this name."""
+    return located(Path(config), lambda line: say(line, options))
+
+
+def prepare(
+    config: Path, options: Options, found: Mapping[str, Values] | None = None
+) -> Experiment:
+    """Read and validate a config, a file or a shipped experiment's name, with the options' overrides.
+
+    ``found`` is what tuning found.
+    """
+    return configurations.load(
+        file_of(config, options),
+        list(options.set),
+        list(options.only),
+        options.runs,
+        options.seed,
+        list(options.grid),
+        options.allow_plugins,
+        found,
+    )
+
+
+class Job(NamedTuple):
+    """An experiment that is going to be run, where, and a line that says so."""
+
+    config: Path
+    experiment: Experiment
+    folder: Path
+    plan: Plan
+    line: str
+    most: int
+    """runs at most"""
+    tuning: Mapping[str, Tuned] = MappingProxyType({})
+    """what tuning tried, by label"""
+
+
+def jobs_of(configs: list[Path], options: Options) -> list[Job]:
+    """What the configs ask for; raises UserError with the mistakes of all of them."""
+    jobs: list[Job] = []
+    problems: dict[Problem | str, None] = {}
+    for config in configs:
+        try:
+            job = _job(config, options, alone=len(configs) == 1)
+        except UserError as error:
+            problems |= dict.fromkeys(error.problems)
+            continue
+        if job.folder in [other.folder for other in jobs]:
+            mark = job.experiment.source.mark(("name",))
+            what = f"another config of this command writes into {job.folder}/, too"
+            problems[Problem(mark, "name", what)] = None
+        jobs.append(job)
+    if not _may_write(cache_folder()):
+        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+    if problems:
+        raise UserError(*problems)
+    return jobs
+
+
+def _job(config: Path, options: Options, alone: bool) -> Job:
+    experiment = prepare(config, options)
+    if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
+        experiment = replace(experiment, figures={})
+    folder = Path("results" if options.out is None else options.out)
+    if options.out is None or not alone:
+        folder /= experiment.settings.name
+    _check_out(folder)
+    check_memory(experiment, 1, options.save_tracks)
+    most = experiment.settings.runs
+    plan = plan_of(experiment, most, options)
+    workers = min(most_workers(options), len(plan.unique))
+    needed = check_memory(experiment, workers, options.save_tracks)
+    line = describe(experiment, plan, workers, needed)
+    first = begun(experiment)
+    return Job(config, first, folder, plan_of(first, most, options), line, most)
+
+
+def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
+    """The plan of an experiment of at most so many runs, which `until` may end earlier."""
+    settings = experiment.settings
+    stops = list(looks(settings.min_runs, most)) if settings.until else []
+    return make_plan(experiment, options.save_tracks, stops)
+
+
+def with_tuned(job: Job, options: Options) -> Job:
+    """The experiment with the values that tuning finds on runs of its own."""
+    workers, store = most_workers(options), BlockStore(cache_folder())
+    open_engine = engine(options.engine, workers, options.scheduler)
+    tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
+    found = {label: tried.found for label, tried in tuning.items()}
+    experiment = begun(prepare(job.config, options, found))
+    plan = plan_of(experiment, job.most, options)
+    return job._replace(experiment=experiment, plan=plan, tuning=tuning)
+
+
+def most_workers(options: Options) -> int:
+    """Workers that there may be."""
+    return options.workers or cpu_count()
+
+
+def say(text: str, options: Options) -> None:
+    """A line for the user, unless quiet is wanted."""
+    if not options.quiet:
+        print(text, file=sys.stderr)
+
+
+def _check_out(folder: Path) -> None:
+    """Raise UserError if something else stands where the folder is to be."""
+    for path in (folder, *folder.parents):
+        try:
+            bad = "" if stat.S_ISDIR(path.stat().st_mode) else f"{path} is a file, not a folder"
+        except (FileNotFoundError, NotADirectoryError):
+            bad = f"{path} is a link to nothing" if path.is_symlink() else ""
+        except OSError as error:
+            bad = f"{path}: {reason(error)}"
+        if bad:
+            raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
+    if not _may_write(folder):
+        what = "may not be written in; another folder: --out DIR"
+        raise UserError(Problem(Mark(f"{folder}/"), "", what))
+
+
+def _may_write(folder: Path) -> bool:
+    """Whether the folder, or the first above it that is there, may be written in."""
+    there = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
+    return os.access(there, os.W_OK | os.X_OK)
