@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import trackbench
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams
@@ -271,3 +272,23 @@ def test_windows_of_the_score_are_within_what_is_scored() -> None:
     )
     assert scenario.steps[scenario.windows[""]].tolist() == [3, 4, 5, 6, 7, 8]
     assert scenario.steps[scenario.windows["late"]].tolist() == [6, 7, 8]
+
+
+def test_every_filter_may_assume_a_motion_and_the_scenario_none(tmp_path: Path) -> None:
+    """A flown path has no motion of its own; what is asked of the scenario alone is asked of its sensor."""
+    (tmp_path / "c.yaml").write_text("""name: c
+runs: 4
+scenario:
+  kind: tracking
+  last: 10
+  target: {kind: legs, launch: {x: 3000, y: 100, vx: -20, vy: 5}}
+  sensor: {kind: position, sigma: 10}
+  start: two-scan
+filters: {A: {kind: kf, assume: {motion: {kind: cv, q: 1}}}}
+figures: {track: {kind: track}}
+""")
+    report = trackbench.run(
+        tmp_path / "c.yaml", out=tmp_path / "out", quiet=True, engine="serial", formats=("svg",)
+    )
+    assert np.isfinite(report.summary["value"]).any()
+    assert (tmp_path / "out" / "figures" / "track.svg").exists()

@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution
 from trackbench.core.streams import Streams
 from trackbench.keys import MistakenKeyError
 from trackbench.models.assumed import Assume
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model, Scene, Sensor
 
 
 class Simulation(NamedTuple):
@@ -46,6 +46,11 @@ class Scenario(Scene):
     def components(self) -> tuple[str, ...]:
         """Names of the truth's components, the first of every filter's state; default: the model's."""
         return self.model.motion.components
+
+    @property
+    def true_sensor(self) -> Sensor:
+        """What makes the measurements, whatever filters assume; default: the model's sensor."""
+        return self.model.sensor
 
     def believing(self, assume: Assume) -> "Scenario":
         """The scenario as a filter sees it that assumes this."""

@@ -113,6 +113,11 @@ class Tracking(Scenario):
         """Components of the truth, which every filter estimates."""
         return self.target.components
 
+    @property
+    def true_sensor(self) -> Measuring | Several:
+        """The sensor, or all of them as one."""
+        return self._sensor
+
     @cached_property
     def model(self) -> Model:
         """Motion and sensor that filters assume. Raises MistakenKeyError if no motion is known."""

@@ -143,7 +143,7 @@ def _numbers(tracker: AnyFilter) -> set[str]:
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """What is there for whoever asks for it."""
     scores = tracker is not None and tells_likelihood(tracker)
-    return foretold_series(scenario.model.sensor.components, scores, settings.hold_out)
+    return foretold_series(scenario.true_sensor.components, scores, settings.hold_out)
 
 
 def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -> Iterator[str]:

@@ -51,7 +51,7 @@ def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
         as_config(scenario, shown),
         filters,
         list(scenario.components),
-        list(scenario.model.sensor.components),
+        list(scenario.true_sensor.components),
         dict(sizes(scenario)),
         [[float(t) for t in span] for span in scenario.spans],
     )

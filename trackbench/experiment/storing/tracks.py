@@ -98,7 +98,7 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
 
     None if no sensor tells a position in one measurement.
     """
-    sensor: Any = scenario.model.sensor
+    sensor = scenario.true_sensor
     found = locating(sensor) if isinstance(sensor, Measuring | Several) else None
     if found is None:
         return None
