@@ -275,7 +275,7 @@ def test_windows_of_the_score_are_within_what_is_scored() -> None:
 
 
 def test_every_filter_may_assume_a_motion_and_the_scenario_none(tmp_path: Path) -> None:
-    """A flown path has no motion of its own; what is asked of the scenario alone is asked of its sensor."""
+    """A flown path has no motion; what is asked of the scenario alone is asked of its sensor."""
     (tmp_path / "c.yaml").write_text("""name: c
 runs: 4
 scenario:
