@@ -13,7 +13,13 @@ from trackbench.models.sensing import Measuring, Outliers
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
 from trackbench.models.sensors.elevation import RangeAzimuthElevation
-from trackbench.models.sensors.position import PositionInSpace, PositionSensor, PositionVelocity
+from trackbench.models.sensors.polar_position import PolarPosition
+from trackbench.models.sensors.position import (
+    PositionInSpace,
+    PositionSensor,
+    PositionVelocity,
+    VelocitySensor,
+)
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.several import Several
 from trackbench.registry import kinds
@@ -23,6 +29,8 @@ SENSORS: list[Any] = [
     PositionSensor(sigma=3.0),
     PositionInSpace(sigma=3.0),
     PositionVelocity(sigma=3.0, sigma_velocity=0.4),
+    VelocitySensor(sigma=0.3),
+    PolarPosition(sigma_range=5.0, sigma_azimuth_mrad=4.0),
     RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, at=(100.0, -300.0)),
     RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, platform=PATH),
     RangeAzimuthDoppler(sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_range_rate=0.3),
@@ -67,7 +75,7 @@ def test_observed_has_the_moments_of_the_measurement(sensor: Any) -> None:
     sigma = np.sqrt(np.diagonal(R))
     assert np.abs(nu.mean(axis=1) / sigma).max() < 4.5 / np.sqrt(runs)
     # the standard error of a sample correlation is 1 / sqrt(runs), of a variance sqrt(2 / runs)
-    assert np.abs(np.cov(nu) / np.outer(sigma, sigma) - np.eye(n_z)).max() < 4.5 * np.sqrt(2 / runs)
+    assert np.abs((np.cov(nu) - R) / np.outer(sigma, sigma)).max() < 4.5 * np.sqrt(2 / runs)
 
 
 def observed(sensor: Measuring, runs: int = 20_000, k: int = 0, certain: bool = False) -> Array:
