@@ -31,7 +31,7 @@ _NEEDS = {
     "motion.T|intervals": "a motion with a sampling time",
     "sensor.H": "a linear sensor",
     "sensor.jacobian": "a sensor with a Jacobian",
-    "sensor.per_axis": "a sensor of planar positions",
+    "sensor.per_axis": "a sensor of planar positions, as it works axis by axis (try imm, or cmkf)",
     "sensor.reading": "a sensor of range and azimuth",
     "prior.first": "a start from two scans of a radar at the origin",
     "prior.gaussian": "a start from two scans of a radar at the origin",
