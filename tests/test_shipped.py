@@ -69,6 +69,7 @@ def test_the_list_has_titles_papers_and_times() -> None:
         assert (one.title, one.paper) == (config["title"], config.get("paper", ""))
         assert (one.cpu_s is not None) == (name in measured())
     done = trackbench("list", "experiments")
+    assert "{" not in done.stdout
     for one in listed.values():
         assert f"  {one.name} " in done.stdout
         assert one.title in done.stdout

@@ -38,12 +38,12 @@ def names() -> list[str]:
 
 
 def listed() -> list[Shipped]:
-    """Every shipped experiment, sorted by name. YAML is not imported for a look at two lines of each."""
+    """Every shipped experiment, sorted by name. YAML is not imported for a look at three lines of each."""
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
     return [
-        Shipped(name, _line("title", text), _line("paper", text), times.get(name))
+        Shipped(name, _title(text), _line("paper", text), times.get(name))
         for name, text in texts.items()
     ]
 
@@ -117,6 +117,11 @@ def _is_name(word: str) -> bool:
 
 def _file(name: str) -> Path:
     return folder() / f"{name}.yaml"
+
+
+def _title(text: str) -> str:
+    """The title, with the number of runs where it asks for it."""
+    return _line("title", text).replace("{runs}", _line("runs", text) or "100")
 
 
 def _line(key: str, text: str) -> str:
