@@ -66,7 +66,8 @@ def test_the_list_has_titles_papers_and_times() -> None:
     assert sorted(listed) == NAMES
     for name, one in listed.items():
         config = read(EXPERIMENTS / f"{name}.yaml").data
-        assert (one.title, one.paper) == (config["title"], config.get("paper", ""))
+        title = config["title"].replace("{runs}", str(config.get("runs", 100)))
+        assert (one.title, one.paper) == (title, config.get("paper", ""))
         assert (one.cpu_s is not None) == (name in measured())
     done = trackbench("list", "experiments")
     assert "{" not in done.stdout

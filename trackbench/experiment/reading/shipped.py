@@ -38,7 +38,7 @@ def names() -> list[str]:
 
 
 def listed() -> list[Shipped]:
-    """Every shipped experiment, sorted by name. YAML is not imported for a look at three lines of each."""
+    """Every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
