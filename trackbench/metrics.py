@@ -46,7 +46,7 @@ class Metric:
     @property
     def is_family(self) -> bool:
         """Whether a quantity may follow the name."""
-        return self.unit == "quantity" or self.series == "nees"
+        return self.unit == "quantity" or self.series in ("nees", "autocovariance")
 
 
 METRICS: dict[str, Metric] = {}
