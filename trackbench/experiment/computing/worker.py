@@ -50,7 +50,7 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
         load_plugin(plugin, checked=False)
     block: BlockTask = pickle.loads(task)
     if here.numpys != expected.numpys and arithmetic.hangs_on_numpys(
-        block.scenario, block.filter, block.reference
+        block.scenario, block.filter, block.reference, block.assume
     ):
         raise RuntimeError(
             "numpy computes otherwise on this worker (another processor or C library), and this "

@@ -6,8 +6,9 @@ the processor, on the kernels of BLAS and LAPACK, on the C library and on numpy'
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any
 
@@ -18,7 +19,7 @@ from trackbench.core import elementary, linalg, noise, sums
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.keys import MistakenKeyError
-from trackbench.models.base import GammaMotion
+from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
 
 
@@ -69,18 +70,27 @@ def hangs_on_numpys(*parts: Any) -> bool:
 
     So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
     """
-    return any(
-        not type(part).__module__.startswith("trackbench.") or not _is_of_our_noise(part)
-        for part in parts
-        if part is not None
-    )
+    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in nested(part))
 
 
-def _is_of_our_noise(part: Any) -> bool:
+def nested(part: Any) -> Iterator[Any]:
+    """A filter, a scenario or what is assumed, and the parts within it."""
+    if is_dataclass(part):
+        yield part
+        part = [getattr(part, field.name) for field in fields(part)]
+    for value in part if isinstance(part, list | tuple) else ():
+        yield from nested(value)
+
+
+def _is_of_our_arithmetic(part: Any) -> bool:
+    if not type(part).__module__.startswith("trackbench."):
+        return False
     motion = None
-    if isinstance(part, Scenario):
-        with suppress(MistakenKeyError):  # where every filter assumes a motion of its own
+    with suppress(MistakenKeyError):  # where every filter assumes a motion of its own
+        if isinstance(part, Scenario):
             motion = part.model.motion
+        elif isinstance(part, Motion):
+            motion = part.sampled(1.0)
     return not isinstance(motion, GammaMotion) or noise.is_erlang(motion.noise.shape)
 
 

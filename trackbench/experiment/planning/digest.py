@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,7 @@ def block_key(task: BlockTask, used: int) -> str:
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
     """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
-    parts = list(_nested(part))
+    parts = list(arithmetic.nested(part))
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
     for inner in parts:
@@ -50,14 +49,6 @@ def _part(part: Any) -> list[Any]:
 
 def _content_digest(path: str) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def _nested(part: Any) -> Iterator[Any]:
-    if is_dataclass(part):
-        yield part
-        part = [getattr(part, field.name) for field in fields(part)]
-    for value in part if isinstance(part, list | tuple) else ():
-        yield from _nested(value)
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:
