@@ -97,6 +97,12 @@ class Measure(NamedTuple):
         return not (self.statistic or self.steps or self.relation)
 
     @property
+    def is_error(self) -> bool:
+        """Whether it is an error that a truth tells."""
+        found, quantity = self.family
+        return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
+
+    @property
     def is_over_runs(self) -> bool:
         """Whether it is a statistic of numbers that each run has."""
         return self.statistic in STATISTICS and not self.relation

@@ -19,7 +19,12 @@ def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
 
 def loses_more(a: Array, b: Array) -> bool:
     """Whether a filter loses more of the same runs than another, by their codes (M,): sign test."""
+    return chance_of_losing_more(a, b) < _BY_CHANCE
+
+
+def chance_of_losing_more(a: Array, b: Array) -> float:
+    """Probability that chance alone makes the first lose so many of the runs that one of both loses."""
     from scipy.special import bdtrc  # the upper tail of a binomial distribution
 
     alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))
-    return bool(alone) and float(bdtrc(alone - 1, alone + other, 0.5)) < _BY_CHANCE
+    return float(bdtrc(alone - 1, alone + other, 0.5)) if alone else 1.0

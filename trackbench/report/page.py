@@ -13,6 +13,8 @@ from trackbench.experiment.files import write_text
 from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import style
+from trackbench.report.answer import LEGEND as HOW_DECIDED
+from trackbench.report.answer import answer
 from trackbench.report.comparison import (
     LEGEND,
     claim_table,
@@ -78,6 +80,8 @@ def write_report(
     context = {
         "title": results.title,
         "facts": _facts(results),
+        "answer": answer(results),
+        "how_decided": HOW_DECIDED,
         "failed": {row["filter"]: row["reason"] for row in results.failed},
         "verdict_lines": summary_lines(comparison),
         "verdict_tables": verdict_tables(comparison),

@@ -100,7 +100,7 @@ def best_points(sweep: Sweep) -> Iterator[str]:
     if not sweep.metrics:  # every filter failed
         return
     metric, told = sweep.metrics[0], ("mean(held_log_score)", "mean(log_score)")
-    if not any(_is_error(name) for name in sweep.metrics):
+    if not any(measured(name).is_error for name in sweep.metrics):
         metric = next((name for name in told if name in sweep.metrics), metric)
     fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
     for label in sweep.varying:
@@ -132,12 +132,6 @@ def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> st
 def _at(sweep: Sweep, point: Values) -> str:
     names = map(style.name, sweep.paths)
     return ", ".join(f"{name} = {value}" for name, value in zip(names, point, strict=True))
-
-
-def _is_error(metric: str) -> bool:
-    """Whether it is an error that a truth tells."""
-    found, quantity = measured(metric).family
-    return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
 
 def _is_headline(metric: str) -> bool:

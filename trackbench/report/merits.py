@@ -1,0 +1,157 @@
+"""What the best filters cost, and how calibrated they are, in words.
+
+Times differ if they do beyond the 99 % interval of their blocks. A filter is calibrated if the 95 %
+interval of its ANEES (without a truth of its ANIS) lies within ten percent of 1, as published numbers
+agree; it is not if the interval lies beyond 1. Nothing is said of what is neither.
+"""
+
+from collections.abc import Sequence
+from math import hypot, inf, isfinite, isnan
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from trackbench.evaluation.intervals import quantile
+from trackbench.evaluation.statistics import Estimate, interval, mean
+from trackbench.report.agreement import NEAR
+from trackbench.report.results import Results
+from trackbench.report.standing import Candidate, Standing
+from trackbench.report.table import rounded
+from trackbench.report.wording import listed, two_digits, verb
+
+Calibration: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
+_SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
+
+
+class Time(NamedTuple):
+    """CPU seconds of a run, their standard error and its degrees of freedom."""
+
+    candidate: Candidate
+    value: float
+    stderr: float
+    freedom: int
+
+    def above(self, other: "Time") -> bool:
+        """Whether it is longer beyond what the blocks scatter; of a single block it is not known."""
+        freedom = min(self.freedom, other.freedom)
+        if freedom < 1 or isnan(self.stderr + other.stderr):
+            return False
+        return self.value - other.value > hypot(self.stderr, other.stderr) * quantile(0.99, freedom)
+
+
+def cost(results: Results, standing: Standing) -> str:
+    """The CPU time of the best filter, or the cheapest of several, beside that of the others."""
+    as_good = sorted(_times(results, standing.among_the_best), key=_seconds)
+    if not as_good:
+        return ""
+    cheapest, most = as_good[0], as_good[-1]
+    took, name = _duration(cheapest), _named(results, cheapest)
+    if len(as_good) == 1:
+        text = f"A run of {name} takes {took} of CPU time"
+    elif all(time.above(cheapest) for time in as_good[1:]):
+        text = f"The cheapest of these is {name}: {took} of CPU time a run, against"
+        text += f" {_duration(most)} of {_named(results, most)}"
+    else:
+        return f"A run takes {took} ({name}) to {_duration(most)} ({_named(results, most)}) of CPU time."
+    return f"{text}{_beside_worse(results, cheapest, standing)}."
+
+
+def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
+    """Whether one that is worse is faster; nothing where that is not decided."""
+    worse = _times(results, [c for c, _ in standing.worse])
+    faster = [time for time in worse if cheapest.above(time)]
+    if faster:
+        least = min(faster, key=_seconds)
+        ratio = two_digits(cheapest.value / least.value)
+        return f"; the fastest of the others, {_named(results, least)}, is {ratio} times as fast"
+    if worse and all(time.above(cheapest) for time in worse):
+        return ", less than any that is worse"
+    return ""
+
+
+def calibration(results: Results, standing: Standing) -> str:
+    """Which of the best are calibrated, overconfident, too cautious, each with its number."""
+    words: dict[Calibration, list[str]] = {}
+    for candidate in standing.among_the_best:
+        found = consistency(results, candidate)
+        if found is not None:
+            words.setdefault(found[0], []).append(f"{candidate.name} ({found[1]})")
+    parts = [f"{listed(names)} {verb(names)} {_said(word)}" for word, names in words.items()]
+    return f"{'; '.join(parts)}." if parts else ""
+
+
+def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
+    """The same of one filter at several points of the grid."""
+    times = sorted(_times(results, candidates), key=_seconds)
+    lines = []
+    if times:
+        ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
+        name = _named(results, times[0])
+        lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
+    words: dict[Calibration, int] = {}
+    for candidate in candidates:
+        found = consistency(results, candidate)
+        if found is not None:
+            words[found[0]] = words.get(found[0], 0) + 1
+    parts = [f"{_said(word)} at {n} of {len(candidates)}" for word, n in words.items()]
+    return [*lines, f"{candidates[0].label} is {', '.join(parts)}."] if parts else lines
+
+
+def _said(word: Calibration) -> str:
+    return f"calibrated within {100 * NEAR:g} %" if word == "calibrated" else word
+
+
+def consistency(results: Results, candidate: Candidate) -> tuple[Calibration, str] | None:
+    """Whether the normalised error squared is 1, in a word and with the number; None if undecided."""
+    runs = results.runs(candidate.point)
+    name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
+    if name is None:
+        return None
+    n = results.given(candidate.point).sizes[""] if name == "nees" else 1
+    values = runs[candidate.label, name]
+    values = values[~np.isnan(values)] / n
+    word = name.upper() if name == "anis" else "ANEES"
+    found = mean(values)
+    if found.value == inf:
+        return "overconfident", f"{word} infinite"
+    low, high = interval("mean", values)
+    return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
+
+
+def _judged(low: float, high: float, number: str) -> tuple[Calibration, str] | None:
+    if not isfinite(low + high):
+        return None
+    if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
+        return "calibrated", number
+    if low > 1.0:
+        return "overconfident", number
+    return ("too cautious", number) if high < 1.0 else None
+
+
+def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
+    return [time for c in candidates if (time := _time(results, c)) is not None]
+
+
+def _time(results: Results, candidate: Candidate) -> Time | None:
+    frame = results.at(results.timing, candidate.point)
+    for row in frame[frame["filter"] == candidate.label].to_dict("records"):
+        freedom = str(row.get("blocks", "")).count(";")
+        return Time(candidate, float(row["cpu_s_per_run"]), float(row["stderr"]), freedom)
+    return None
+
+
+def _seconds(time: Time) -> float:
+    return time.value
+
+
+def _duration(time: Time) -> str:
+    scale, unit = next(((s, u) for s, u in _SECONDS if time.value * s >= 1.0), _SECONDS[-1])
+    if isnan(time.stderr):
+        return f"{two_digits(time.value * scale)} {unit}"
+    return f"{rounded(time.value * scale, time.stderr * scale, 3)} {unit}"
+
+
+def _named(results: Results, time: Time) -> str:
+    """With a word of those that are looped over in Python, whose time is not the method's."""
+    looped = time.candidate.label in results.one_by_one
+    return time.candidate.name + (" (looped over in Python)" if looped else "")

@@ -1,0 +1,222 @@
+"""Which filter is the best of an experiment, which are not told apart from it, which lose more runs.
+
+Decided as paired.csv has it: differences of the metric's mean per run on common runs, with Holm's
+correction over all pairs. A filter that loses significantly more runs than another is never the best.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Measure, measured
+from trackbench.evaluation.statistics import Estimate, holm, mean
+from trackbench.experiment.reading.points import single_paths
+from trackbench.report import style
+from trackbench.report.lost import chance_of_losing_more
+from trackbench.report.paired import Pair, pairs_of, primary_metrics
+from trackbench.report.results import Results
+from trackbench.report.wording import named
+
+LEVEL = 0.05
+"""Probability of a false word on any pair."""
+
+
+class Candidate(NamedTuple):
+    """A filter with the values that the grid gives it, and the point at which it has them."""
+
+    name: str
+    """as it stands in a sentence"""
+    label: str
+    point: dict[str, Any]
+    lost: Array
+    """why each run (M,) is lost, 0 if it is not"""
+    values: Array
+    """the metric of each run (M,), NaN where it is lost"""
+
+    @property
+    def mean(self) -> Estimate:
+        """Over the runs that are not lost."""
+        return mean(self.values[np.isfinite(self.values)])
+
+    @property
+    def losses(self) -> int:
+        """Number of runs that are lost."""
+        return int(np.count_nonzero(self.lost))
+
+    def beside(self, other: "Candidate") -> tuple[Array, Array]:
+        """The values of both on the runs that neither loses."""
+        both = np.isfinite(self.values) & np.isfinite(other.values)
+        return self.values[both], other.values[both]
+
+
+class Standing(NamedTuple):
+    """How the filters of one scenario stand to the best of them by one metric."""
+
+    where: dict[str, Any]
+    """what the grid gives the scenario"""
+    metric: Measure
+    best: Candidate | None
+    """nothing where none can be said: without two runs, or where common runs contradict it"""
+    ties: list[tuple[Candidate, Pair]]
+    """not told apart from the best; each pair is of it and the best"""
+    worse: list[tuple[Candidate, Pair]]
+    losing: list[Candidate]
+    """filters that lose more runs than another does"""
+    reference: Candidate | None
+    chosen: bool
+    """whether a filter is there with the best of several values that the grid gives it"""
+    runs: int
+
+    @property
+    def among_the_best(self) -> list[Candidate]:
+        """The best, and those that are not told apart from it."""
+        return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
+
+    @property
+    def names_of_worse(self) -> list[str]:
+        """Of those that are worse than the best."""
+        return [c.name for c, _ in self.worse]
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether the larger value is the better one."""
+        return self.metric.family[0].more_is_better
+
+
+def standings(results: Results, metric: str = "") -> list[Standing]:
+    """One for each scenario of the grid, by the first metric of `metrics_of` or a given one."""
+    metric = metric or next(iter(metrics_of(results)), "")
+    wheres: dict[str, list[dict[str, Any]]] = {}
+    for point in results.points() if metric else []:
+        wheres.setdefault(str(_of_scenario(point)), []).append(point)
+    return [_standing(results, points, metric, len(wheres)) for points in wheres.values()]
+
+
+def metrics_of(results: Results) -> list[str]:
+    """The metrics that filters are ranked by, the first one first."""
+    points = results.points()
+    names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
+    found = primary_metrics(list(names))
+    errors = [name for name in found if measured(name).is_error]
+    told = [name for name in ("held_log_score", "log_score") if name in found]
+    return [*errors, *told]
+
+
+def _of_scenario(point: Mapping[str, Any]) -> dict[str, Any]:
+    """What a point gives the scenario."""
+    return {
+        path: value
+        for path, value in point.items()
+        if any(single.startswith("scenario.") for single in single_paths(path))
+    }
+
+
+def _standing(
+    results: Results, points: Sequence[dict[str, Any]], metric: str, times: int
+) -> Standing:
+    """At the points of one scenario, of which there are so many."""
+    measure = measured(metric)
+    sign = -1.0 if measure.family[0].more_is_better else 1.0
+    settings = list(_settings(results, points, metric))
+    reference = next((c for c in settings if c.label == results.config.get("reference")), None)
+    tried = [c for c in settings if c.label != results.config.get("reference")]
+    ranked = _best_settings(tried, sign)
+    losing = _losing(ranked)
+    rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
+    losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
+    chosen = len(tried) > len(ranked)
+    runs = max((len(c.lost) for c in ranked), default=0)
+    found = Standing(
+        _of_scenario(points[0]), measure, None, [], [], losing, reference, chosen, runs
+    )
+    if not rivals or not isfinite(rivals[0].mean.stderr):
+        return found
+    # Values that were tried and not taken were compared as well.
+    factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
+    there = [*ranked, *([reference] if reference else [])]
+    pairs = _to_the_best(rivals[0], there, metric, factor)
+    return _compared(found, rivals[0], [(c, pairs.get(c.name)) for c in rivals[1:]], sign)
+
+
+def _compared(
+    found: Standing, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
+) -> Standing:
+    """With the best and what the others are beside it, unless these contradict it."""
+    ties: list[tuple[Candidate, Pair]] = []
+    worse: list[tuple[Candidate, Pair]] = []
+    for rival, pair in rivals:
+        if pair is None or (pair.p_holm < LEVEL and sign * pair.difference < 0.0):
+            return found  # no runs in common; or on these the other is the better one
+        (worse if pair.p_holm < LEVEL else ties).append((rival, pair))
+    return found._replace(best=best, ties=ties, worse=worse)
+
+
+def _pairs_of(n: int) -> int:
+    return n * (n - 1) // 2
+
+
+def _settings(
+    results: Results, points: Sequence[dict[str, Any]], metric: str
+) -> Iterator[Candidate]:
+    """Each filter with each of the values that the grid gives it, once."""
+    for label in results.filters:
+        seen = set()
+        for point in points:
+            runs = results.runs(point)
+            own = {path: point[path] for path in point if _varies(path, label)}
+            if str(own) not in seen and (label, "lost") in runs:
+                seen.add(str(own))
+                lost = runs[label, "lost"]
+                values = runs.get((label, metric), np.full(len(lost), np.nan))
+                name = named(f"{label} at {style.heading(own)}" if own else label)
+                yield Candidate(name, label, point, lost, values)
+
+
+def _varies(path: str, label: str) -> bool:
+    return any(single.startswith(f"filters.{label}.") for single in single_paths(path))
+
+
+def _best_settings(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
+    """Each filter's best values, the best filter first; of equal ones the first in the config."""
+
+    def rank(c: Candidate) -> tuple[bool, float]:
+        value = c.mean.value
+        return not isfinite(value), sign * value if isfinite(value) else 0.0
+
+    first: dict[str, Candidate] = {}
+    for candidate in sorted(settings, key=rank):
+        first.setdefault(candidate.label, candidate)
+    return list(first.values())
+
+
+def _losing(ranked: Sequence[Candidate]) -> list[Candidate]:
+    """Those that lose more of the same runs than another: sign tests, Holm over all of them."""
+    tests = [(a, b) for a in ranked for b in ranked if a is not b and len(a.lost) == len(b.lost)]
+    if not tests:
+        return []
+    p = holm(np.array([chance_of_losing_more(a.lost, b.lost) for a, b in tests]))
+    losing = {a.name for (a, _), chance in zip(tests, p, strict=True) if chance < LEVEL}
+    return [c for c in ranked if c.name in losing]
+
+
+def _to_the_best(
+    best: Candidate, there: Sequence[Candidate], metric: str, factor: float
+) -> dict[str, Pair]:
+    """Each filter minus the best by name; corrected over all pairs, and by the factor."""
+    known = {c.name: c.values for c in there if np.isfinite(c.values).any()}
+    found = {}
+    for pair in pairs_of(metric, list(known), known):
+        other, turned = pair.filter_a, pair.filter_b != best.name
+        if best.name in (pair.filter_a, pair.filter_b):
+            sign, other = (-1.0, pair.filter_b) if turned else (1.0, pair.filter_a)
+            found[other] = pair._replace(
+                filter_a=other,
+                filter_b=best.name,
+                difference=sign * pair.difference,
+                z=sign * pair.z,
+                p_holm=min(pair.p_holm * factor, 1.0),
+            )
+    return found

@@ -1,0 +1,55 @@
+"""Numbers and names as they stand in a sentence."""
+
+from collections.abc import Iterable, Sequence
+
+from trackbench.evaluation.measure import Measure
+from trackbench.metrics import unit_of
+
+MOST_NAMES = 4
+_SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
+
+
+def metric_words(metric: Measure) -> str:
+    """``position RMSE``, ``log score``."""
+    found, quantity = metric.family
+    if found.name in _SCORES:
+        return _SCORES[found.name]
+    return f"{quantity.removesuffix('_deg').replace('_', ' ')} {found.name.upper()}".strip()
+
+
+def with_unit(text: str, metric: Measure) -> str:
+    """A number, and the unit of the metric if it has one."""
+    unit = "nats" if metric.family[0].is_score else unit_of(metric.metric)
+    return f"{text} {unit}".rstrip()
+
+
+def percent(share: float) -> str:
+    """``2.3 %``, ``350 %``."""
+    return f"{two_digits(100 * share)} %"
+
+
+def two_digits(x: float) -> str:
+    """A number with two digits: ``1.6``, ``13``, ``5800``."""
+    return f"{float(f'{x:.2g}'):g}"
+
+
+def named(label: str) -> str:
+    """A label as it stands in a sentence: one with a comma in quotes."""
+    return f"\u201c{label}\u201d" if "," in label else label
+
+
+def listed(names: Sequence[str]) -> str:
+    """``A, B and C``; of many the first, and how many more."""
+    more = len(names) - MOST_NAMES
+    return joined([*names[:MOST_NAMES], f"{more} more"] if more > 1 else names)
+
+
+def joined(names: Iterable[str]) -> str:
+    """``A, B and C``."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
+    """The form for one or for several."""
+    return one if len(names) == 1 else many
