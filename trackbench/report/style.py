@@ -1,6 +1,7 @@
 """One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
 
 import io
+import sys
 import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -60,15 +61,13 @@ def subplots(
     width_in: float = WIDTH_IN,
     **kwargs: Any,
 ) -> Any:
-    """A figure and its axes in the house style; nothing is shown on a screen."""
-    import matplotlib as mpl
+    """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    mpl.rcParams.update(_RC)
-    size = (width_in, height_in)
-    return plt.subplots(rows, columns, figsize=size, layout="constrained", **kwargs)
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, **kwargs)
 
 
 def line(index: int) -> dict[str, Any]:
@@ -197,9 +196,14 @@ def words(label: str, width: int = 24) -> str:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Draw without warnings: of a glyph that the font has not, of axes that end near 1e308."""
-    with warnings.catch_warnings():
+def house() -> Iterator[None]:
+    """Draw in the house style, and leave the user's as it was.
+
+    Without warnings: of a glyph that the font has not, of axes that end near 1e308.
+    """
+    import matplotlib as mpl
+
+    with warnings.catch_warnings(), mpl.rc_context(_RC):
         warnings.simplefilter("ignore")
         yield
 
@@ -233,7 +237,6 @@ def _spell_out(figure: "Figure") -> None:
 
 
 def close(figure: "Figure") -> None:
-    """Free the figure's memory."""
-    from matplotlib import pyplot as plt
-
-    plt.close(figure)
+    """Free the memory of a figure that a plugin made by pyplot."""
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close(figure)

@@ -24,7 +24,7 @@ def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
     sweep, figures = Sweep(results), made(results.folder / "figures")
     write_sweep(sweep)
     for metric in sweep.metrics:
-        with style.quiet():
+        with style.house():
             figure = _drawn(sweep, metric)
             if figure is None:
                 continue
