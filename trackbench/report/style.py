@@ -62,11 +62,9 @@ def subplots(
     **kwargs: Any,
 ) -> Any:
     """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from trackbench.report.canvas import Canvas
 
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Canvas(width_in, height_in)
     return figure, figure.subplots(rows, columns, **kwargs)
 
 
@@ -221,6 +219,13 @@ def content(figure: "Figure", form: str) -> bytes:
     dpi = 150 if form == "svg" else None
     figure.savefig(out, format=form, metadata=FORMATS[form], dpi=dpi)
     return compact(out.getvalue()) if form == "svg" else out.getvalue()
+
+
+def settled(figure: "Figure") -> "Figure":
+    """The figure, laid out here and now: what is left for later would be in the user's style."""
+    _spell_out(figure)
+    figure.draw_without_rendering()
+    return figure
 
 
 def _spell_out(figure: "Figure") -> None:
