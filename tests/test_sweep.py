@@ -97,7 +97,10 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
     mine = errors[errors["filter"] == "PF"].sort_values("value").iloc[0]
     assert len(report.best) == 1
     where = f"N = {mine['filters.PF.N']}, resampling = {mine['filters.PF.resampling']}"
-    assert report.best[0].startswith(f"PF at {where}: rms(rmse)")
+    best = report.best[0]
+    assert best.point == {path: mine[path] for path in best.point}
+    assert best.value == mine["value"]
+    assert str(best).startswith(f"PF at {where}: rms(rmse)")
     assert (report.folder / "figures" / "sweep-rms-rmse.png").stat().st_size > 10_000
 
 

@@ -1,15 +1,42 @@
 """trackbench: Monte Carlo experiments with target-tracking filters, from YAML to tables.
 
-``trackbench.run``, ``run_all``, ``sweep``, ``tune`` and ``load`` do what the command line does.
+``trackbench.run``, ``sweep``, ``tune``, ``load``, ``compare``, ``plot`` do what the command line does.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from trackbench.api import load, run, run_all, sweep, tune
+    from trackbench.api import (
+        Options,
+        Report,
+        UserError,
+        compare,
+        load,
+        plot,
+        run,
+        run_all,
+        sweep,
+        tune,
+    )
 
 __version__ = "0.1.0"
-__all__ = ["load", "run", "run_all", "sweep", "tune"]
+__all__ = [
+    "Options",
+    "Report",
+    "UserError",
+    "compare",
+    "load",
+    "plot",
+    "run",
+    "run_all",
+    "sweep",
+    "tune",
+]
+
+
+def __dir__() -> list[str]:
+    """What completion offers, before anything of it is imported."""
+    return [*__all__, "__doc__", "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -13,6 +13,7 @@ from typing import Any
 
 from trackbench.experiment.files import touched
 from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.storing.outputs import seal
 from trackbench.jobs import Options, file_of, prepare
 from trackbench.report.comparison import write_comparison, write_paired
@@ -28,6 +29,7 @@ from trackbench.running import Report, preview, run_all, run_each
 __all__ = [
     "Options",
     "Report",
+    "UserError",
     "compare",
     "load",
     "plot",
@@ -41,8 +43,10 @@ __all__ = [
 ]
 
 
-def run(config: Path | str, options: Options | None = None, **changes: Any) -> Report:
+def run(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Run an experiment and write its results folder; raises UserError for bad input.
+
+    ``config`` is a file, the name of a shipped experiment, or a mapping of what a file would say.
 
     ``changes`` are fields of Options, as in ``run("config.yaml", runs=50, workers=2)``.
     """
@@ -50,7 +54,7 @@ def run(config: Path | str, options: Options | None = None, **changes: Any) -> R
     return report
 
 
-def sweep(config: Path | str, options: Options | None = None, **changes: Any) -> Report:
+def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Run every combination of ``grid``; also writes ``sweep.csv`` and a figure per metric.
 
     The results go to ``results/<name>-sweep/``, so that the experiment's own stay as they are.
@@ -59,24 +63,24 @@ def sweep(config: Path | str, options: Options | None = None, **changes: Any) ->
 
     options = replace(options or Options(), **changes)
     if options.out is None:
-        path = file_of(config, options)
-        name = prepare(path, options).settings.name
+        config = file_of(config, options)
+        name = prepare(config, options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
     (report,) = run_each([config], options, also=render_sweep)
     return report
 
 
-def tune(config: Path | str, options: Options | None = None, **changes: Any) -> Report:
+def tune(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Tune the filters that the config's ``tune`` names, and run what is found beside them.
 
     So does `run`; this raises UserError if there is nothing to tune.
     """
     options = replace(options or Options(), **changes)
-    check_tuned([Path(config)], options)
+    check_tuned([config], options)
     return run(config, options)
 
 
-def check_tuned(configs: Sequence[Path], options: Options) -> None:
+def check_tuned(configs: Sequence[Config], options: Options) -> None:
     """Raise UserError for a config that tunes no filter that is run."""
     for config in configs:
         experiment = prepare(config, options)

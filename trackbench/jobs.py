@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.evaluation.precision import looks
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
@@ -17,6 +17,7 @@ from trackbench.experiment.planning.plan import Plan, check_memory, describe, ma
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
 from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.reading.shipped import located
 from trackbench.tuning.entries import Values
 from trackbench.tuning.tuned import Tuned
@@ -43,15 +44,17 @@ class Options:
     quiet: bool = False
 
 
-def file_of(config: Path | str, options: Options) -> Path:
-    """The file of a config, or of the shipped experiment of this name."""
+def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
+    """The file of a config, or of the shipped experiment of this name; a mapping is what it is."""
+    if isinstance(config, Mapping):
+        return config
     return located(Path(config), lambda line: say(line, options))
 
 
 def prepare(
-    config: Path, options: Options, found: Mapping[str, Values] | None = None
+    config: Config, options: Options, found: Mapping[str, Values] | None = None
 ) -> Experiment:
-    """Read and validate a config, a file or a shipped experiment's name, with the options' overrides.
+    """Read and validate a config, with the options' overrides.
 
     ``found`` is what tuning found.
     """
@@ -70,7 +73,7 @@ def prepare(
 class Job(NamedTuple):
     """An experiment that is going to be run, where, and a line that says so."""
 
-    config: Path
+    config: Config
     experiment: Experiment
     folder: Path
     plan: Plan
@@ -81,7 +84,7 @@ class Job(NamedTuple):
     """what tuning tried, by label"""
 
 
-def jobs_of(configs: list[Path], options: Options) -> list[Job]:
+def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
     """What the configs ask for; raises UserError with the mistakes of all of them."""
     jobs: list[Job] = []
     problems: dict[Problem | str, None] = {}
@@ -104,7 +107,7 @@ def jobs_of(configs: list[Path], options: Options) -> list[Job]:
     return jobs
 
 
-def _job(config: Path, options: Options, alone: bool) -> Job:
+def _job(config: Config, options: Options, alone: bool) -> Job:
     experiment = prepare(config, options)
     if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
         experiment = replace(experiment, figures={})

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,39 +19,59 @@ from trackbench.experiment.planning.plan import (
 )
 from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Experiment
+from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.storing.lock import locked
 from trackbench.experiment.storing.outputs import seal
 from trackbench.experiment.storing.store import Losses, write_results
 from trackbench.jobs import Job, Options, jobs_of, most_workers, plan_of, say, with_tuned
 from trackbench.report.comparison import summary_lines
+from trackbench.report.notebook import results_html
 from trackbench.report.page import write_report
 from trackbench.report.render import render
 from trackbench.report.results import Results
+from trackbench.report.sweep import Best
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
-Also: TypeAlias = Callable[[Results, Sequence[str]], list[str]]
-"""Writes more files of results, with figures in these formats; returns the best points in words."""
+Also: TypeAlias = Callable[[Results, Sequence[str]], list[Best]]
+"""Writes more files of results, with figures in these formats; returns the best points."""
 
 
-@dataclass
+@dataclass(repr=False)
 class Report:
-    """Where the results are, the tables, and what went wrong."""
+    """Where the results are, the tables, and what went wrong; a notebook shows it."""
 
     folder: Path
     tables: dict[str, Table]
     comparison: Comparison
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
-    best: list[str] = field(default_factory=list)
+    best: list[Best] = field(default_factory=list)
     """of a sweep: each filter's best point"""
 
-    @property
+    def __repr__(self) -> str:
+        failed = f"; {len(self.failed)} failed" if self.failed else ""
+        return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
+
+    def _repr_html_(self) -> str:
+        lines = [f"{self.folder}/", *self.failed, *summary_lines(self.comparison)]
+        tables = (table.texts() for table in self.tables.values())
+        return results_html(self.results.title, lines, tables, self._repr_png_())
+
+    def _repr_png_(self) -> bytes | None:
+        return self.results._repr_png_()
+
+    def figure(self, name: str = "") -> "Figure":
+        """A figure of the config, for matplotlib to go on with; the key figure if none is named."""
+        return self.results.figure(name)
+
+    @cached_property
     def results(self) -> Results:
         """The folder's files as data frames."""
         return Results(self.folder)
@@ -72,7 +93,7 @@ class Report:
 
 
 def run_all(
-    configs: Sequence[Path | str], options: Options | None = None, **changes: Any
+    configs: Sequence[Config], options: Options | None = None, **changes: Any
 ) -> Generator[Report]:
     """Run experiments one after the other on the same workers, which do not wait for reports.
 
@@ -83,10 +104,10 @@ def run_all(
 
 
 def run_each(
-    configs: Sequence[Path | str], options: Options, also: Also | None = None
+    configs: Sequence[Config], options: Options, also: Also | None = None
 ) -> Generator[Report]:
     """The same, with more files that ``also`` makes of each one's results."""
-    jobs = jobs_of([Path(config) for config in configs], options)
+    jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
@@ -120,9 +141,9 @@ def run_each(
             yield _reported(jobs[i], outcome, options, also)
 
 
-def preview(configs: Sequence[Path | str], options: Options) -> list[str]:
+def preview(configs: Sequence[Config], options: Options) -> list[str]:
     """What `run_all` would do, in a line for each."""
-    return [job.line for job in jobs_of([Path(config) for config in configs], options)]
+    return [job.line for job in jobs_of(configs, options)]
 
 
 def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -> Report:

@@ -106,8 +106,9 @@ def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
     rows = pd.read_csv(folder / "swept" / "sweep.csv")
     scores = rows[rows["metric"] == "mean(held_log_score)"].set_index(grid[0].partition("=")[0])
     (best,) = report.best
-    assert f"EKF at gate = {scores['value'].idxmax():g}: mean(held_log_score)" in best
-    assert " above gate = " in best
+    assert best.point == {"filters.EKF.gate": scores["value"].idxmax()}
+    assert f"EKF at gate = {scores['value'].idxmax():g}: mean(held_log_score)" in str(best)
+    assert " above gate = " in str(best)
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def reported(report: "Report") -> dict[str, Any]:
         "tables": {name: _table(table) for name, table in report.tables.items()},
         "numbers": number_rows(report.comparison),
         "claims": claim_rows(report.comparison),
-        "best": report.best,
+        "best": [best._asdict() for best in report.best],
         "notes": report.notes,
         "failed": report.failed,
     }

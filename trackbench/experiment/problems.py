@@ -46,6 +46,10 @@ class UserError(Exception):
         super().__init__("\n".join(str(p) for p in problems))
         self.problems = problems
 
+    def _render_traceback_(self) -> list[str]:
+        """What IPython shows in a traceback's place."""
+        return str(self).splitlines()
+
 
 class RunError(Exception):
     """The run cannot go on: one line, exit code 1; what is finished is kept."""

@@ -60,7 +60,7 @@ def drawn(spec: FigureKind, results: Results, formats: Iterable[str]) -> list[tu
     """A figure as the content of a file, for each format; none of tracks if every filter failed."""
     if spec.shown_runs and not results.shown:
         return []
-    with style.quiet():
+    with style.house():
         figure = spec.draw(results)
         # Each drawing moves the layout by a rounding: the SVG comes first, always the same.
         first = sorted(formats, key=lambda form: form != "svg")

@@ -10,15 +10,18 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import Mark, Problem, UserError, counted
 from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.validate import unknown
 from trackbench.experiment.storing.given import FILE, Given, points_in
 from trackbench.experiment.storing.outputs import DEFAULT
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group, kinds
+from trackbench.report import style
 from trackbench.report.asked import Asked
 from trackbench.report.defaults import default_keys
+from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
@@ -26,9 +29,10 @@ from trackbench.tuning.record import Record, read_tuning
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Results(Asked):
     """The files of one results folder, as data frames and arrays, read when asked for."""
 
@@ -38,6 +42,34 @@ class Results(Asked):
     """where tables and verdicts are written, if not into the folder"""
     points_given: tuple[Given, ...] | None = None
     """what is known of the points, if not by the folder"""
+
+    def __repr__(self) -> str:
+        what = f"{counted(len(self.filters), 'filter')}, {counted(self.config['runs'], 'run')}"
+        return f"<Results in {self.folder}: {self.title}; {what}>"
+
+    def _repr_html_(self) -> str:
+        tables = (table.texts() for table in self.tables.values())
+        return results_html(self.title, [f"{self.folder}/"], tables, self._repr_png_())
+
+    def _repr_png_(self) -> bytes | None:
+        """The key figure; none where no filter has a track that it could show."""
+        key = next(iter(self.parts("figures").values()), None)
+        if key is None or (key.shown_runs and not self.shown):
+            return None
+        from trackbench.report.canvas import png
+
+        return png(self.figure())
+
+    def figure(self, name: str = "") -> "Figure":
+        """A figure of the config, for matplotlib to go on with; the key figure if none is named.
+
+        Raises UserError if there is none of that name.
+        """
+        figures = self.parts("figures")
+        if name not in figures and (name or not figures):
+            raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
+        with style.house():
+            return style.settled(figures[name or next(iter(figures))].draw(self))
 
     @property
     def target(self) -> Path:

@@ -1,6 +1,7 @@
 """One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
 
 import io
+import sys
 import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -60,15 +61,11 @@ def subplots(
     width_in: float = WIDTH_IN,
     **kwargs: Any,
 ) -> Any:
-    """A figure and its axes in the house style; nothing is shown on a screen."""
-    import matplotlib as mpl
+    """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
+    from trackbench.report.canvas import Canvas
 
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    mpl.rcParams.update(_RC)
-    size = (width_in, height_in)
-    return plt.subplots(rows, columns, figsize=size, layout="constrained", **kwargs)
+    figure = Canvas(width_in, height_in)
+    return figure, figure.subplots(rows, columns, **kwargs)
 
 
 def line(index: int) -> dict[str, Any]:
@@ -197,9 +194,14 @@ def words(label: str, width: int = 24) -> str:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Draw without warnings: of a glyph that the font has not, of axes that end near 1e308."""
-    with warnings.catch_warnings():
+def house() -> Iterator[None]:
+    """Draw in the house style, and leave the user's as it was.
+
+    Without warnings: of a glyph that the font has not, of axes that end near 1e308.
+    """
+    import matplotlib as mpl
+
+    with warnings.catch_warnings(), mpl.rc_context(_RC):
         warnings.simplefilter("ignore")
         yield
 
@@ -219,6 +221,13 @@ def content(figure: "Figure", form: str) -> bytes:
     return compact(out.getvalue()) if form == "svg" else out.getvalue()
 
 
+def settled(figure: "Figure") -> "Figure":
+    """The figure, laid out here and now: what is left for later would be in the user's style."""
+    _spell_out(figure)
+    figure.draw_without_rendering()
+    return figure
+
+
 def _spell_out(figure: "Figure") -> None:
     """Let a text with dollars that is no formula stand as it is written."""
     from matplotlib.mathtext import MathTextParser
@@ -233,7 +242,6 @@ def _spell_out(figure: "Figure") -> None:
 
 
 def close(figure: "Figure") -> None:
-    """Free the figure's memory."""
-    from matplotlib import pyplot as plt
-
-    plt.close(figure)
+    """Free the memory of a figure that a plugin made by pyplot."""
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close(figure)

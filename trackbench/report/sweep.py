@@ -1,4 +1,4 @@
-"""What a sweep found: its metrics over the swept paths, one tidy table, the best point in words."""
+"""What a sweep found: its metrics over the swept paths, one tidy table, the best points."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -85,13 +85,43 @@ class Sweep:
         return self.results.runs(dict(zip(self.paths, point, strict=True)))[label, metric]
 
 
+class Best(NamedTuple):
+    """A filter's best point, its value there, and how far the next best one is behind."""
+
+    filter: str
+    point: dict[str, Any]
+    """the swept paths and their values"""
+    metric: str
+    value: float
+    stderr: float
+    next: dict[str, Any]
+    """the next best point"""
+    gain: float
+    """share of the next best point's mean that is saved on common runs; of a score the difference"""
+    gain_stderr: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether the gain is more than two standard errors."""
+        return self.gain > 2 * self.gain_stderr
+
+    def __str__(self) -> str:
+        found = f"{self.metric} {self.value:.4g} ± {self.stderr:.2g}"
+        if measured(self.metric).family[0].is_score:
+            gain = f"{self.gain:.2g} ± {self.gain_stderr:.2g} above"
+        else:
+            gain = f"{100 * self.gain:.2g} ± {100 * self.gain_stderr:.2g} % below"
+        text = f"{self.filter} at {_at(self.point)}: {found}, {gain} {_at(self.next)}"
+        return text if self.differs else f"{text}, which is no difference"
+
+
 def write_sweep(sweep: Sweep) -> None:
     """Write ``sweep.csv``."""
     rows = sweep.rows
     write_csv(sweep.results.target / "sweep.csv", list(rows.columns), rows.to_numpy().tolist())
 
 
-def best_points(sweep: Sweep) -> Iterator[str]:
+def best_points(sweep: Sweep) -> Iterator[Best]:
     """The point with the smallest error of each filter that varies, in each scenario.
 
     Without a truth that with the highest log score, if there is one, held out or not. Points of a filter
@@ -115,23 +145,18 @@ def best_points(sweep: Sweep) -> Iterator[str]:
                 yield _best(sweep, label, metric, ranked)
 
 
-def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> str:
+def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> Best:
     first, second = ranked[:2]
-    text = f"{label} at {_at(sweep, first.point)}: {metric} {first.value:.4g} ± {first.stderr:.2g}"
     a, b = (sweep.per_run(label, measured(metric).name, s.point) for s in (first, second))
     both = np.isfinite(a) & np.isfinite(b)
-    if measured(metric).family[0].is_score:
-        gain, stderr = paired_difference(a[both], b[both])
-        text += f", {gain:.2g} ± {stderr:.2g} above {_at(sweep, second.point)}"
-    else:
-        gain, stderr = relative_gain(a[both], b[both])
-        text += f", {100 * gain:.2g} ± {100 * stderr:.2g} % below {_at(sweep, second.point)}"
-    return text if gain > 2 * stderr else f"{text}, which is no difference"
+    ahead = paired_difference if measured(metric).family[0].is_score else relative_gain
+    points = [dict(zip(sweep.paths, s.point, strict=True)) for s in (first, second)]
+    gain = ahead(a[both], b[both])
+    return Best(label, points[0], metric, first.value, first.stderr, points[1], *gain)
 
 
-def _at(sweep: Sweep, point: Values) -> str:
-    names = map(style.name, sweep.paths)
-    return ", ".join(f"{name} = {value}" for name, value in zip(names, point, strict=True))
+def _at(point: dict[str, Any]) -> str:
+    return ", ".join(f"{style.name(path)} = {value}" for path, value in point.items())
 
 
 def _is_headline(metric: str) -> bool:

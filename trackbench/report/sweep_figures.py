@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.experiment.files import made, write_bytes
 from trackbench.report import style
 from trackbench.report.results import Results
-from trackbench.report.sweep import Sweep, best_points, write_sweep
+from trackbench.report.sweep import Best, Sweep, best_points, write_sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
 
 
-def render_sweep(results: Results, formats: Iterable[str]) -> list[str]:
-    """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns the best points in words."""
+def render_sweep(results: Results, formats: Iterable[str]) -> list[Best]:
+    """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns each filter's best point."""
     sweep, figures = Sweep(results), made(results.folder / "figures")
     write_sweep(sweep)
     for metric in sweep.metrics:
-        with style.quiet():
+        with style.house():
             figure = _drawn(sweep, metric)
             if figure is None:
                 continue

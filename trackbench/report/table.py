@@ -2,14 +2,19 @@
 
 from dataclasses import dataclass, field
 from math import floor, isfinite, isinf, log10
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import Estimate, paired_difference
+from trackbench.experiment.problems import counted
 from trackbench.report.lost import in_words
+from trackbench.report.notebook import table_html
 from trackbench.report.text import Text, TextTable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Cell(NamedTuple):
@@ -33,7 +38,7 @@ class Cell(NamedTuple):
         return cls(Estimate(float("nan"), float("nan")), 0, 0)
 
 
-@dataclass
+@dataclass(repr=False)
 class Table:
     """Rows of keys and cells."""
 
@@ -48,6 +53,19 @@ class Table:
     """numbers of the columns whose least value is the best"""
     apart: set[str] = field(default_factory=set)
     """last keys of rows that are no rivals, such as a bound"""
+
+    def __repr__(self) -> str:
+        return f"<Table {self.title!r}: {counted(len(self.keys), 'row')}>"
+
+    def _repr_html_(self) -> str:
+        return table_html(self.texts())
+
+    @property
+    def frame(self) -> "pd.DataFrame":
+        """Keys, then value and standard error of each column, then the runs lost."""
+        import pandas as pd
+
+        return pd.DataFrame(self.csv_rows(), columns=self.csv_header)
 
     def add(self, keys: list[str], cells: list[Cell]) -> None:
         """Append a row."""

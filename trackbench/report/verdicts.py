@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.evaluation.measure import Measure
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report import agreement
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, Verdict
@@ -66,13 +67,17 @@ class Reproduced(NamedTuple):
         return len(self.rows)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Everything that is published about one experiment, with verdicts."""
 
     rows: list[Compared]
     claims: list[Judged]
     ranks: list[Ranked]
+
+    def __repr__(self) -> str:
+        numbers, claims = counted(len(self.numbers), "number"), counted(len(self.claims), "claim")
+        return f"<Comparison of {numbers} and {claims}>"
 
     @cached_property
     def numbers(self) -> list[Reproduced]:

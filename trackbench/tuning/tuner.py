@@ -5,12 +5,12 @@ blocks in their order; so what is found does not hang on workers, interruptions 
 """
 
 from contextlib import closing
-from typing import Any
 
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.merge import merge
 from trackbench.experiment.computing.cache import BlockStore
 from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.progress import progress_bar
 from trackbench.experiment.computing.queue import Queue
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.tuning.objective import Score
@@ -35,7 +35,9 @@ def tune(
     queue = Queue(workers)
     kept = _Kept(store, fresh)
     tuners = [_Tuner(experiment, label, kept) for label in experiment.tuned]
-    with _bar(tuners, progress) as bar, closing(queue.run(open_engine)) as finished:
+    budget = sum(tuner.budget for tuner in tuners)
+    bar = progress_bar(budget, "trial", progress, desc="tuning")
+    with bar, closing(queue.run(open_engine)) as finished:
         while True:
             for tuner in tuners:
                 bar.update(tuner.advance())
@@ -125,11 +127,3 @@ class _Tuner:
 def _tell(tuners: list[_Tuner], task: BlockTask, result: BlockResult | None) -> None:
     for tuner in tuners:
         tuner.tell(task, result)
-
-
-def _bar(tuners: list[_Tuner], progress: bool) -> Any:
-    from tqdm import tqdm
-
-    total = sum(tuner.budget for tuner in tuners)
-    hidden = None if progress else True  # None: silent when stderr is no terminal
-    return tqdm(total=total, unit="trial", desc="tuning", disable=hidden)

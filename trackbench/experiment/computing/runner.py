@@ -11,6 +11,7 @@ from trackbench.evaluation.merge import FilterResult, merge
 from trackbench.experiment.computing.cache import BlockStore
 from trackbench.experiment.computing.codec import decode, encode
 from trackbench.experiment.computing.engines import OpenEngine
+from trackbench.experiment.computing.progress import progress_bar
 from trackbench.experiment.computing.queue import Found, Queue, algorithm
 from trackbench.experiment.planning.plan import Key, Plan
 
@@ -142,9 +143,5 @@ def _settle(outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: F
 
 
 def _bar(outcome: Outcome, progress: bool) -> Any:
-    from tqdm import tqdm
-
     total = len(outcome.plan.unique)
-    # disable=None: silent when stderr is no terminal
-    hidden = None if progress else True
-    return tqdm(total=total, initial=total - len(outcome.missing), unit="block", disable=hidden)
+    return progress_bar(total, "block", progress, initial=total - len(outcome.missing))

@@ -27,6 +27,7 @@ from trackbench.experiment.reading.compose import assignment, inline_parts, over
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.metric_checks import check_metrics
 from trackbench.experiment.reading.parts import build_kind
+from trackbench.experiment.reading.plain import source_of
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.points import grid_points, take
 from trackbench.experiment.reading.published import Published, read_published
@@ -44,7 +45,7 @@ _ALONE = {
 
 
 def load(
-    path: Path,
+    config: Path | Mapping[str, Any],
     overrides: list[str] | None = None,
     only: list[str] | None = None,
     runs: int | None = None,
@@ -55,15 +56,16 @@ def load(
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
+    Paths in a file count from it, those in a mapping from the working folder.
     ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's;
     ``found`` are the values that tuning gave the keys of filters, by label.
     """
-    source = read(path)
+    source, home = _source(config)
     if not isinstance(source.data, dict):
         raise UserError(
             Problem(source.mark(()), "", "an experiment is a mapping of keys to values")
         )
-    unread = inline_parts(source, path.parent)
+    unread = inline_parts(source, home)
     for text in overrides or []:
         keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
@@ -74,17 +76,24 @@ def load(
         add_axis(source, text)
     _set_only(source, only or [])
     add_tuned(source, found or {})
-    plugins = load_plugins(source, path.parent, allow_plugins)
+    plugins = load_plugins(source, home, allow_plugins)
     try:
         with guarded():
-            experiment = _validated(source, path.parent, plugins)
+            experiment = _validated(source, home, plugins)
     except RunError as error:
-        raise UserError(Problem(Mark(str(path)), "", str(error))) from None
+        raise UserError(Problem(Mark(source.mark(()).file), "", str(error))) from None
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
     if unread:
         raise _with_unread(unread, UserError())
     return experiment
+
+
+def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
+    """What a config says, and the folder that its paths count from."""
+    if isinstance(config, Mapping):
+        return source_of(config), Path()
+    return read(config), config.parent
 
 
 def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:

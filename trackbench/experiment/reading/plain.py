@@ -1,0 +1,55 @@
+"""A config that Python gives as a mapping, as if it had been read from a file."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.reading.source import Keys, Source, dotted, unseen
+
+Config: TypeAlias = Path | str | Mapping[str, Any]
+"""A file, the name of a shipped experiment, or what a file would say as a mapping."""
+_MARK = Mark("config")
+_DEEPEST = 50
+
+
+def source_of(config: Mapping[str, Any]) -> Source:
+    """The mapping as plain data of its own; raises UserError with everything that no YAML could say."""
+    source, problems = Source(None), list[Problem]()
+    source.data = _plain(config, (), source, problems)
+    if problems:
+        raise UserError(*problems)
+    source.key_marks = dict(source.marks)
+    return source
+
+
+def _plain(value: Any, keys: Keys, source: Source, problems: list[Problem]) -> Any:
+    source.marks[keys] = _MARK
+    for what in _mistakes(value, keys):
+        problems.append(Problem(_MARK, dotted(keys), what))
+        return None
+    if isinstance(value, Mapping):
+        return {key: _plain(inner, (*keys, key), source, problems) for key, inner in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(inner, (*keys, i), source, problems) for i, inner in enumerate(value)]
+    if hasattr(value, "tolist"):  # of numpy
+        return _plain(value.tolist(), keys, source, problems)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _mistakes(value: Any, keys: Keys) -> Iterator[str]:
+    if len(keys) > _DEEPEST:
+        yield f"nested more than {_DEEPEST} levels deep"
+    elif isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            yield "a key must be a word"
+        yield from filter(None, (unseen(key) for key in value if isinstance(key, str)))
+    elif isinstance(value, str) and unseen(value):
+        yield str(unseen(value))
+    elif isinstance(value, bytes) or not (
+        value is None
+        or isinstance(value, str | bool | int | float | Path | Sequence)
+        or hasattr(value, "tolist")
+    ):
+        name = type(value).__name__
+        yield f"is of the type {name}; a config holds words, numbers, lists and mappings"
