@@ -28,16 +28,18 @@ from trackbench.models.base import Model
 from trackbench.models.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
+from trackbench.scenarios.score import Score
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Legs
 
 RUNS = 3
 MOTION = WhiteAcceleration(q=0.01)
 MANEUVER = seen_as(maneuver(), MOTION)
+SHORT = replace(MANEUVER, last=40, target=replace(MANEUVER.target, legs=()), score=Score())
 SPREAD = {"alpha": 0.8, "beta": 1.5, "kappa": 1.0}
 
 
-def run(one: type[PerRun], scenario: Any = MANEUVER, **keys: Any) -> Filtered:
+def run(one: type[PerRun], scenario: Any = SHORT, **keys: Any) -> Filtered:
     return track(scenario, looped(one)(**keys), RUNS)
 
 
@@ -75,7 +77,7 @@ class Plain(PerRun):
 
 
 def test_a_filter_of_a_book_equals_ours() -> None:
-    equal(run(Plain), track(MANEUVER, KF(), RUNS), 1e-9)
+    equal(run(Plain), track(SHORT, KF(), RUNS), 1e-9)
 
 
 class FilterPyKF(FilterPy):
@@ -90,7 +92,7 @@ class FilterPyKF(FilterPy):
 
 def test_filterpys_kalman_filter_equals_ours() -> None:
     pytest.importorskip("filterpy")
-    equal(run(FilterPyKF), track(MANEUVER, KF(), RUNS), 1e-9)
+    equal(run(FilterPyKF, MANEUVER), track(MANEUVER, KF(), RUNS), 1e-9)
 
 
 class StoneSoupKF(StoneSoup):
@@ -103,7 +105,7 @@ class StoneSoupKF(StoneSoup):
 
 def test_stone_soups_kalman_filter_equals_ours() -> None:
     pytest.importorskip("stonesoup")
-    equal(run(StoneSoupKF), track(MANEUVER, KF(), RUNS), 1e-9)
+    equal(run(StoneSoupKF, MANEUVER), track(MANEUVER, KF(), RUNS), 1e-9)
 
 
 def difference(a: Array, b: Array) -> Array:
@@ -175,11 +177,11 @@ class FilterPyCKF(FilterPy):
 def test_filterpys_cubature_filter_is_itself() -> None:
     """It keeps its points for the update, which ours does not: held to its own loop, bit for bit."""
     pytest.importorskip("filterpy")
-    theirs, found = run(FilterPyCKF), simulate(MANEUVER, 1, 0, RUNS)
+    theirs, found = run(FilterPyCKF), simulate(SHORT, 1, 0, RUNS)
     maker = FilterPyCKF()
-    maker.model = MANEUVER.model
+    maker.model = SHORT.model
     for m in range(RUNS):
-        ckf = maker.make(MANEUVER.T)
+        ckf = maker.make(SHORT.T)
         ckf.x, ckf.P = found.prior.mean[:, [m]].copy(), found.prior.cov.copy()
         for i in range(20):
             ckf.predict()
@@ -211,7 +213,7 @@ class FilterPyIMM(FilterPy):
 
 def test_filterpys_imm_equals_ours() -> None:
     pytest.importorskip("filterpy")
-    ours = track(MANEUVER, IMM(motions=MOTIONS, transition=TRANSITION), RUNS)
+    ours = track(SHORT, IMM(motions=MOTIONS, transition=TRANSITION), RUNS)
     equal(run(FilterPyIMM), ours, 1e-8)
 
 
@@ -288,14 +290,14 @@ def test_an_angle_may_cross_the_cut() -> None:
 def test_steps_that_differ_come_with_their_intervals(one: type[PerRun]) -> None:
     for name in getattr(one, "packages", ()):
         pytest.importorskip(name)
-    intervals = np.random.default_rng(1).uniform(0.2, 3.0, len(MANEUVER.steps))
-    model = Model(Irregular(MOTION, 2, int(MANEUVER.steps[0]), intervals), MANEUVER.model.sensor)
-    data = simulate(MANEUVER, 1, 0, RUNS)
+    intervals = np.random.default_rng(1).uniform(0.2, 3.0, len(SHORT.steps))
+    model = Model(Irregular(MOTION, 2, int(SHORT.steps[0]), intervals), SHORT.model.sensor)
+    data = simulate(SHORT, 1, 0, RUNS)
     states = []
     for tracker in (looped(one)(), EKF()):
         rng = block_stream(1, 0)
         state = tracker.init(model, data.prior, rng)
-        for i, k in enumerate(MANEUVER.steps[1:40]):
+        for i, k in enumerate(SHORT.steps[1:40]):
             state = tracker.step(model, state, data.measurements[:, i], int(k), rng)
         states.append(tracker.estimate(state))
     mine, ours = states
@@ -307,7 +309,7 @@ def test_steps_that_differ_come_with_their_intervals(one: type[PerRun]) -> None:
 
 def seen_with_gaps(missing: Any) -> Any:
     """Filtered of filter and simulation with NaN where ``missing`` (2, T, M) says."""
-    data = simulate(MANEUVER, 1, 0, RUNS)
+    data = simulate(SHORT, 1, 0, RUNS)
     z = np.where(missing, np.nan, data.measurements)
     return data._replace(measurements=z)
 
@@ -316,11 +318,11 @@ def seen_with_gaps(missing: Any) -> Any:
 def test_a_missing_measurement_is_predicted_over(one: type[PerRun]) -> None:
     for name in getattr(one, "packages", ()):
         pytest.importorskip(name)
-    missing = np.zeros((2, 1699, RUNS), dtype=bool)
+    missing = np.zeros((2, 39, RUNS), dtype=bool)
     missing[:, 3:7, 0] = missing[:, 5, 1] = True
     data = seen_with_gaps(missing)
     mine, ours = (
-        estimate(BlockTask(MANEUVER, tracker, 1, 0, RUNS, RUNS), data)
+        estimate(BlockTask(SHORT, tracker, 1, 0, RUNS, RUNS), data)
         for tracker in (looped(one)(), KF())
     )
     assert_allclose(mine.mean[:, :20], ours.mean[:, :20], rtol=1e-9)
@@ -329,13 +331,62 @@ def test_a_missing_measurement_is_predicted_over(one: type[PerRun]) -> None:
         equal(mine, ours, 1e-9)
 
 
-def test_half_a_measurement_is_no_measurement() -> None:
+HALVES = [
+    (FilterPyKF, KF(), SHORT),
+    (FilterPyIMM, IMM(motions=MOTIONS, transition=TRANSITION), SHORT),
+    (FilterPyEKF, EKF(), RADAR_SCENARIO),
+    (FilterPyUKF, UKF(noise="additive", **SPREAD), RADAR_SCENARIO),
+    (StoneSoupKF, KF(), SHORT),
+    (StoneSoupUKF, UKF(noise="additive", **SPREAD), RADAR_SCENARIO),
+    (StoneSoupEKF, EKF(), RADAR_SCENARIO),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "scenario"), HALVES)
+def test_half_a_measurement_and_the_log_score_are_ours(
+    one: type[PerRun], other: Any, scenario: Any
+) -> None:
+    """Each is judged by what was measured of it."""
+    pytest.importorskip(one.packages[0])  # type: ignore[attr-defined]
+    data = simulate(scenario, 1, 0, RUNS)
+    seen = data.measurements.copy()
+    seen[0, 3:9, 0] = seen[1, 5:12, 1] = np.nan
+    data = data._replace(measurements=seen)
+    mine, ours = (
+        estimate(BlockTask(scenario, f, 1, 0, RUNS, RUNS, foretold=("score",)), data)
+        for f in (looped(one)(), other)
+    )
+    assert np.isnan(mine.diagnostics["log_likelihood"]).sum() == RUNS  # the first state
+    assert_allclose(
+        mine.diagnostics["log_likelihood"], ours.diagnostics["log_likelihood"], rtol=1e-6
+    )
+    equal(mine, ours, 1e-8)
+
+
+class OfUnscented(FilterPyUKF):
+    """A bank of filters without H, whose likelihoods are taken of whole measurements."""
+
+    def make(self, dt: float) -> Any:
+        from filterpy.kalman import IMMEstimator
+
+        bank = [FilterPyUKF.make(self, dt) for _ in range(2)]
+        return IMMEstimator(bank, (0.5, 0.5), np.array(TRANSITION))
+
+
+def test_where_a_half_would_be_wrong_it_is_refused() -> None:
     pytest.importorskip("filterpy")
-    missing = np.zeros((2, 1699, RUNS), dtype=bool)
-    missing[0, 3, 1] = True
-    task = BlockTask(MANEUVER, looped(FilterPyKF)(), 1, 0, RUNS, RUNS)
+    data = simulate(RADAR_SCENARIO, 1, 0, RUNS)
+    seen = data.measurements.copy()
+    seen[0, 3, 1] = np.nan
+    task = BlockTask(RADAR_SCENARIO, looped(OfUnscented)(), 1, 0, RUNS, RUNS)
     with pytest.raises(ValueError, match="a part of a measurement is missing"):
-        estimate(task, seen_with_gaps(missing))
+        estimate(task, data._replace(measurements=seen))
+
+
+def test_who_tells_no_likelihood_has_no_score() -> None:
+    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS, foretold=("score",))
+    found = estimate(task, simulate(SHORT, 1, 0, RUNS))
+    assert "log_likelihood" not in found.diagnostics
 
 
 class Sees(PerRun):
@@ -360,14 +411,14 @@ class Sees(PerRun):
 
 def test_components_are_in_the_filters_own_order() -> None:
     Sees.given.clear()
-    data = simulate(MANEUVER, 1, 0, RUNS)
+    data = simulate(SHORT, 1, 0, RUNS)
     found = run(Sees)
     mean, cov = Sees.given[0]
     assert_array_equal(mean, [0.0, *data.prior.mean[[3, 2, 1, 0], 0]])
     assert_array_equal(cov[1:, 1:], data.prior.cov[::-1, ::-1])
     assert_array_equal(cov[0], [9.0, 0.0, 0.0, 0.0, 0.0])
     k, dt, z = Sees.given[RUNS]
-    assert (k, dt) == (MANEUVER.steps[1], MANEUVER.T)
+    assert (k, dt) == (SHORT.steps[1], SHORT.T)
     assert_array_equal(z, data.measurements[::-1, 0, 0])
     assert_array_equal(found.mean[:, 5], data.prior.mean)
 
@@ -387,15 +438,15 @@ def test_noise_is_each_runs_own_and_the_same_again() -> None:
     first, again = run(Draws), run(Draws)
     assert_array_equal(first.mean, again.mean)
     assert np.unique(first.mean[0, 5]).size == RUNS
-    tracker, data, rng = looped(Draws)(), simulate(MANEUVER, 1, 0, RUNS), block_stream(1, 0)
+    tracker, data, rng = looped(Draws)(), simulate(SHORT, 1, 0, RUNS), block_stream(1, 0)
     z = data.measurements[:, 0].copy()
     z[0] = [-1.0, -1.0, -1.0]
-    state = tracker.init(MANEUVER.model, data.prior, rng)
-    few = tracker.step(MANEUVER.model, state, z, 1, rng).mean
+    state = tracker.init(SHORT.model, data.prior, rng)
+    few = tracker.step(SHORT.model, state, z, 1, rng).mean
     z[0, 1] = 1.0
     rng = block_stream(1, 0)
-    state = tracker.init(MANEUVER.model, data.prior, rng)
-    more = tracker.step(MANEUVER.model, state, z, 1, rng).mean
+    state = tracker.init(SHORT.model, data.prior, rng)
+    more = tracker.step(SHORT.model, state, z, 1, rng).mean
     assert_array_equal(few[:, [0, 2]], more[:, [0, 2]])
     assert (few[:, 1] != more[:, 1]).all()
 
@@ -403,7 +454,7 @@ def test_noise_is_each_runs_own_and_the_same_again() -> None:
 def test_another_interval_gives_the_filter_another_motion() -> None:
     pytest.importorskip("filterpy")
     one = FilterPyIMM()
-    one.model, one.dt = MANEUVER.model, 1.0
+    one.model, one.dt = SHORT.model, 1.0
     one.start(np.array([1.0, 2.0, 3.0, 4.0]), np.eye(4))
     for dt, expected in ((1.0, 3.0), (2.5, 8.0), (0.5, 9.0)):
         mean, _ = one.predict(dt)
@@ -414,8 +465,8 @@ def test_another_interval_gives_the_filter_another_motion() -> None:
 
 
 def test_runs_that_are_looped_over_come_in_narrow_blocks() -> None:
-    assert block_width(looped(Plain)(), MANEUVER) == 10
-    assert block_width(KF(), MANEUVER) > 100
+    assert block_width(looped(Plain)(), SHORT) == 10
+    assert block_width(KF(), SHORT) > 100
 
 
 def test_the_keys_are_the_attributes() -> None:
@@ -473,8 +524,8 @@ def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> Non
 
 def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
     """A prediction is a step without a measurement, of a copy; it is the Kalman filter's."""
-    task = BlockTask(MANEUVER, looped(Plain)(), 1, 0, RUNS, RUNS)
-    data = simulate(MANEUVER, 1, 0, RUNS)
+    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS)
+    data = simulate(SHORT, 1, 0, RUNS)
     asked = replace(task, foretold=("prediction",))
     plain, told = estimate(task, data), estimate(asked, data)
     assert_array_equal(told.mean, plain.mean)

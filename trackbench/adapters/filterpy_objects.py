@@ -5,9 +5,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from trackbench.adapters.halves import given_half, measured_part
 from trackbench.adapters.naming import Pair
-from trackbench.adapters.per_run import PerRun, whole
-from trackbench.core.arrays import Array
+from trackbench.adapters.per_run import PerRun
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.mixing import log_mixture
 from trackbench.filters.base import ReturnedError
 
 _BANK = "filters"
@@ -21,10 +23,11 @@ class FilterPy(PerRun):
     ``IMMEstimator`` and whatever else has ``x``, ``P``, ``predict`` and ``update``. Its ``x`` and ``P``
     are set to the scenario's prior, whatever ``make`` gave them. What ``update`` wants beside z, such
     as an extended filter's ``HJacobian`` and ``Hx``, is a mapping beside the object: ``return ekf,
-    {"HJacobian": jacobian, "Hx": h}``. A missing measurement is predicted over.
+    {"HJacobian": jacobian, "Hx": h}``. A missing measurement is predicted over, and what is missing of
+    one left out of an object with ``R`` (in an IMM, of filters with ``H``).
 
     ``nis`` is noted of a filter with an innovation, ``mode`` (weight of all models but the first) of an
-    IMM.
+    IMM; the log score is that of the object's own innovations ``y`` and ``S``.
     """
 
     packages: ClassVar[tuple[str, ...]] = ("filterpy",)
@@ -37,6 +40,7 @@ class FilterPy(PerRun):
         """Make the object, and set the state of it and of the filters in it."""
         self._object, self._keywords = self._making(self.dt)
         self._by_dt, self._noted = {self.dt: self._object}, {"nis": np.nan}
+        self._there: Mask | None = None
         for part in (*_within(self._object), self._object):
             if np.size(part.x) != len(mean):
                 what = f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
@@ -47,7 +51,7 @@ class FilterPy(PerRun):
 
     def predict(self, dt: float) -> Pair:
         """The object's own prediction."""
-        self._noted = dict.fromkeys(self._noted, np.nan)
+        self._noted, self._there = dict.fromkeys(self._noted, np.nan), None
         if dt not in self._by_dt:
             self._by_dt[dt], _ = self._making(dt)
         own = self._object
@@ -58,15 +62,37 @@ class FilterPy(PerRun):
 
     def update(self, z: Array) -> Pair:
         """The object's own update."""
-        own = self._object
-        one = (*_within(own), own)[0]
-        own.update(whole(z).reshape((-1, *[1] * (np.ndim(one.x) - 1))), **self._keywords)
+        own, self._there = self._object, np.asarray(z == z)
+        self._predicted = getattr(own, "cbar", None)
+        each = _within(own) or (own,)
+        if self._there.all():
+            own.update(_as_state(z, each[0]), **self._keywords)
+        else:
+            with given_half(each, z, self._there, self._keywords) as (part, keywords):
+                own.update(_as_state(part, each[0]), **keywords)
         if hasattr(own, "mu"):
             self._noted = {"mode": 1.0 - float(own.mu[0])}
         elif hasattr(own, "SI"):
-            y = np.ravel(own.y)
-            self._noted = {"nis": float(y @ own.SI @ y)}
+            self._noted = {"nis": self._nis()}
         return own.x, own.P
+
+    def _nis(self) -> float:
+        y, there = np.ravel(self._object.y), self._there
+        if there is None or there.all():
+            return float(y @ self._object.SI @ y)
+        return measured_part(y, self._object.S, there).nis.item()
+
+    def log_likelihood(self) -> float:
+        """By the innovation of the object; of an IMM by those of its filters and their weights."""
+        own, there = self._object, self._there
+        each = _within(own) or (own,)
+        if there is None or not all(hasattr(one, "y") and hasattr(one, "S") for one in each):
+            return float("nan")
+        told = [measured_part(one.y, one.S, there).log_likelihood for one in each]
+        weights = np.ones(1) if len(told) == 1 else self._predicted
+        if weights is None:
+            return float("nan")
+        return log_mixture(np.asarray(weights)[:, None], np.array(told)).item()
 
     def diagnostics(self) -> dict[str, float]:
         """NIS, or the weight of an IMM's models."""
@@ -80,6 +106,11 @@ class FilterPy(PerRun):
                 what = f"make(dt) gives a {type(own).__name__}, which has no {name}"
                 raise ReturnedError("make", what)
         return own, keywords
+
+
+def _as_state(z: Array, one: Any) -> Array:
+    """z in the form of the object's state, a column or a vector."""
+    return z.reshape((-1, *[1] * (np.ndim(one.x) - 1)))
 
 
 def _within(own: Any) -> tuple[Any, ...]:

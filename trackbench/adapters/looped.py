@@ -93,6 +93,14 @@ class Looped(Filter[Objects]):
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
+class Telling(Looped):
+    """The same of a class that tells what it thought of each measurement before it saw it."""
+
+    def log_likelihood(self, state: Objects) -> Array:
+        """What each object says."""
+        return np.array([own.log_likelihood() for own in state.each])
+
+
 def looped(one: type[Any]) -> type[Looped]:
     """The filter of a class of one run: its keys, its name, its docstring."""
     keys = [(f.name, f.type, _like(f)) for f in fields(one)]
@@ -106,8 +114,9 @@ def looped(one: type[Any]) -> type[Looped]:
         "excused": {"purity": _PURITY, **one.excused},
         "presets": one.presets,
     }
+    base = Telling if one.tells_likelihood() else Looped
     made = make_dataclass(
-        one.__name__, keys, bases=(Looped,), namespace=about, frozen=True, kw_only=True
+        one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
     )
     one._looped = made
     return made

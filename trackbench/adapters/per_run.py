@@ -74,14 +74,19 @@ class PerRun:
         """Numbers that go to the tables, averaged over the steps: NaN where there is none."""
         return {}
 
+    def log_likelihood(self) -> float:
+        """Logarithm of the density that it gave the last z before it saw it: its log score.
+
+        NaN where it tells none. A class without the method has no log score.
+        """
+        return float("nan")
+
+    @classmethod
+    def tells_likelihood(cls) -> bool:
+        """Whether the class has a `log_likelihood` of its own."""
+        return cls.log_likelihood is not PerRun.log_likelihood
+
     model: Model
     rng: Generator
     dt: float
     k: int
-
-
-def whole(z: Array) -> Array:
-    """z itself. Raises ValueError if a part of it is missing."""
-    if (z != z).any():
-        raise ValueError("a part of a measurement is missing, and this filter takes whole ones")
-    return z

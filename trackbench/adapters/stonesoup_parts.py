@@ -1,13 +1,16 @@
 """``StoneSoup``: a predictor and an updater of Stone Soup, on the scenario's own models."""
 
+from copy import copy
 from datetime import datetime, timedelta
 from typing import Any, ClassVar
 
 import numpy as np
 
+from trackbench.adapters.halves import HALF, measured_part, without_weight
 from trackbench.adapters.naming import Pair
-from trackbench.adapters.per_run import PerRun, whole
-from trackbench.core.arrays import Array
+from trackbench.adapters.per_run import PerRun
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.kalman import Innovation
 
 _BEGIN = datetime(2000, 1, 1)
 
@@ -18,7 +21,8 @@ class StoneSoup(PerRun):
     Those of its Kalman filters, whose state is a ``GaussianState``. ``transition`` and ``measurement``
     are the models that the scenario lets a filter assume, as Stone Soup's: use them or others. A class
     that names ``state`` or ``measured`` has an order of its own, hence models of its own, and is given
-    None. A missing measurement is predicted over; ``nis`` is noted.
+    None. A missing measurement is predicted over, and what is missing of one left out by a sensor with
+    a ``noise_covar``. ``nis`` is noted; the log score is that of the updater's predicted measurement.
 
     Times are Stone Soup's, whole microseconds.
     """
@@ -42,30 +46,45 @@ class StoneSoup(PerRun):
         transition, self._measurement = (None, None) if is_own else models(self)
         self._predictor, self._updater = self.make(transition, self._measurement)
         self._now: Any = GaussianState(StateVector(mean), CovarianceMatrix(cov), timestamp=_BEGIN)
-        self._nis = np.nan
+        self._told: Innovation | None = None
 
     def step(self, z: Array | None, dt: float) -> Pair:
         """Predict, and update with what was measured."""
         from stonesoup.types.detection import Detection
         from stonesoup.types.hypothesis import SingleHypothesis
 
-        now, self._nis = self._now.timestamp + timedelta(seconds=dt), np.nan
+        now, self._told = self._now.timestamp + timedelta(seconds=dt), None
         self._now = self._predictor.predict(self._now, timestamp=now)
         if z is not None:
+            there = np.asarray(z == z)
             sensor = self._updater.measurement_model or self._measurement
-            seen = Detection(whole(z), timestamp=now, measurement_model=sensor)
+            if not there.all():
+                sensor, z = _half(sensor, there), np.where(there, z, 0.0)
+            seen = Detection(z, timestamp=now, measurement_model=sensor)
             if self._measurement is not None:
-                self._measurement.seen = z
-            found = SingleHypothesis(self._now, seen)
-            self._now = self._updater.update(found)
-            self._nis = _nis(seen, self._now.hypothesis.measurement_prediction)
+                sensor.seen = z
+            self._now = self._updater.update(SingleHypothesis(self._now, seen))
+            predicted = self._now.hypothesis.measurement_prediction
+            nu = np.asarray(seen.state_vector - predicted.state_vector, dtype=float)
+            self._told = measured_part(nu, predicted.covar, there)
         return np.asarray(self._now.state_vector, dtype=float), np.asarray(self._now.covar)
 
     def diagnostics(self) -> dict[str, float]:
         """NIS."""
-        return {"nis": self._nis}
+        return {"nis": np.nan if self._told is None else self._told.nis.item()}
+
+    def log_likelihood(self) -> float:
+        """By the predicted measurement."""
+        return float("nan") if self._told is None else self._told.log_likelihood.item()
 
 
-def _nis(seen: Any, predicted: Any) -> float:
-    nu = np.asarray(seen.state_vector - predicted.state_vector, dtype=float)
-    return float((nu.T @ np.linalg.solve(np.asarray(predicted.covar, dtype=float), nu)).item())
+def _half(sensor: Any, there: Mask) -> Any:
+    """The measurement model without what is missing."""
+    from stonesoup.types.array import CovarianceMatrix
+
+    if not hasattr(sensor, "noise_covar"):
+        raise ValueError(HALF)
+    out = copy(sensor)
+    R = np.asarray(sensor.noise_covar, dtype=float)
+    out.noise_covar = CovarianceMatrix(without_weight(R, there))
+    return out
