@@ -17,7 +17,9 @@ from numpy.polynomial import legendre
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.core.sums import dot, product, total
+from trackbench.core.sums import product, total
+
+_AT_ONCE = 32_768  # entries of a kernel of nodes by nodes: they stay in the cache
 
 Interval = tuple[Array, Array]
 """Lower and upper ends; empty where the lower is not below the upper."""
@@ -105,7 +107,7 @@ def condition(
 ) -> Posterior:
     """Posterior on new panels: likelihood times the prior pushed through the transition.
 
-    ``transition(x, x_new)`` is p(x_new | x) for x (M, n) and x_new (J, M, 1), as a formula that goes
+    ``transition(x, x_new)`` is p(x_new | x) for x (n, 1, M) and x_new (J, M), as a formula that goes
     on smoothly beyond ``origins(x_new)``, the interval of x from which x_new can be reached;
     ``likelihood(x_new)`` is p(z | x_new) for x_new (J, M). A run without mass becomes NaN.
     """
@@ -121,18 +123,23 @@ def condition(
 
 def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
     """Integral of the transition density over one panel of the prior, at x_new (J, M)."""
-    n = len(panel.x)
-    kernel = transition(panel.x.T, x_new[..., None]) * panel.density.T
     if panel.is_point:
-        return np.asarray(kernel[..., 0])
+        return np.asarray(transition(panel.x, x_new) * panel.density)
+    n = len(panel.x)
     with np.errstate(invalid="ignore", divide="ignore"):  # a panel without width has no mass
         middle = 0.5 * (panel.low + panel.high)
         start, end = (np.clip((edge - middle) / panel.half, -1.0, 1.0) for edge in origins)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
-    integral = panel.half * dot(weights, kernel)
-    return np.where(panel.half > 0.0, integral, 0.0)
+    integral, some = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
+    for i in range(0, len(x_new), some):
+        piece = slice(i, i + some)
+        kernel = transition(panel.x[:, None], x_new[piece])  # nodes first: a sum of whole rows
+        kernel *= panel.density[:, None]
+        kernel *= np.moveaxis(weights[piece], -1, 0)
+        integral[piece] = total(kernel, axis=0)
+    return np.where(panel.half > 0.0, panel.half * integral, 0.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:
