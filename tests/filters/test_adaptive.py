@@ -10,12 +10,13 @@ from tests.papers import maneuver
 from trackbench.core.fading import tail
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.filters.adaptive import BOTH, AdaptiveKF
+from trackbench.filters.adaptive import VDF, AdaptiveKF
 from trackbench.filters.axes import axis_step
 from trackbench.filters.imm import IMM
-from trackbench.filters.input_estimation import VDF, InputEstimation
+from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kalman import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
+from trackbench.filters.variable_dimension import BOTH
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
@@ -163,8 +164,8 @@ def test_rho_itself_has_the_hypo_exponential_tail() -> None:
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
     p = tail(eta, 0.8)
-    assert abs((state.rho > eta).mean() - p) < 3.5 * np.sqrt(p * (1 - p) / runs)
-    assert abs(state.rho.mean() - 10.0) < 3.5 * np.sqrt(4.0 / (1.0 - 0.64) / runs)
+    assert abs((state.watch.rho > eta).mean() - p) < 3.5 * np.sqrt(p * (1 - p) / runs)
+    assert abs(state.watch.rho.mean() - 10.0) < 3.5 * np.sqrt(4.0 / (1.0 - 0.64) / runs)
 
 
 def test_second_decision_denies_false_alarms() -> None:
@@ -191,9 +192,9 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
         _, quiet = axis_step(before.quiet, CV.axis(1.0), z, R)
         _, turning = axis_step(before.turning, CA.axis(1.0), z, R)
         ratio = (turning.log_likelihood - quiet.log_likelihood).sum(axis=0)
-        expected += np.where(before.mode == BOTH, ratio, 0.0)
-    assert (state.mode == BOTH).any()
-    np.testing.assert_allclose(state.evidence, expected, rtol=1e-9, atol=1e-9)
+        expected += np.where(before.mode.on == BOTH, ratio, 0.0)
+    assert (state.mode.on == BOTH).any()
+    np.testing.assert_allclose(state.mode.evidence, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_the_maneuvering_filter_stays_as_long_as_it_must() -> None:

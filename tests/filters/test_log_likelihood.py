@@ -14,12 +14,12 @@ from trackbench.contract.playgrounds import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.filters.adaptive import AdaptiveKF
+from trackbench.filters.adaptive import VDF, AdaptiveKF
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.converted import CMKF
 from trackbench.filters.extended import EKF, IEKF
 from trackbench.filters.imm import IMM
-from trackbench.filters.input_estimation import VDF, InputEstimation
+from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kalman import KF
 from trackbench.filters.posterior_linearised import IPLF
 from trackbench.filters.sigma_points import CKF, GHKF, UKF

@@ -1,4 +1,4 @@
-"""Filters that meet a maneuver by other means: VDF of 1982, input estimation of 1987."""
+"""A filter that meets a maneuver by adding the input that it estimates (1979, 1987)."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
@@ -10,87 +10,13 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.core.kalman import Innovation
-from trackbench.filters.adaptive import AdaptiveKF, Switched
 from trackbench.filters.axes import axis_step, both_axes, choose, over_axes, per_axis, site
 from trackbench.filters.base import PLANAR_POSITION, Filter
-from trackbench.filters.switching import Detector, Exit
-from trackbench.keys import Count, NonNegative, OpenShare, Positive
+from trackbench.filters.switching import Detector
+from trackbench.keys import NonNegative, Positive
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register
-
-
-@register("filters", "vdf")
-@dataclass(frozen=True, kw_only=True)
-class VDF(Filter[Switched]):
-    """Variable-dimension filter (Bar-Shalom & Birmiwal 1982).
-
-    A fading sum of the NIS raises the alarm; the maneuver is taken to have begun one window before, and
-    the data are refiltered from there. It ends when the acceleration is insignificant. There is no
-    onset estimate, no least window and no second decision. No alarm is raised before step 20.
-    """
-
-    nmf: ConstantVelocity
-    """motion in quiet"""
-    mf: ConstantAcceleration
-    """motion in a maneuver"""
-    gamma: OpenShare = 0.8
-    """fading factor of the NIS; the window is 1 / (1 - gamma) samples"""
-    eta: Positive | None = None
-    """threshold of the fading sum; give this or alpha"""
-    alpha: OpenShare | None = None
-    """false-alarm probability at one sample"""
-    p: Count = 2
-    """samples over which the acceleration's significance is summed"""
-    Ta: Positive = 9.49
-    """threshold of that sum"""
-    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
-    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
-
-    def __post_init__(self) -> None:
-        if (self.eta is None) == (self.alpha is None):
-            raise ValueError("give one of eta and alpha")
-
-    @property
-    def machine(self) -> AdaptiveKF:
-        """The same filter in the words of `adaptive-kf`."""
-        return AdaptiveKF(
-            nmf=self.nmf,
-            mf=self.mf,
-            detector=Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha),
-            exit=Exit(p=self.p, Ta=self.Ta),
-            initialise="barshalom",
-        )
-
-    def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """A window that does not fit the scenario's runs."""
-        found = self.machine.conflicts(scenario)
-        return {"gamma": next(iter(found.values()))} if found else {}
-
-    def cautions(self, scenario: Scene) -> list[str]:
-        """What the exit test will do on the scenario's smallest turn."""
-        return self.machine.cautions(scenario)
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Switched:
-        """Every run quiet, at the prior."""
-        return self.machine.init(model, prior, rng)
-
-    def step(self, model: Model, state: Switched, z: Array, k: int, rng: Generator) -> Switched:
-        """One step of the switching filter."""
-        return self.machine.step(model, state, z, k, rng)
-
-    def estimate(self, state: Switched) -> Gaussian:
-        """Position and velocity of the filter that is on."""
-        return self.machine.estimate(state)
-
-    def log_likelihood(self, state: Switched) -> Array:
-        """That of the filter that was on."""
-        return self.machine.log_likelihood(state)
-
-    def diagnostics(self, state: Switched) -> dict[str, Array]:
-        """``nis``, ``mode``, ``alarm`` and ``alarm_age_s`` as of `adaptive-kf`."""
-        return self.machine.diagnostics(state)
 
 
 class Corrected(NamedTuple):
