@@ -40,7 +40,7 @@ _TENTH = significance_threshold(0.1)
 class Logic(NamedTuple):
     """Motions of the non-maneuvering and the maneuvering filter (NMF, MF), and the decisions on them.
 
-    ``initialise`` is the augmented start: the estimated input added, or the data refiltered from the onset
+    ``initialise`` is the augmented start: the estimated input added, or data refiltered from the onset
     on (1982).
     """
 
