@@ -66,7 +66,6 @@ def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
     ("kind", "keys", "key"),
     [
         ("upf", {"transition_density": "increment"}, "transition_density"),
-        ("hdepf", {"resampling": "residual"}, "resampling"),
         ("los-rbpf", {"weights": "naive"}, "weights"),
     ],
 )

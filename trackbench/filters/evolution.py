@@ -1,10 +1,11 @@
 """Particle filters that resample by differential evolution: PFDE and HDEPF.
 
-`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III.
+`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III:
+part B is ``step``, with the paper's steps beside it; part A, the evolution, is ``core/evolution.py``.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from trackbench.core.particles import Particles
 from trackbench.core.sums import mean, total
 from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposedCloud, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model
 from trackbench.registry import register
 
 
@@ -54,12 +55,6 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
 
-    def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Keys that would do nothing."""
-        if self.resampling != "systematic":
-            return {"resampling": "the evolution stands in place of resampling"}
-        return super().conflicts(scenario)
-
     def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:
         """N draws from the prior."""
         cloud = self.drawn(prior, rng)
@@ -71,23 +66,25 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
     ) -> EvolvedCloud:
         """Propose, weight (eq. 7), evolve in place of resampling, estimate."""
         origin = state.cloud.particles.x
+        # First step: each particle is drawn from a UKF of its own, and weighed (eq. 7).
         proposed = self._proposed(model, state.cloud, z, k, rng)
-
-        def log_ratio(x: Array) -> Array:
-            return self.log_target(model, origin, z, x, k) - proposed.log_q(x)
 
         def log_posterior(x: Array) -> Array:
             return self.log_target(model, origin, z, x, k)
 
-        initial = particles.normalise(log_ratio(proposed.x))
-        before = Particles(proposed.x, initial.w)
+        def log_ratio(x: Array) -> Array:
+            return log_posterior(x) - proposed.log_q(x)
+
+        w, dead, mass = particles.normalise(log_ratio(proposed.x))
+        before = Particles(proposed.x, w)
+        # Second to fourth: the particles are the first population, mutated, crossed, selected, cooled.
         fitness = log_ratio if self.target == "ratio" else log_posterior
         evolved = self._evolution.run(proposed.x, fitness, rng)
         after = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        # The estimate is the weighted mean; what has evolved goes on with equal weights.
         source = after if self.estimate_from == "after" else before
-        carried = Particles(evolved.x, particles.uniform(*initial.w.shape))
+        carried = Particles(evolved.x, particles.uniform(*w.shape))
         estimate, P = source.moments(), proposed.kalman.cov
-        w, dead, mass = initial
         cloud = ProposedCloud(carried, P, estimate, dead, w, mass)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
@@ -126,7 +123,15 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
 
     @property
     def _evolution(self) -> Evolution:
-        raise NotImplementedError
+        """Section III.A with a greedy selection."""
+        return Evolution(
+            F=self.F,
+            CR=self.CR,
+            G=self.G,
+            fitness=self.fitness,
+            keep_best=self.keep_best == "slot",
+            clip_to_cloud=self.bounds == "cloud",
+        )
 
 
 @register("filters", "pfde")
@@ -142,18 +147,6 @@ class PFDE(_Evolutionary):
         if self.proposal == "ukf":
             return super().held(model)
         return self.N * (10 + len(model.motion.components) ** 2)
-
-    @property
-    def _evolution(self) -> Evolution:
-        return Evolution(
-            F=self.F,
-            CR=self.CR,
-            G=self.G,
-            select="greedy",
-            fitness=self.fitness,
-            keep_best=self.keep_best == "slot",
-            clip_to_cloud=self.bounds == "cloud",
-        )
 
     def _proposed(
         self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator
@@ -202,17 +195,8 @@ class HDEPF(_Evolutionary):
 
     @property
     def _evolution(self) -> Evolution:
-        return Evolution(
-            F=self.F,
-            CR=self.CR,
-            G=self.G,
-            T0=self.T0,
-            rho=self.rho,
-            select=self.select,
-            fitness=self.fitness,
-            keep_best=self.keep_best == "slot",
-            clip_to_cloud=self.bounds == "cloud",
-        )
+        """Section III.A with selection as in simulated annealing."""
+        return replace(super()._evolution, T0=self.T0, rho=self.rho, select=self.select)
 
 
 def _spread(x: Array) -> Array:

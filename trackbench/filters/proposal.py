@@ -1,4 +1,4 @@
-"""Particle filters whose proposal is a Kalman filter per particle: EPF and UPF.
+"""Proposing each particle from a Kalman filter of its own, and weighing it.
 
 De Freitas et al. 2000; van der Merwe et al. 2000, section 4. Weight: lik * prior / proposal
 (hdepf paper, eq. 7).
@@ -16,7 +16,6 @@ from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
-from trackbench.core.moves import independence_moves
 from trackbench.core.particles import (
     Evidence,
     Mass,
@@ -24,20 +23,17 @@ from trackbench.core.particles import (
     WeightReading,
     read_likelihood,
 )
-from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.filters.base import Filter, State
-from trackbench.keys import Finite, Natural, NonNegative, Positive, Share
+from trackbench.keys import Finite, NonNegative, Positive, Share
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
 from trackbench.models.gaussian import (
     Assumed,
     augmented_size,
     augmented_step,
-    extended_step,
     spread_conflicts,
 )
-from trackbench.registry import register
 
 TransitionReading = Literal["model", "increment"]
 
@@ -92,12 +88,10 @@ class Defensive(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class KalmanProposal(Filter[State]):
-    """Keys and steps shared by every filter with a Kalman proposal per particle."""
+    """Keys and parts of a step shared by every filter with a Kalman proposal per particle."""
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
-    resampling: Scheme = "systematic"
-    """resampling scheme"""
     weights: WeightReading = "log"
     """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
     Q: Positive | None = None
@@ -178,94 +172,6 @@ class KalmanProposal(Filter[State]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ProposalFilter(KalmanProposal[ProposedCloud]):
-    moves: Natural = 0
-    """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's proposal"""
-    estimate_from: Literal["weighted", "resampled"] = "weighted"
-    """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
-        """N draws from the prior."""
-        return self.drawn(prior, rng)
-
-    def step(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> ProposedCloud:
-        """Propose, weight by lik * prior / proposal (eq. 7), resample, move."""
-        origin = state.particles.x
-        proposed = self.propose(model, state, z, k, rng)
-        target = self.log_target(model, origin, z, proposed.x, k)
-        w, dead, mass = particles.normalise(target - proposed.log_q(proposed.x))
-        weighted = Particles(proposed.x, w)
-        index = ancestors(w, rng, self.resampling)
-        x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
-        if self.moves:
-            kalman = Gaussian(select(proposed.kalman.mean, index), P)
-            x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
-        resampled = Particles(x, particles.uniform(*w.shape))
-        source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source.moments(), dead, w, mass)
-
-    def _moved(
-        self,
-        model: Model,
-        x: Array,
-        parents: Array,
-        kalman: Gaussian,
-        z: Array,
-        k: int,
-        rng: Generator,
-    ) -> Array:
-        """Each particle moved by proposals of its parent: no Kalman step is taken again."""
-        proposal = self._proposal(model, kalman, parents, k)
-
-        def log_ratio(x: Array) -> Array:
-            return self.log_target(model, parents, z, x, k) - proposal.log_prob(x)
-
-        return independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
-
-    def estimate(self, state: ProposedCloud) -> Gaussian:
-        """Weighted mean and covariance."""
-        return state.estimate
-
-    def log_likelihood(self, state: ProposedCloud) -> Array:
-        """Logarithm (M,) of the mean weight lik * prior / proposal."""
-        return self.log_evidence(state)
-
-    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
-        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
-
-        ``ess``: effective sample size before resampling, ``distinct``: particles that are no copies
-        after it, both as shares of N.
-        """
-        return state.noted() | {"distinct": particles.distinct(state.particles.x[0])}
-
-
-@register("filters", "epf")
-@dataclass(frozen=True, kw_only=True)
-class EPF(_ProposalFilter):
-    """Particle filter with an extended Kalman proposal per particle (de Freitas et al. 2000)."""
-
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
-    presets: ClassVar[dict[str, dict[str, object]]] = {
-        "matched": {},
-        "merwe-demo": {
-            "Q": 7.5,
-            "R": 0.1,
-            "P0": 0.75,
-            "noise_mean": False,
-            "weights": "floor",
-            "resampling": "residual",
-            "transition_density": "increment",
-            "estimate_from": "resampled",
-        },
-    }
-
-    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
-        return extended_step(model, state, z, k, self._assumed)[0]
-
-
-@dataclass(frozen=True, kw_only=True)
 class UnscentedProposal(KalmanProposal[State]):
     """A UKF per particle as the proposal."""
 
@@ -297,20 +203,3 @@ class UnscentedProposal(KalmanProposal[State]):
 
 MERWE_PROPOSAL: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}
 """The UKF proposal of van der Merwe's public demo."""
-
-
-@register("filters", "upf")
-@dataclass(frozen=True, kw_only=True)
-class UPF(UnscentedProposal[ProposedCloud], _ProposalFilter):
-    """Unscented particle filter (van der Merwe et al. 2000)."""
-
-    presets: ClassVar[dict[str, dict[str, object]]] = {
-        "matched": {},
-        "merwe-demo": {
-            **MERWE_PROPOSAL,
-            "weights": "floor",
-            "resampling": "residual",
-            "transition_density": "increment",
-            "estimate_from": "resampled",
-        },
-    }
