@@ -35,6 +35,7 @@ Factors = Callable[[np.random.Generator, tuple[int, ...]], Any]
 def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
     """The results of a machine on which filters of this kind have other errors, or draw other noise."""
     rng, estimate = np.random.default_rng(1), block.estimate
+    block.passed.cache_clear()
 
     def estimated(task: block.BlockTask, data: Any, *more: Any) -> block.Filtered:
         result = estimate(task, data, *more)
@@ -50,4 +51,6 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
             stream = block.block_stream
             patch.setattr(block, "block_stream", lambda seed, index: stream(seed + 1, index))
         options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
-        return api.run(config, options).folder
+        folder = api.run(config, options).folder
+    block.passed.cache_clear()
+    return folder

@@ -5,6 +5,7 @@ from the kernel, with the bandwidth that is optimal for a Gaussian target.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import pi, sqrt
 from typing import Literal, NamedTuple
 
@@ -18,10 +19,10 @@ Kernel = Literal["epanechnikov", "gaussian"]
 
 
 class Mode(NamedTuple):
-    """A mode of a cloud: its particles (M, N) if not all, share of the weight (M,), cov (n, n, M)."""
+    """A mode of a cloud: its particles (M, N) and share of the weight (M,) if not all; cov (n, n, M)."""
 
     there: Mask | None
-    share: Array
+    share: Array | None
     cov: Array
 
 
@@ -68,7 +69,7 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 
     A cloud without spread in some direction (its covariance is singular) is left as it is.
     """
-    return jitter_each(x, [Mode(None, np.ones(x.shape[1]), cov)], kernel, rng, scale)
+    return jitter_each(x, [Mode(None, None, cov)], kernel, rng, scale)
 
 
 def jitter_each(
@@ -78,12 +79,23 @@ def jitter_each(
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
-        h = scale * bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
-        move = linalg.lower_product(h * _spread(mode.cov), e)
+        move = linalg.lower_product(scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e)
         moved = move if mode.there is None else np.where(mode.there, move, 0.0)
         moved += x
         x = moved
     return x
+
+
+def _bandwidth_of(mode: Mode, n: int, N: int, kernel: Kernel) -> Array:
+    """By the number of a mode's own particles, () or (M,)."""
+    if mode.share is None:
+        return _bandwidth_of_all(n, N, kernel)
+    return bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+
+
+@lru_cache
+def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
+    return bandwidth(n, N, kernel)
 
 
 def _spread(cov: Array) -> Array:

@@ -5,13 +5,13 @@ same in a batch of 10 or of 10 000.
 """
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask, fixed, frozen, with_trailing
+from trackbench.core.arrays import Array, Mask, frozen, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import RunStreams, aside_stream, block_stream
 from trackbench.evaluation.checked import (
@@ -78,6 +78,23 @@ class BlockTask:
         """Number of the block's first run."""
         return self.index * self.width if self.index >= 0 else (self.index + 1) * self.width - 1
 
+    @property
+    def data(self) -> Simulation:
+        """The whole block's data."""
+        return simulate(self.scenario.unscored, self.seed, self.first_run, self.width)
+
+    @property
+    def alone(self) -> "BlockTask":
+        """Equal for all tasks of which the filter makes the same estimates."""
+        alone = BlockTask(self.scenario.unscored, self.filter, self.seed, self.index, self.width, 0)
+        return replace(alone, assume=self.assume, foretold=self.foretold, hold_out=self.hold_out)
+
+    @property
+    def of_reference(self) -> "BlockTask":
+        """The reference's own task."""
+        assert self.reference is not None
+        return replace(self.alone, filter=self.reference, assume=None, foretold=())
+
     def shown_of(self, used: int) -> int:
         """How many of the block's first ``used`` runs are shown with their whole tracks."""
         return 0 if self.index < 0 else max(0, min(self.shown - self.first_run, used))
@@ -125,10 +142,9 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     """
     _keep_freed_memory()
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
-        data = simulate(task.scenario, task.seed, task.first_run, task.width)
-        covariances = task.shown_of(task.width) if task.keep_covariance else 0
-        result = estimate(task, data, covariances)
-        exact = _reference_mean(task) if task.reference is not None else None
+        data = task.data
+        result = passed(task.alone, task.shown_of(task.width) if task.keep_covariance else 0)
+        exact = None if task.reference is None else passed(task.of_reference, 0).mean
         values = series(task.scenario, data.truth, result.mean, result.nees, exact)
         values |= result.diagnostics
         check_names(task.filter.counts)
@@ -194,6 +210,15 @@ def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simul
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return frozen(scenario.simulate(rng, width))
+
+
+@lru_cache(maxsize=2)
+def passed(task: BlockTask, covariances: int) -> Filtered:
+    """A filter's way through its block, read-only; cached for tasks that only score it otherwise.
+
+    And for those of other filters that have it as their reference.
+    """
+    return frozen(estimate(task, task.data, covariances))
 
 
 @told_to_copy()
@@ -275,22 +300,3 @@ def _stacked(noted: list[dict[str, Array]]) -> dict[str, Array]:
     check_names(names)
     rows = {name: np.stack([note[name] for note in noted]) for name in names}
     return {name: np.vstack([np.full_like(r[:1], np.nan), r]) for name, r in rows.items()}
-
-
-def _reference_mean(task: BlockTask) -> Array:
-    assert task.reference is not None
-    key = (task.seed, task.index, task.width, task.hold_out)
-    return _cached_reference(task.scenario, task.reference, *key)
-
-
-@lru_cache(maxsize=2)
-def _cached_reference(
-    scenario: Scenario,
-    reference: AnyFilter,
-    seed: int,
-    index: int,
-    width: int,
-    hold_out: int | None,
-) -> Array:
-    task = BlockTask(scenario, reference, seed, index, width, used=width, hold_out=hold_out)
-    return fixed(estimate(task, simulate(scenario, seed, task.first_run, width)).mean)

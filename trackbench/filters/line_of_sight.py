@@ -108,7 +108,7 @@ class LineOfSight(ParticleFilter):
         senses = senses_of(frame)
         resampled, log_w = self._shared_out(frame, senses, noise, size)
         if senses is None:
-            modes = [Mode(None, np.ones(len(frame.w)), frame.moments().cov)]
+            modes = [Mode(None, None, frame.moments().cov)]
         else:
             modes = senses.modes(resampled.x)
         new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)

@@ -57,6 +57,11 @@ class Scenario(Scene):
         raise MistakenKeyError(f"of scenario {self.kind} filters assume what it says")
 
     @property
+    def unscored(self) -> "Scenario":
+        """The scenario without what hangs on nothing but estimates: equal ones are filtered once."""
+        return self
+
+    @property
     def has_truth(self) -> bool:
         """Whether there is a truth; if there are measurements only, there are no errors."""
         return True

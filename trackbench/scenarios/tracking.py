@@ -145,6 +145,11 @@ class Tracking(Scenario):
         """The same scenario as a filter that assumes this sees it."""
         return replace(self, assume=assume.over(self.assume))
 
+    @cached_property
+    def unscored(self) -> "Tracking":
+        """Without what errors are reduced to: steps, windows, limits."""
+        return replace(self, score=Score(marginals=self.score.marginals))
+
     @property
     def prior_kind(self) -> type[Distribution]:
         """The class of the prior."""
