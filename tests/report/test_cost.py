@@ -287,3 +287,49 @@ def test_without_times_or_steps(results, tmp_path: Path):
     (folder / "timing.csv").unlink()
     with pytest.raises(UserError, match=f"timing.csv.* missing: {again}"):
         api.plot(folder, formats=("svg",))
+
+
+FAILS = '''
+from dataclasses import dataclass
+import numpy as np
+from trackbench.core.distributions import Gaussian
+from trackbench.registry import register
+
+@register("filters", "sometimes-fails")
+@dataclass(frozen=True, kw_only=True)
+class Fails:
+    """Raises."""
+
+    N: int = 3
+    """beyond this nothing works"""
+
+    def init(self, model, prior, rng):
+        if self.N > 4:
+            raise RuntimeError("too many")
+        return prior.sample(rng)
+
+    def step(self, model, state, z, k, rng):
+        return state
+
+    def estimate(self, state):
+        return Gaussian(state, np.ones((1, 1)))
+'''
+
+
+@pytest.mark.parametrize("sizes", ["[5, 6, 7]", "[3, 4, 7]"])
+def test_a_filter_that_fails_at_some_of_its_sizes_or_all(tmp_path: Path, sizes: str):
+    (tmp_path / "fails.py").write_text(FAILS)
+    text = CONFIG.replace("{kind: pf, N: 9}", "{kind: sometimes-fails}").replace(
+        "block: 15", "block: 3"
+    )
+    a, b = text.index("grid:"), text.index("filters: {PF")
+    text = f"plugins: [fails.py]\n{text[:a]}grid: {{filters.PF.N: {sizes}}}\n{text[b:]}"
+    text = text.replace("HDEPF: {kind: hdepf}, UKF: {kind: ukf}, ", "").replace("UKF", "PF")
+    text = text.replace("runs: 60", "runs: 6")
+    (tmp_path / "c.yaml").write_text(text)
+    options = api.Options(engine="serial", quiet=True, formats=("svg",), allow_plugins=True)
+    api.run(tmp_path / "c.yaml", options, out=tmp_path / "out")
+    options = api.Options(allow_plugins=True)
+    assert len(api.plot(tmp_path / "out", formats=("svg",))) == 2
+    table = Results(tmp_path / "out").tables
+    assert [keys[0] for keys in table["equal"].keys] == (["3", "4"] if "3" in sizes else [])

@@ -1,7 +1,6 @@
 """How it is written what is measured, read once.
 
-=============================  ===========================================================
-    @property
+=============================  ==================================================================
 ``mean(rmse[turns])``          a statistic over the runs of a metric, here over a window of steps
 ``rmse@20``, ``rmse@last``     a metric at a step
 ``rmse@3..last``               at each of these steps
@@ -103,7 +102,8 @@ class Measure(NamedTuple):
         """Whether it is an error that a truth tells."""
         found, quantity = self.family
         return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
-=======
+
+    @property
     def is_efficiency(self) -> bool:
         """Whether it is made of a filter's runs and the reference's."""
         return self.family[0].name == "efficiency" and self.is_row

@@ -74,9 +74,6 @@ class AccuracyVsCost(FigureKind):
             self._panel(ax, results, scene)
             ax.set_title(head)
             ax.set_xlabel(COST)
-            ax.set_xscale("log")
-            if self.log:
-                ax.set_yscale("log")
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         style.title(figure, self.title, len(drawn), len(every))
         style.legend_outside(figure, list(axes[:, 0]))
@@ -92,16 +89,24 @@ class AccuracyVsCost(FigureKind):
             look = results.look(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
             self._curve(ax, curve, look)
         every = [spot for curve in there for spot in curve.spots]
-        best = list(front(every, self.metric.family[0].more_is_better))
-        x, y = _values(best)
+        x, y = _values(list(front(every, self.metric.family[0].more_is_better)))
         ax.step(x[0], y[0], where="post", label="Front", **_FRONT)
-        least = (
-            Expressions(results, points_of(results, scene)[0]).term(self.metric.of(floor)).value
-            if floor
-            else np.nan
-        )
+        least = self._least(results, points_of(results, scene)[0], str(floor))
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
+        if every:  # nothing, where every filter failed, has no logarithm
+            ax.set_xscale("log")
+        if every and self.log:
+            ax.set_yscale("log")
+            style.plain_log_axis(ax)
+
+    def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
+        """Of a bound, what summary.csv says: no run has a part in it."""
+        rows = results.at(results.summary, point)
+        rows = rows[(rows["filter"] == floor) & (rows["metric"] == str(self.metric))]
+        if len(rows):
+            return float(rows["value"].iloc[0])
+        return Expressions(results, point).term(self.metric.of(floor)).value
 
     def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:
         x, y = _values(curve.spots)
