@@ -128,6 +128,7 @@ metrics: [rmse, distance]
 per_step: []
 tables:
   equal: {{kind: equal-cost, of: PF}}
+  equally-near: {{kind: equal-cost, of: PF, metric: efficiency}}
   efficiency: {{kind: efficiency}}
   metrics: {{kind: metrics, columns: {{E: efficiency, To the PF: "ratio(efficiency, PF)"}}}}
 figures:
@@ -178,6 +179,16 @@ def test_the_table_at_equal_cost(results):
             assert np.isnan(size.estimate.value)
     assert len(table.notes) == 3
     assert all(": best " in note for note in table.notes)
+
+
+def test_of_efficiencies_the_highest_is_the_best(results):
+    table = results.tables["equally-near"]
+    assert table.least == []
+    for i, note in enumerate(table.notes):
+        rows = {k[1]: c[2].estimate.value for k, c in zip(table.keys, table.cells, strict=True)
+                if k[0] == ("10", "40", "160")[i] and c[1].runs}  # fmt: skip
+        best = max(rows, key=rows.__getitem__)
+        assert f": best {best}" in note
 
 
 def test_efficiency_is_made_of_the_runs(results):
@@ -255,7 +266,7 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
 )  # fmt: skip
 def test_what_is_mistaken_is_said_in_a_line(tmp_path: Path, change: tuple[str, str], line: str):
     assert change[0] in CONFIG
-    (tmp_path / "c.yaml").write_text(CONFIG.replace(*change))
+    (tmp_path / "c.yaml").write_text(CONFIG.replace(*change, 1))
     with pytest.raises(UserError) as found:
         api.prepare(tmp_path / "c.yaml", api.Options())
     assert any(str(problem).endswith(line) for problem in found.value.problems), found.value
@@ -268,10 +279,8 @@ def test_without_a_grid(tmp_path: Path):
         api.prepare(tmp_path / "c.yaml", api.Options())
     lines = [str(problem).partition(": ")[2] for problem in found.value.problems]
     what = "there is no grid: give N of the filters several values"
-    assert lines == [
-        f"tables.equal: {what}",
-        *(f"figures.{f}: {what}" for f in ("cost", "efficient")),
-    ]
+    places = ("tables.equal", "tables.equally-near", "figures.cost", "figures.efficient")
+    assert lines == [f"{place}: {what}" for place in places]
 
 
 def test_without_times_or_steps(results, tmp_path: Path):

@@ -90,7 +90,8 @@ class AccuracyVsCost(FigureKind):
             self._curve(ax, curve, look)
         every = [spot for curve in there for spot in curve.spots]
         x, y = _values(list(front(every, self.metric.family[0].more_is_better)))
-        ax.step(x[0], y[0], where="post", label="Front", **_FRONT)
+        dearest = [MICRO * max(spot.cost.value for spot in every)] if every else []
+        ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
         least = self._least(results, points_of(results, scene)[0], str(floor))
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
