@@ -46,7 +46,7 @@ class Metric:
     @property
     def is_family(self) -> bool:
         """Whether a quantity may follow the name."""
-        return self.unit == "quantity" or self.series in ("nees", "autocovariance")
+        return self.unit == "quantity" or self.series in ("nees", "autocovariance", "distance")
 
 
 METRICS: dict[str, Metric] = {}
@@ -110,6 +110,8 @@ _OWN = [
            "squared", over_steps="rms", over_runs="rms"),
     Metric("distance", "root mean square distance to the reference's estimate", "quantity", "lower",
            "distance", over_steps="rms", over_runs="rms"),
+    Metric("efficiency", "RMSE of the reference over the filter's, by its distance to it", "1", "higher",
+           "distance", over_steps="", over_runs=""),
     Metric("bias", "mean signed error, estimate minus truth", "quantity", "zero", "error"),
     Metric("std", "standard deviation of the error over the runs", "quantity", "lower",
            "error", over_steps="", over_runs="std"),

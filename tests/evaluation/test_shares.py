@@ -121,6 +121,7 @@ def test_a_batch_has_shares_of_its_own_average():
         ("std_x@3", "error_x", "std"),
         ("time-mean(nees)", None, None),
         ("median(nees)@3", None, None),
+        ("efficiency@3", None, None),
         ("mean(rmse)", None, None),
     ],
 )

@@ -4,6 +4,7 @@
 ``mean(rmse[turns])``          a statistic over the runs of a metric, here over a window of steps
 ``rmse@20``, ``rmse@last``     a metric at a step
 ``rmse@3..last``               at each of these steps
+``efficiency``                 the reference's RMSE over the filter's, from its distance to it
 ``anees``, ``cpu_s_per_run``   what summary.csv and timing.csv call so; a filter's key
 ``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
 ``below(rmse, PF)``            share of the runs in which the metric is below PF's
@@ -101,6 +102,17 @@ class Measure(NamedTuple):
         """Whether it is an error that a truth tells."""
         found, quantity = self.family
         return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
+
+    @property
+    def is_efficiency(self) -> bool:
+        """Whether it is made of a filter's runs and the reference's."""
+        return self.family[0].name == "efficiency" and self.is_row
+
+    def made_of(self) -> tuple["Measure", "Measure"]:
+        """What an efficiency is made of: the RMSE of the reference, the filter's distance to it."""
+        quantity = self.family[1]
+        rmse, distance = (joined(name, quantity) for name in ("rmse", "distance"))
+        return self._replace(metric=rmse), self._replace(metric=distance)
 
     @property
     def is_over_runs(self) -> bool:

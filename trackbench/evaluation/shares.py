@@ -25,7 +25,7 @@ def series_of(m: Measure) -> str | None:
     found, quantity = m.family
     if m.statistic == TIME_MEAN and not m.steps:
         return joined(found.series, quantity) if found.name == "rmse" else None
-    if m.statistic or not m.steps:
+    if m.statistic or not m.steps or found.name == "efficiency":
         return None
     return joined(found.series, quantity) if found.series else m.metric
 

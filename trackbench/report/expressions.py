@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
@@ -50,6 +51,8 @@ class Expressions:
         """A filter's measure; over the ``common`` runs (M,) only, if they are given."""
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
+        if m.is_efficiency:
+            return self._efficiency(m, common)
         over_runs = self._of_runs(m)
         if over_runs is not None:
             return self._over_runs(m.filter, over_runs, common)
@@ -120,12 +123,19 @@ class Expressions:
         common: Mask | None = None
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
-                over_runs = self._of_runs(m)
-                values = self.runs.get((m.filter, over_runs.name)) if over_runs else None
+                values = self._seen(m)
                 if values is not None:
                     there = ~np.isnan(values)
                     common = there if common is None else common & there
         return common
+
+    def _seen(self, m: Measure) -> Array | None:
+        """Values (M,) of the runs that a measure is of, NaN where it has none."""
+        if m.is_efficiency:
+            floor, distance = self.beside_reference(m)
+            return None if floor is None or distance is None else floor + distance
+        over_runs = self._of_runs(m)
+        return self.runs.get((m.filter, over_runs.name)) if over_runs else None
 
     def _over_runs(self, label: str, wanted: _OverRuns, common: Mask | None) -> Term:
         values = self.runs.get((label, wanted.name))
@@ -155,6 +165,30 @@ class Expressions:
         influences = np.full(len(values), np.nan)
         influences[kept] = influence(name, x)
         return Term(*OVER_RUNS[name](x), influences, len(x), lost)
+
+    def _efficiency(self, m: Measure, common: Mask | None) -> Term:
+        """From the runs that neither the filter nor the reference lost."""
+        floor, distance = self.beside_reference(m)
+        if floor is None or distance is None:
+            return MISSING
+        both = ~np.isnan(floor) & ~np.isnan(distance)
+        chosen = np.ones(len(both), bool) if self.chosen is None else self.chosen
+        kept = both & chosen if common is None else both & chosen & common
+        lost = int((chosen & ~both).sum())
+        if not kept.any():
+            return MISSING._replace(lost=lost)
+        found, influences = efficiency(floor[kept], distance[kept]), np.full(len(both), np.nan)
+        influences[kept] = found.influences
+        return Term(*found.estimate, influences, int(kept.sum()), lost)
+
+    def beside_reference(self, m: Measure) -> tuple[Array | None, Array | None]:
+        """What an efficiency is made of, of each run (M,): of the reference itself no distance."""
+        rmse, distance = m.made_of()
+        reference = self.results.config.get("reference")
+        floor = self.runs.get((str(reference), str(rmse)))
+        if m.filter == reference and floor is not None:
+            return floor, 0.0 * floor
+        return floor, self.runs.get((m.filter, str(distance)))
 
     def _at_step(self, m: Measure) -> Term:
         of, step = str(m._replace(steps=None)), m.steps.first if m.steps else "last"

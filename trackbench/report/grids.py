@@ -1,9 +1,13 @@
 """What tables and figures ask of the experiment's grid."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from trackbench.experiment.reading.definition import Point
+from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.validate import unknown
+from trackbench.report import style
+from trackbench.report.results import Results
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
@@ -16,3 +20,21 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
         for key, path in wanted.items()
         if path is not None and path not in grid
     }
+
+
+def scenes(results: Results) -> list[dict[str, Any]]:
+    """What the grid varies of the scenario: each combination, in order; one without any."""
+    paths = [p for p in results.grid if any(s.startswith("scenario.") for s in single_paths(p))]
+    found = [{path: point[path] for path in paths} for point in results.points()]
+    return [scene for i, scene in enumerate(found) if scene not in found[:i]]
+
+
+def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
+    """The points of the grid with this scenario."""
+    return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+
+
+def named(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
+    """A filter's label, with the keys that are not the same in all of its forms."""
+    told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    return f"{label} ({style.heading(told)})" if told else label

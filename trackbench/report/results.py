@@ -178,6 +178,15 @@ class Results(Asked):
             if i is not None and name.startswith(prefix)
         }
 
+    def steps(self, point: dict[str, Any]) -> int:
+        """Steps that a filter takes in a run at a point."""
+        found, place = self.manifest.get("steps"), self.place(point) or 0
+        number = found[place] if isinstance(found, list) and place < len(found) else found
+        if not isinstance(number, int) or number < 1:
+            what = "does not say how many steps a run has: run the experiment again"
+            raise UserError(f"{self.folder / 'manifest.json'}: {what}")
+        return number
+
     def runs(self, point: dict[str, Any]) -> Runs:
         """Values per run at a point; none if every filter failed there."""
         return self._runs.get(tuple(point.values()), {})

@@ -10,7 +10,9 @@ from pathlib import Path
 import trackbench
 
 _SOURCES = ("core", "models", "scenarios", "filters", "adapters", "evaluation")
-_AFTER_BLOCKS = {"intervals.py", "merge.py", "shares.py", "statistics.py", "summary.py"}
+_AFTER_BLOCKS = {
+    *("efficiency.py", "intervals.py", "merge.py", "shares.py", "statistics.py", "summary.py")
+}
 """Files of evaluation/ that only see finished blocks."""
 
 

@@ -87,7 +87,8 @@ class Settings:
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
-    """paths and the values they take: every combination is run; `a & b` take a value together"""
+    """paths and the values they take: every combination is run; `a & b` take a value
+    together, or of a list [1, 2] one each"""
     tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
     """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
     of choices. What is found is run as one more filter, `KF (tuned)`"""

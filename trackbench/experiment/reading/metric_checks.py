@@ -104,6 +104,8 @@ def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
 def _unknown(asked: Asked, names: Names, settings: Settings) -> str | None:
     """That there is no such metric, if the config names it."""
     role, word = _where(asked, settings)
+    if role == "made" and settings.reference is None:
+        return f"{word!r} is beside a reference: say which filter is exact by `reference`"
     known = names.bases if role == "base" else names.of(role)
     m = asked.measure
     if m.relation in ("gain", "ratio") and m.family[0].is_score:
@@ -131,6 +133,8 @@ def _is_of_truth(m: Measure) -> bool:
 def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
     """That the metric is not kept in the file it is taken from."""
     role, word = _where(asked, settings)
+    if role == "made":
+        return _not_made(asked.measure, settings)
     kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
         return None
@@ -138,6 +142,15 @@ def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
     return f"{word!r} is not kept: name it under {key}"
+
+
+def _not_made(m: Measure, settings: Settings) -> str | None:
+    """What is not kept of what a number is made of."""
+    kept = kept_metrics(settings, "summary.csv")
+    missing = [] if kept is None else [part.base for part in m.made_of() if part.base not in kept]
+    if not missing:
+        return None
+    return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
 
 
 def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
@@ -149,6 +162,8 @@ def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
         return "per_run", m.name
     if asked.role not in ("expression", "comparison"):
         return asked.role, str(m)
+    if m.plain.is_efficiency:
+        return "made", str(m.plain)
     if m.steps is not None:
         return "per_step", str(m.plain._replace(steps=None))
     if m.statistic in STATISTICS:

@@ -1,6 +1,6 @@
 """Names of metrics: which of them an experiment has, and which it keeps."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias, cast
 
@@ -57,6 +57,8 @@ class Names:
     summary: set[str] = field(default_factory=set)
     given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
     """numbers beside them: times, and the filters' keys"""
+    made: set[str] = field(default_factory=set)
+    """what is made of a filter's runs and the reference's"""
     windows: set[str] = field(default_factory=set)
     has_truth: bool = True
     """whether there are errors at all"""
@@ -90,6 +92,7 @@ class Names:
             self.per_run |= set(per_run)
             self.per_step |= {row.metric for row in step_rows(result, sizes(scenario))}
             self.summary |= {r.metric for r in summary_rows(result, sizes(scenario), windows)}
+            self.made |= set(_efficiencies(per_run))
 
     def may_be_noted(self, name: str) -> bool:
         """Whether a filter that could not be asked may note this; our own note registered metrics."""
@@ -132,6 +135,12 @@ def names_of(
 def _kind(settings: Settings, label: str) -> type:
     kind = settings.filters[label].get("kind")
     return kinds("filters").get(kind if isinstance(kind, str) else "", Settings)
+
+
+def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
+    for m in map(measured, per_run):
+        if m.metric.partition("_")[0] == "distance":
+            yield m._replace(metric=joined("efficiency", m.family[1])).name
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:

@@ -15,8 +15,15 @@ _MOST_POINTS = 10_000
 
 
 def single_paths(path: str) -> list[str]:
-    """The paths of a grid's key, which take each value together."""
+    """The paths of a grid's key, which take a value together: the same one, or each its own."""
     return path.split(" & ")
+
+
+def values_of(path: str, value: Any) -> list[Any]:
+    """What each of the paths takes: the value, or of a list with a value for each its own."""
+    paths = single_paths(path)
+    each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
+    return value if each else [value] * len(paths)
 
 
 def grid_points(
@@ -38,8 +45,8 @@ def grid_points(
 def take(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
     """Give the config the values of one point, which stand at these marks."""
     for joint, value in values.items():
-        for path in single_paths(joint):
-            override(source, split_path(source, path), value, marks[joint])
+        for path, own in zip(single_paths(joint), values_of(joint, value), strict=True):
+            override(source, split_path(source, path), own, marks[joint])
 
 
 def _is_possible(source: Source, settings: Settings, problems: list[Problem]) -> bool:

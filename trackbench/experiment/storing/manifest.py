@@ -22,6 +22,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Content of ``manifest.json`` but for the format and the digests of the files."""
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
     filters = experiment.points[0].filters
+    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
     looped = [label for label, f in filters.items() if f.one_by_one]
     return {
         "trackbench": trackbench.__version__,
@@ -29,6 +30,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "experiment": experiment.settings.name,
         "seed": experiment.settings.seed,
         "runs": experiment.settings.runs,
+        "steps": steps[0] if len(set(steps)) == 1 else steps,
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "packages": {name: version(name) for name in packages}

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trackbench.core.sums import total
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
@@ -99,13 +101,15 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
-    losses, cpu_s, asked = {}, 0.0, shared(experiment)
+    losses, asked = {}, shared(experiment)
+    spent: dict[BlockTask, float] = {}  # a block that several points share was computed once
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)
             losses[key] = Losses.of(result)
-            cpu_s += sum(t.cpu_s for t in result.timing)
+            each = (t.cpu_s for t in result.timing)
+            spent.update(zip(outcome.plan.tasks[key], each, strict=True))
             for name in _FRAMES:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
             for collection in kept.values():
@@ -114,7 +118,8 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
             writer.writerows(_bounds(experiment, name))
     for name, collection in kept.items():
         collection.write(folder / name)
-    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": round(cpu_s, 3)})
+    cpu_s = round(float(total(np.array([*spent.values()]))), 3)
+    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": cpu_s})
 
 
 def _with_shares(

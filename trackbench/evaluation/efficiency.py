@@ -1,0 +1,69 @@
+"""How near a filter comes to the exact posterior mean, with the cross term as a control variate.
+
+The error of the exact mean ``m`` is orthogonal to all that is made of the measurements and of noise of
+its own: with the estimate ``e`` of a truth ``x``, ``E|e - x|^2 = E|m - x|^2 + E|e - m|^2`` (Anderson and
+Moore 1979, Optimal Filtering, section 2.3). The mean product of the two parts, ``2 (m - x).(e - m)``, is
+zero, so that its sample is a control variate with the known mean 0 and the coefficient 1 (Hammersley and
+Handscomb 1964, Monte Carlo Methods, section 5.5): left out, its noise is gone. What is left to vary is
+the distance to the exact mean, on the same measurements.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core import sums
+from trackbench.core.arrays import Array
+from trackbench.evaluation.statistics import Estimate, influence, influence_of_ratio, mean
+
+
+class Jackknifed(NamedTuple):
+    """A number over the runs, and each run's influence (M,) on it."""
+
+    value: float
+    influences: Array
+
+    @property
+    def estimate(self) -> Estimate:
+        """Value and standard error."""
+        return Estimate(self.value, mean(self.influences).stderr)
+
+
+@np.errstate(all="ignore")
+def efficiency(floor: Array, distance: Array) -> Jackknifed:
+    """``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
+
+    F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
+    root is by the delta method.
+    """
+    return _root(np.square(floor), np.square(floor) + np.square(distance))
+
+
+@np.errstate(all="ignore")
+def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
+    """``F / E`` without the control variate, of the RMSE of the exact mean and of the filter (M,)."""
+    return _root(np.square(floor), np.square(error))
+
+
+def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
+    """The cross term over the mean square error: zero but for noise if the reference is exact."""
+    squares = np.square(error)
+    return _ratio(squares - np.square(floor) - np.square(distance), squares)
+
+
+def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
+    """Runs that are needed without the control variate for each with it, at equal standard errors."""
+    return _ratio(np.square(plain.influences), np.square(controlled.influences))
+
+
+def _root(part: Array, whole: Array) -> Jackknifed:
+    share, influences = _ratio(part, whole)
+    root = float(np.sqrt(share))
+    return Jackknifed(root, influences / (2.0 * root))
+
+
+@np.errstate(all="ignore")
+def _ratio(part: Array, whole: Array) -> Jackknifed:
+    a, b = float(sums.mean(part)), float(sums.mean(whole))
+    of_a, of_b = influence("mean", part), influence("mean", whole)
+    return Jackknifed(float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b))

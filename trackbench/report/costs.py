@@ -1,0 +1,212 @@
+"""What a filter's error is at a cost: its points over its own number of particles, and between them.
+
+Between two of a filter's sizes the logarithm of its error is linear in the logarithm of its CPU time, as
+it is wherever the error falls with a power of the number of particles. Three things make that uncertain:
+the errors at both ends, which all filters share with their runs; the times at both ends and the one that
+is asked for; and that the error is not linear there. The last is the next term of Newton's interpolation
+formula, with the nearest further size on either side, the larger of both (Abramowitz and Stegun 1964,
+25.2.4 and 25.1.4).
+"""
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import exp, log
+from trackbench.evaluation.measure import Measure, measure
+from trackbench.experiment.reading.definition import Point
+from trackbench.report.expressions import Expressions
+from trackbench.report.grids import named, points_of
+from trackbench.report.results import Results
+from trackbench.report.terms import Term, quietly, together
+
+_TIME = measure("cpu_s_per_run")
+COST, MICRO = "CPU time per step (µs)", 1e6
+
+
+class Spot(NamedTuple):
+    """A filter at one of its sizes."""
+
+    size: float
+    cost: Term
+    """CPU time per step, s"""
+    error: Term
+    lost: Array
+    """why each run (M,) is lost, 0 where it is not"""
+
+
+class Found(NamedTuple):
+    """A filter at a cost, between two of its sizes or at one."""
+
+    size: float
+    error: Term
+    """logarithm of the error, with each run's influence and the error of the runs alone"""
+    of_times: float = 0.0
+    """standard error of the same by the times at both ends and the one that is asked for"""
+    curvature: float = 0.0
+    """size of what the interpolation leaves out; NaN if there are no three sizes"""
+    lost: Array = np.empty(0)
+
+    @property
+    def other(self) -> float:
+        """What the runs do not tell of its uncertainty."""
+        return float(np.hypot(self.of_times, self.curvature))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A filter over its sizes, the smallest first; a single one if it has none."""
+
+    label: str
+    keys: dict[str, Any]
+    """its other keys"""
+    spots: tuple[Spot, ...]
+    name: str = ""
+    """the label, with what else varies of the filter"""
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it cannot be made any dearer."""
+        return len(self.spots) == 1
+
+    def at(self, cost: Term) -> Found | None:
+        """At a CPU time per step, s; None where it cannot be had: below or beyond all its own.
+
+        Where several sizes take that time, at the largest. What is fixed is had at all above its own.
+        """
+        own = next((spot for spot in self.spots if spot.cost is cost), None)
+        if own is not None:
+            return Found(own.size, logged(own.error), lost=own.lost)
+        if self.is_fixed:
+            (spot,) = self.spots
+            dear = spot.cost.value > cost.value
+            return None if dear else Found(spot.size, logged(spot.error), lost=spot.lost)
+        x = [float(log(spot.cost.value)) for spot in self.spots]
+        wanted = float(log(cost.value))
+        for i in reversed(range(len(x) - 1)):
+            if min(x[i : i + 2]) <= wanted <= max(x[i : i + 2]) and x[i] != x[i + 1]:
+                return self._between(i, x, wanted, logged(cost).stderr)
+        return None
+
+    @quietly
+    def _between(self, i: int, x: Sequence[float], wanted: float, of_cost: float) -> Found:
+        (a, b), share = self.spots[i : i + 2], (wanted - x[i]) / (x[i + 1] - x[i])
+        y = [logged(spot.error) for spot in self.spots]
+        slope = (y[i + 1].value - y[i].value) / (x[i + 1] - x[i])
+        ends = (1.0 - share) * logged(a.cost).stderr, share * logged(b.cost).stderr
+        value = (1.0 - share) * y[i].value + share * y[i + 1].value
+        bent = [
+            abs(_second_difference(x, y, n) * (wanted - x[i]) * (wanted - x[i + 1]))
+            for n in (i - 1, i)
+            if 0 <= n < len(x) - 2
+        ]
+        sizes = [float(log(spot.size)) for spot in (a, b)]
+        return Found(
+            float(exp((1.0 - share) * sizes[0] + share * sizes[1])),
+            together(value, y[i], y[i + 1], 1.0 - share, share),
+            abs(slope) * float(np.sqrt(of_cost**2 + ends[0] ** 2 + ends[1] ** 2)),
+            max(bent, default=np.nan),
+            np.maximum(a.lost, b.lost),
+        )
+
+
+def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
+    """The numbers that a key of a filter takes over the grid; none if it has no such key."""
+    values = [getattr(point.filters.get(label), key, None) for point in points]
+    return [
+        v for v in dict.fromkeys(values) if isinstance(v, int | float) and not isinstance(v, bool)
+    ]
+
+
+def mistakes(
+    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
+) -> dict[str, str]:
+    """What is wrong with a table or figure over costs, by key: ``varied`` are filters that must vary."""
+    if not points[0].values:
+        return {"": f"there is no grid: give {key} of the filters several values"}
+    is_made = metric.is_efficiency or metric.family[0].over_steps == "rms"
+    found = {} if is_made else {"metric": f"'{metric}' is no RMSE, distance or efficiency"}
+    for where, label in varied.items():
+        number = len(own_sizes(points, label, key))
+        if label in points[0].filters and number < 2:
+            values = "one value" if number else "no value"
+            found[where] = f"{key} of {label} takes {values} over the grid; two are needed"
+    return found
+
+
+def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
+    """The filters that are compared: those named, or all but the reference."""
+    reference = None if wanted is not None else results.config.get("reference")
+    return [b for b in results.chosen(wanted) if b in results.filters and b != reference]
+
+
+def curves(
+    results: Results, scene: dict[str, Any], labels: Sequence[str], metric: Measure, key: str
+) -> list[Curve]:
+    """Every filter's errors and times in a scene, a curve for each set of its other keys."""
+    found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
+    for point in points_of(results, scene):
+        filters, expressions = results.given(point).filters, Expressions(results, point)
+        for label in (label for label in labels if label in filters):
+            keys = {name: value for name, value in filters[label].items() if name != key}
+            size = float(filters[label].get(key, np.nan))
+            _, spots = found.setdefault((label, json.dumps(keys)), (keys, {}))
+            if size not in spots:
+                spots[size] = _spot(expressions, label, metric, size)
+    made = [
+        Curve(label, keys, tuple(spots[size] for size in sorted(spots) if _is_there(spots[size])))
+        for (label, _), (keys, spots) in found.items()
+    ]
+    return [replace(curve, name=_name(curve, made)) for curve in made if curve.spots]
+
+
+def _spot(expressions: Expressions, label: str, metric: Measure, size: float) -> Spot:
+    results, point = expressions.results, expressions.point
+    steps, time = results.steps(point), expressions.term(_TIME.of(label))
+    blocks = None if time.blocks is None else time.blocks / steps
+    cost = time._replace(value=time.value / steps, stderr=time.stderr / steps, blocks=blocks)
+    lost = expressions.runs.get((label, "lost"), np.empty(0))
+    return Spot(size, cost, expressions.term(metric.of(label)), lost)
+
+
+def _is_there(spot: Spot) -> bool:
+    """Whether the filter did not fail there."""
+    values = spot.cost.value, spot.error.value
+    return all(0.0 < value < np.inf for value in values)
+
+
+def _name(curve: Curve, others: Sequence[Curve]) -> str:
+    return named(curve.label, curve.keys, [c.keys for c in others if c.label == curve.label])
+
+
+@quietly
+def logged(term: Term) -> Term:
+    """The logarithm of a positive number, with its error (delta method)."""
+    parts = [None if x is None else x / term.value for x in (term.influences, term.blocks)]
+    value, stderr = float(log(term.value)), term.stderr / term.value
+    return term._replace(value=value, stderr=stderr, influences=parts[0], blocks=parts[1])
+
+
+def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:
+    """``f[x_i, x_i+1, x_i+2]``."""
+    first, second = (np.divide(y[j + 1].value - y[j].value, x[j + 1] - x[j]) for j in (i, i + 1))
+    return float((second - first) / (x[i + 2] - x[i]))
+
+
+def beside(a: Found, b: Found) -> tuple[Term, float]:
+    """The logarithm of the ratio of two errors, paired by runs, and what else makes it uncertain."""
+    difference = together(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
+    return difference, float(np.hypot(a.other, b.other))
+
+
+def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
+    """Those of which no other is better at the same cost or less, the cheapest first."""
+    best, sign = np.inf, -1.0 if higher else 1.0
+    for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):
+        if sign * spot.error.value < best:
+            best = sign * spot.error.value
+            yield spot

@@ -1,0 +1,127 @@
+"""Figure kind `accuracy-vs-cost`: errors against CPU time, and which of them nothing beats."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Expression, measure
+from trackbench.experiment.reading.definition import Point
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.costs import (
+    COST,
+    MICRO,
+    Curve,
+    Spot,
+    curves,
+    front,
+    mistakes,
+    own_sizes,
+    shown,
+)
+from trackbench.report.expressions import Expressions
+from trackbench.report.grids import points_of, scenes
+from trackbench.report.kinds import FigureKind
+from trackbench.report.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKERS = "osD^vP*X"
+_FRONT: dict[str, Any] = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
+
+
+@register("figures", "accuracy-vs-cost")
+@dataclass(frozen=True, kw_only=True)
+class AccuracyVsCost(FigureKind):
+    """Error against CPU time per step: a point per filter and number of particles, and the front.
+
+    Bars are two standard errors, of the error and of the time. The front joins the points that no other
+    betters at the same time or less. A panel for each scenario that the grid has.
+    """
+
+    label_keys: ClassVar[tuple[str, ...]] = ("floor",)
+
+    metric: Expression = measure("mean(rmse)")
+    """what is compared: an RMSE, a distance or an efficiency"""
+    along: str = "N"
+    """the filters' key that buys accuracy with time; its values stand beside the points"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all but the reference"""
+    floor: str | None = None
+    """label of the filter or bound that none can beat: a line; default: the reference"""
+    y_label: str = ""
+    """label of the vertical axis, with its unit; default: the metric"""
+    log: bool = True
+    """logarithmic vertical axis"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """There must be a grid, over which a filter varies."""
+        labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
+        most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
+        return mistakes(points, self.metric, self.along, {"along": most})
+
+    def draw(self, results: Results) -> "Figure":
+        """One panel per scene."""
+        every = scenes(results)
+        drawn = every[: style.MOST_PANELS]
+        figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
+        for (ax,), scene, head in zip(axes, drawn, style.headings(drawn), strict=True):
+            self._panel(ax, results, scene)
+            ax.set_title(head)
+            ax.set_xlabel(COST)
+        axes[0][0].set_ylabel(self.y_label or str(self.metric))
+        style.title(figure, self.title, len(drawn), len(every))
+        style.legend_outside(figure, list(axes[:, 0]))
+        return figure
+
+    def _panel(self, ax: "Axes", results: Results, scene: dict[str, Any]) -> None:
+        floor = self.floor or results.config.get("reference")
+        labels = [label for label in shown(results, self.filters) if label != floor]
+        there = curves(results, scene, labels, self.metric, self.along)
+        marks: dict[str, int] = {}
+        for curve in there:
+            mark = marks[curve.label] = marks.get(curve.label, -1) + 1
+            look = results.look(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
+            self._curve(ax, curve, look)
+        every = [spot for curve in there for spot in curve.spots]
+        x, y = _values(list(front(every, self.metric.family[0].more_is_better)))
+        dearest = [MICRO * max(spot.cost.value for spot in every)] if every else []
+        ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
+        least = self._least(results, points_of(results, scene)[0], str(floor))
+        if np.isfinite(least):
+            ax.axhline(least, label=floor, **style.FLOOR)
+        if every:  # nothing, where every filter failed, has no logarithm
+            ax.set_xscale("log")
+        if every and self.log:
+            ax.set_yscale("log")
+            style.plain_log_axis(ax)
+
+    def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
+        """Of a bound, what summary.csv says: no run has a part in it."""
+        rows = results.at(results.summary, point)
+        rows = rows[(rows["filter"] == floor) & (rows["metric"] == str(self.metric))]
+        if len(rows):
+            return float(rows["value"].iloc[0])
+        return Expressions(results, point).term(self.metric.of(floor)).value
+
+    def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:
+        x, y = _values(curve.spots)
+        ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
+        bars = {"fmt": "none", "color": look["color"], "elinewidth": 0.8, "capsize": 1.5}
+        ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
+        for spot in curve.spots if not curve.is_fixed else ():
+            place = (MICRO * spot.cost.value, spot.error.value)
+            ax.annotate(style.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
+                        fontsize=6, color=look["color"])  # fmt: skip
+
+
+def _values(spots: Sequence[Spot]) -> tuple[Array, Array]:
+    """CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
+    estimates = np.array([[spot.cost.estimate, spot.error.estimate] for spot in spots])
+    times, errors = np.nan_to_num(estimates.reshape(-1, 2, 2).transpose(1, 2, 0))
+    return MICRO * times, errors
