@@ -7,6 +7,7 @@ import pytest
 
 from tests.papers import banana_text, merwe_text
 from trackbench import api
+from trackbench.experiment.storing.given import same_points
 from trackbench.report import style
 from trackbench.report.results import Results
 
@@ -66,6 +67,17 @@ def test_a_panel_shows_its_own_point(tmp_path: Path) -> None:
     assert [point["filters.A.off"] for point in results.points()] == [1, 2]
     assert estimates(results) == [("off = 1", 1.0), ("off = 2", 2.0)]
     assert results.tracks(results.every_point[0]) == {}
+
+
+def test_a_key_that_is_new_since_changes_no_point() -> None:
+    stored = '[{"scenario": {"kind": "mine", "R": 1.0, "parts": [{"q": 2}]}}]'
+    new = stored.replace('"q": 2', '"q": 2, "more": null')
+    assert same_points(stored, stored)
+    assert same_points(stored, new)
+    assert not same_points(new, stored)
+    assert not same_points(stored, new.replace("1.0", "1.5"))
+    assert not same_points(stored, new.replace("[{", "[{}, {", 1))
+    assert not same_points(stored[:-1], new)
 
 
 def test_a_table_of_claims_over_a_grid_of_words(tmp_path: Path) -> None:

@@ -139,9 +139,11 @@ class Foretelling:
 
     def _held_back(self, told: Told, z: Array) -> None:
         """Of the runs whose measurement is held back the estimate is the prediction."""
-        seen = predicted_innovation(self._model, told.found, z, told.k)
-        self._note(self._errors("held", seen.nu))
         measured = _measured(z)
+        nu = z  # of nothing there is no error
+        if measured.any():
+            nu = predicted_innovation(self._model, told.found, z, told.k).nu
+        self._note(self._errors("held", nu))
         if tells_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():

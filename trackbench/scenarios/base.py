@@ -72,6 +72,11 @@ class Scenario(Scene):
         return None
 
     @property
+    def training(self) -> "Scenario | None":
+        """What filters are tuned on, if not on runs of the same: the first part of recorded data."""
+        return None
+
+    @property
     def cautions(self) -> tuple[str, ...]:
         """Sentences on what is no mistake in its data but should be known."""
         return ()

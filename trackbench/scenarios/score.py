@@ -1,9 +1,10 @@
 """What is measured of a track: which errors, over which steps, and when it is lost."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Interval
 from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
@@ -31,6 +32,9 @@ class Score:
 
     steps: tuple[Natural | None, Natural | None] = (None, None)
     """first and last step that are scored, [20, null]; null: from the first state's on, to the last"""
+    train: Annotated[float, Interval(gt=0.0, lt=1.0)] | None = None
+    """of recorded data: share of their time, from the start on, that `tune` sees; the steps after it
+    are those that are scored"""
     windows: tuple[Window, ...] = ()
     """parts of those steps with metrics of their own"""
     marginals: tuple[Literal["position", "velocity"], ...] = ()
@@ -56,9 +60,25 @@ class Score:
         if self.marginals and not _is_moving(components):
             raise MistakenKeyError("a scalar has no such parts", "score", "marginals")
 
-    def scored(self, steps: Index) -> Mask:
-        """The steps (K,) that are scored."""
-        return _between(steps, *self.steps)
+    def last_trained(self, steps: Index, times: Array) -> int | None:
+        """Number of the last step that tuning sees, if the steps are shared out between both."""
+        if self.train is None:
+            return None
+        within = times - times[0] <= self.train * (times[-1] - times[0])
+        return int(steps[np.count_nonzero(within) - 1])
+
+    def of_training(self, last: int) -> "Score":
+        """What is scored up to there. Raises MistakenKeyError if nothing is."""
+        first, end = self.steps
+        if first is not None and first > last:
+            what = f"training sees steps up to {last}, and none is scored before {first}"
+            raise MistakenKeyError(what, "score", "steps")
+        return replace(self, train=None, steps=(first, end if end is None else min(end, last)))
+
+    def scored(self, steps: Index, trained: int | None = None) -> Mask:
+        """The steps (K,) that are scored: none up to the last one of training."""
+        there = _between(steps, *self.steps)
+        return there if trained is None else there & (steps > trained)
 
     def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
         """The windows (K,) by name."""

@@ -51,7 +51,7 @@ class Tracking(Scenario):
     first: Natural = 0
     """number of the first step"""
     last: Natural | None = None
-    """number of the last step; needed unless the target's own data say it"""
+    """number of the last step; needed unless the target's own data say it, which may go on after it"""
     begin: Finite | None = None
     """time of the first step, s; default: 0, or what recorded data say"""
     assume: Assume = _NOTHING
@@ -64,15 +64,19 @@ class Tracking(Scenario):
         self._check_steps()
         self.target.check(self._timeline)
         self.score.check(self.components, self.steps)
+        self._check_training()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
     def _check_steps(self) -> None:
         """Raise MistakenKeyError if there is no step, or are too many."""
         if self._own_timeline is not None:
-            for key in ("last", "first"):
-                if getattr(self, key):
-                    raise MistakenKeyError("the recorded data say it", key)
+            if self.first:
+                raise MistakenKeyError("the recorded data say it", "first")
+            steps = self._own_timeline.steps[self._skipped + 1 :]
+            if self.last is not None and not steps[0] <= self.last <= steps[-1]:
+                what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
+                raise MistakenKeyError(what, "last")
             return
         if self.last is None:
             raise MistakenKeyError("`last` is required: the target has no steps of its own")
@@ -82,6 +86,18 @@ class Tracking(Scenario):
         if self.last <= begun:
             what = f"{self.last} leaves no step to measure after step {begun}"
             raise MistakenKeyError(what, "last")
+
+    def _check_training(self) -> None:
+        """Raise MistakenKeyError if there is nothing to share out between training and judging."""
+        if self._trained is None:
+            return
+        if self.recorded_runs is None:
+            what = "training has runs of its own: only what is recorded is shared out"
+            raise MistakenKeyError(what, "score", "train")
+        if not self.windows or self._trained <= self.steps[0]:
+            what = "leaves no step to train on" if self.windows else "leaves no step to be scored"
+            raise MistakenKeyError(what, "score", "train")
+        self.score.of_training(self._trained)
 
     @cached_property
     def _sensor(self) -> Measuring | Several:
@@ -96,6 +112,9 @@ class Tracking(Scenario):
         """Every step, those that a start uses up included."""
         if self._own_timeline is not None:
             own = self._own_timeline
+            if self.last is not None:
+                end = int(np.searchsorted(own.steps, self.last, side="right"))
+                own = own._replace(steps=own.steps[:end], times=own.times[:end])
             shift = 0.0 if self.begin is None else self.begin - own.times[0]
             return own._replace(times=own.times + shift) if shift else own
         assert self.last is not None
@@ -155,6 +174,18 @@ class Tracking(Scenario):
         """The class of the prior."""
         return self.start.prior_kind(self._sensor)
 
+    @cached_property
+    def _trained(self) -> int | None:
+        """Number of the last step that is not scored, as tuning sees it."""
+        return self.score.last_trained(self.steps, self.times)
+
+    @property
+    def training(self) -> "Tracking | None":
+        """Recorded data up to where they are scored, if they are to be tuned on."""
+        if self._trained is None:
+            return None
+        return replace(self, last=self._trained, score=self.score.of_training(self._trained))
+
     @property
     def steps(self) -> Index:
         """From the first state's to the last."""
@@ -168,7 +199,7 @@ class Tracking(Scenario):
     @property
     def windows(self) -> dict[str, Mask]:
         """All that is scored, the target's own stretches, and those that the score names."""
-        scored = self.score.scored(self.steps)
+        scored = self.score.scored(self.steps, self._trained)
         out = {"": scored} | self.target.windows(self.times, scored)
         out |= self.score.named(self.steps, scored)
         return {name: mask for name, mask in out.items() if mask.any()}

@@ -16,12 +16,16 @@ from trackbench.tuning.trials import make_trial
 _MOST_KEYS = 5
 
 
-def with_default_metric(settings: Settings, points: list[Point | None]) -> Settings:
-    """The metric written out, if anything is tuned by it."""
-    if not settings.tune or settings.tuning.metric is not None or not points or points[0] is None:
+def with_defaults(source: Source, settings: Settings, points: list[Point | None]) -> Settings:
+    """Metric and runs written out, if anything is tuned by them."""
+    if not settings.tune or not points or points[0] is None:
         return settings
-    metric = default_metric(points[0].scenario)
-    return replace(settings, tuning=replace(settings.tuning, metric=metric))
+    tuning, scenario = settings.tuning, points[0].scenario
+    if tuning.metric is None:
+        tuning = replace(tuning, metric=default_metric(scenario))
+    if scenario.training is not None and "runs" not in (source.data.get("tuning") or {}):
+        tuning = replace(tuning, runs=scenario.recorded_runs or tuning.runs)
+    return replace(settings, tuning=tuning)
 
 
 def tuned_axes(
@@ -62,11 +66,16 @@ def _mistakes(source: Source, settings: Settings, points: list[Point | None]) ->
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
         yield Problem(source.mark(keys), dotted(keys), what)
-    most = min((p.scenario.recorded_runs or 0 for p in points if p), default=0)
-    if most and settings.runs + tuning.runs > most:
+    scenarios = [p.scenario for p in points if p]
+    most = min((scenario.recorded_runs or 0 for scenario in scenarios), default=0)
+    beside = 0 if any(scenario.training for scenario in scenarios) else settings.runs
+    if most and beside + tuning.runs > most:
         what = (
             f"{tuning.runs} training runs beside {settings.runs} of the results are more than the "
-            f"{most} recorded ones: ask for fewer `runs`, or fewer here"
+            f"{most} recorded ones: ask for fewer `runs`, or fewer here, or share out their time "
+            "(the scenario's `score: {train: 0.5}`)"
+            if beside
+            else f"{tuning.runs} is more than the {most} recorded runs"
         )
         yield Problem(source.mark(("tuning", "runs")), "tuning.runs", what)
 

@@ -25,6 +25,7 @@ class Training:
         self.axes: tuple[Axis, ...] = experiment.tuned[label]
         self._experiment, self._label = experiment, label
         self._point = experiment.points[0]
+        self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None
         self.objective = Objective.of(metric, sizes(self._point.scenario))
@@ -57,7 +58,7 @@ class Training:
 
     def _most(self, trial: Trial) -> int:
         asked = self._experiment.settings.block
-        return asked if isinstance(asked, int) else block_width(trial.filter, self._point.scenario)
+        return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
 
     def _block(self, trial: Trial, number: int) -> BlockTask:
         """All blocks but the last are full, and none is wider than it has to be."""
@@ -65,7 +66,7 @@ class Training:
         width = ceil(settings.tuning.runs / self._blocks(trial))
         measured = any(name.startswith("distance") for name in self.objective.metrics)
         return BlockTask(
-            scenario=self._point.scenario,
+            scenario=self._scenario,
             filter=trial.filter,
             assume=trial.assume,
             seed=settings.seed,

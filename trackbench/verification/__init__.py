@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from trackbench import api
-from trackbench.experiment.storing.given import FILE, points_in, points_text
+from trackbench.experiment.storing.given import FILE, points_in, points_text, same_points
 from trackbench.report.opening import NotWholeError, changed_since, open_results
 from trackbench.verification.again import computed_again
 from trackbench.verification.findings import CHANGED, Finding, changed, verdict
@@ -51,7 +51,8 @@ def _found(folder: Path, runs: int, allow_plugins: bool) -> Iterator[Finding]:
         return
     with TemporaryDirectory() as temporary:
         given = points_text(experiment.points, folder)
-        if (folder / FILE).is_file() and (folder / FILE).read_text(encoding="utf-8") != given:
+        stored = folder / FILE
+        if stored.is_file() and not same_points(stored.read_text(encoding="utf-8"), given):
             yield changed(f"{FILE}: is not what the config makes of the points")
         results = replace(results, out=Path(temporary), points_given=tuple(points_in(given)))
         yield from follow_from_runs(results, points)

@@ -35,7 +35,7 @@ from trackbench.experiment.reading.source import Source, read, unseen
 from trackbench.experiment.reading.untold import fill_in
 from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
-from trackbench.tuning.checks import tuned_axes, with_default_metric
+from trackbench.tuning.checks import tuned_axes, with_defaults
 from trackbench.tuning.entries import Values, add_tuned
 
 _ALONE = {
@@ -131,7 +131,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     left_out = _filters(source, others, problems)
     if whole:
         settings = with_recorded_runs(source, settings, points, problems)
-    settings = with_default_metric(settings, points)
+    settings = with_defaults(source, settings, points)
     axes = tuned_axes(source, settings, points, problems)
     if whole:
         fill_in(source, settings, points)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Interval
@@ -39,7 +39,7 @@ class TuningTable(TableKind):
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], results.given({}).sizes)
         title = (
-            self.title or f"Tuned by {words_of(tuning['metric'])}, {tuning['runs']} training runs"
+            self.title or f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results.config)}"
         )
         table = Table(title, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
@@ -51,6 +51,14 @@ class TuningTable(TableKind):
                 f"{label}: {said}." for said in _said(record, found, given, tuning["runs"])
             )
         return table
+
+
+def _trained_on(config: dict[str, Any]) -> str:
+    """The training runs, or the part of recorded ones."""
+    share = (config["scenario"].get("score") or {}).get("train")
+    if share is not None:
+        return f"the first {100 * share:g} % of the time; results of the rest"
+    return f"{config['tuning']['runs']} training runs"
 
 
 def words_of(metric: str | dict[str, float]) -> str:

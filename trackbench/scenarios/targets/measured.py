@@ -181,7 +181,7 @@ class Measured(FromFiles, Naming, Target):
 
     def path(self, timeline: Timeline) -> Array:
         """The first run's truth (n_x, K), NaN where there is none."""
-        return self._padded()[..., 0]
+        return self._padded()[:, : len(timeline.steps), 0]
 
     def fly(
         self,
@@ -192,10 +192,12 @@ class Measured(FromFiles, Naming, Target):
         scans: int,
     ) -> Flight:
         """The recorded runs of these numbers; a run beyond the last is empty."""
-        made = self._recording
-        truth = recorded_columns(self._padded(), rng)
-        seen = recorded_columns(np.concatenate([made.scans, made.seen], axis=1), rng)
-        return Flight(truth, seen)
+        made, steps = self._recording, len(timeline.steps)
+        seen = np.concatenate([made.scans, made.seen], axis=1)
+        end = seen.shape[1] - (len(made.clock.steps) - steps)
+        return Flight(
+            recorded_columns(self._padded()[:, :steps], rng), recorded_columns(seen[:, :end], rng)
+        )
 
     def _padded(self) -> Array:
         """The truth at every step, those that the start uses up included."""
