@@ -54,7 +54,7 @@ class Bars(FigureKind):
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
         for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
             expressions = Expressions(results, point)
-            self._bars(ax, expressions, labels)
+            self._bars(ax, results, expressions, labels)
             for label, look in lines.items():
                 if label in results.labels:
                     value = expressions.term(self.metric.of(str(label))).value
@@ -71,14 +71,19 @@ class Bars(FigureKind):
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 
-    def _bars(self, ax: "Axes", expressions: Expressions, labels: list[str]) -> None:
+    def _bars(
+        self, ax: "Axes", results: Results, expressions: Expressions, labels: list[str]
+    ) -> None:
+        look: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
             value, low, high = self._value(expressions, label)
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-                name = f"Measured, {100 * self.level:g} %"
-                ax.errorbar(value, i, xerr=off, label=name, fmt="o", markersize=4, capsize=3,
-                            color=style.COLOURS[0])  # fmt: skip
+                colour = results.look(label)["color"]
+                ax.errorbar(value, i, xerr=off, color=colour, **look)
+        ax.errorbar(
+            [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look
+        )
 
     def _value(self, expressions: Expressions, label: str) -> tuple[float, float, float]:
         m = self.metric.of(label)
@@ -96,5 +101,5 @@ class Bars(FigureKind):
             here = number.expression == self.metric and point_of(results, number.point) == point
             for label in number.labels if here else ():
                 if label in labels and not isinstance(number.value, str):
-                    ax.plot(number.value, labels.index(label), color=style.COLOURS[1],
+                    ax.plot(number.value, labels.index(label), color="black",
                             markersize=5, label="Published", **look)  # fmt: skip

@@ -132,7 +132,7 @@ class RmseVsTime(OverTime):
                 ax.plot(k, value, **look)
                 low = value - 2 * stderr
                 low = np.maximum(low, 0.1 * value) if self.log else low
-                style.spread(ax, k, low, value + 2 * stderr, look["color"], i, len(lines))
+                style.spread(ax, k, low, value + 2 * stderr, look, i, len(lines))
         return self.finish(figure)
 
 
@@ -207,4 +207,4 @@ class EstimatesOfOneRun(OverTime):
                 mean = tracks[f"mean/{label}"][c, :, run]
                 axes[0].plot(k, mean, label=label, **look)
                 for below in axes[1:]:
-                    below.plot(k, mean - truth, **look)
+                    below.plot(k, mean - truth, label=label, **look)

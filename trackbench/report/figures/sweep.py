@@ -72,10 +72,9 @@ class RmseVsParameter(FigureKind):
         if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=float("inf"))
-        ax.set_xlabel(self.x_label or path)
+        ax.set_xlabel(self.x_label or style.axis(path))
         ax.set_ylabel(self.y_label)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title)
         style.legend_outside(figure, ax)
         return figure
 
@@ -88,10 +87,12 @@ class RmseVsParameter(FigureKind):
             return
         ax.plot(shown, y, label=label, **look)
         bars = 2.0 * stderr
-        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8)
+        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
+                    label=f"_{label}")  # fmt: skip
         if np.isfinite(y).any():
             best = int(np.nanargmin(y))
-            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3)
+            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3,
+                    label=f"_{label}")  # fmt: skip
 
 
 def _moved_zero(x: Array) -> Array:
