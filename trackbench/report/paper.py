@@ -4,7 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Style: TypeAlias = Literal["screen", "paper"]
 """For the report, or for LaTeX."""
@@ -15,7 +18,7 @@ class Sheet:
     """What a figure is drawn for: inches, panels beside each other, letters."""
 
     name: str
-    """what its files' names end in"""
+    """what it is; nothing of a screen"""
     width_in: float
     across: int
     """panels beside each other at most"""
@@ -25,6 +28,11 @@ class Sheet:
     """whether figures say their titles; in a paper the caption does"""
     letters: tuple[tuple[str, Any], ...]
     """matplotlib's settings of text"""
+
+    @property
+    def ending(self) -> str:
+        """What its files' names end in."""
+        return f"-{self.name}" if self.name else ""
 
 
 def _letters(points: float, smaller: float, **more: Any) -> tuple[tuple[str, Any], ...]:
@@ -39,7 +47,7 @@ def _letters(points: float, smaller: float, **more: Any) -> tuple[tuple[str, Any
     return tuple((sizes | {"legend.fontsize": smaller} | more).items())
 
 
-_TIMES = {"font.family": "STIXGeneral", "mathtext.fontset": "stix", "savefig.bbox": None}
+_TIMES = {"font.family": "STIXGeneral", "mathtext.fontset": "stix"}
 _IN_PAPER = _letters(8, 8, **_TIMES)
 
 SCREEN = Sheet(
@@ -60,6 +68,12 @@ _SHEET: ContextVar[Sheet] = ContextVar("sheet", default=SCREEN)
 def sheet() -> Sheet:
     """What figures are being drawn for."""
     return _SHEET.get()
+
+
+def is_crowded(figure: "Figure") -> bool:
+    """Whether more panels stand beside each other than the sheet has room for."""
+    specs = [ax.get_subplotspec() for ax in figure.axes]
+    return max((s.get_gridspec().ncols for s in specs if s is not None), default=0) > sheet().across
 
 
 @contextmanager

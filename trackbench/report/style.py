@@ -60,7 +60,7 @@ def subplots(
     width_in: float | None = None,
     **kwargs: Any,
 ) -> Any:
-    """A figure and its axes, as wide as the sheet; pyplot, of which a notebook shows all, knows nothing of it."""
+    """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
     from trackbench.report.canvas import Canvas
 
     figure = Canvas(width_in or sheet().width_in, height_in * sheet().heights)
@@ -107,6 +107,7 @@ def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
     )
 
 
+_LETTERS_PER_IN = 11.5
 _LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
 """What takes room in a legend: a letter, a line, and the drawn line with the space beside it."""
 
@@ -161,8 +162,13 @@ def heading(point: dict[str, Any]) -> str:
 
 def headings(points: Sequence[dict[str, Any]]) -> list[str]:
     """The same of the points of `panels`, in lines that have room."""
-    width = int(11.5 * sheet().width_in) // min(len(points), sheet().across)
-    return [words(heading(point), width) for point in points]
+    across = min(len(points), sheet().across)
+    return [wrapped(heading(point), across) for point in points]
+
+
+def wrapped(text: str, across: int = 1) -> str:
+    """A text in lines that have room over one of so many panels beside each other."""
+    return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
 def axis(path: str) -> str:

@@ -68,10 +68,10 @@ class Banana(FigureKind):
             for i, conversion in enumerate(self.conversions):
                 self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
             ax.set_title(f"{range_km:g} km")
+            ax.set_xlabel(style.wrapped("Across the line of sight (km)", len(self.ranges_km)))
             few = 4 if len(self.ranges_km) < 4 else 2
             ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        figure.supxlabel("Across the line of sight (km)")
         axes[0][0].set_ylabel("Along it, less the range (m)")
         style.title(figure, self.title)
         style.legend_outside(figure, list(axes[0]))

@@ -15,6 +15,7 @@ from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.telling import ranking, sentences
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +43,17 @@ class Bars(FigureKind):
     """label of the filter that none can beat: a black dashed line"""
     baseline: str | None = None
     """label of the filter that every other should beat: a grey dotted line"""
+
+    def tell(self, results: Results) -> str:
+        """Who is best, and what the diamonds are."""
+        point = results.points()[0]
+        expressions = Expressions(results, point)
+        rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
+        values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
+        where = f"At {style.heading(point)}" if point else "Of what is measured"
+        there = any(n.expression == self.metric for n in results.published.numbers)
+        published = "Diamonds are the numbers that were published." if there else ""
+        return sentences(ranking(values, self.metric.family[0].better, where), published)
 
     def draw(self, results: Results) -> "Figure":
         """A row per filter, a panel per point of the grid."""

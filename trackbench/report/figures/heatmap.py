@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Comparison, measure
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
@@ -46,6 +47,21 @@ class HeatMap(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The axes must be paths of the grid."""
         return missing_paths(points, x=self.x, y=self.y)
+
+    def tell(self, results: Results) -> str:
+        """How to read it; of pairs, how many differ."""
+        if results.grid:
+            return ""
+        shown = results.chosen(self.filters)
+        pairs = [
+            pair
+            for _, found in results.pairs
+            for pair in found
+            if pair.metric == self.metric.name and {pair.filter_a, pair.filter_b} <= {*shown}
+        ]
+        alike = sum(not pair.p_holm < 0.05 for pair in pairs)
+        words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
+        return f"{words} {alike} of {counted(len(pairs), 'pair')} do not differ at 5 % (Holm)."
 
     def draw(self, results: Results) -> "Figure":
         """One panel; with two paths, one per filter."""

@@ -129,20 +129,30 @@
     }
     // What the curves say at the abscissa of a point of the drawing; of tracks, the nearest point.
     read([x, y]) {
-      const found = [], { hidden } = this.figure;
-      for (const curve of this.curves) {
-        if (hidden.has(curve.number)) continue;
-        let best, least = Infinity;
-        for (const point of curve.points) {
-          const at = this.moved(point), far = this.single ? Math.abs(at[0] - x) : Math.hypot(at[0] - x, at[1] - y);
-          if (far < least) [best, least] = [{ at, value: this.value(point) }, far];
+      const found = [], shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
+      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.moved(point))]);
+      const [, snapped] = nearest(placed.flatMap(([, points]) => points), (at) => (this.single ? Math.abs(at[0] - x) : Math.hypot(at[0] - x, at[1] - y)));
+      for (const [curve, points] of snapped ? placed : []) {
+        if (!this.single) {
+          const i = points.indexOf(snapped);
+          if (i >= 0) found.push({ curve, at: snapped, value: this.value(curve.points[i]) });
+          continue;
         }
-        if (best) found.push({ ...best, curve, far: least });
+        const i = points.findIndex((at) => at[0] >= snapped[0] - 1e-6);
+        if (i < 0 || (i === 0 && points[0][0] > snapped[0] + 1e-6)) continue;  // it does not reach so far
+        const here = points[i][0] - snapped[0] < 1e-6 ? 1 : (snapped[0] - points[i - 1][0]) / (points[i][0] - points[i - 1][0]);
+        const between = (list) => (here === 1 ? list[i] : list[i].map((b, k) => list[i - 1][k] + here * (b - list[i - 1][k])));
+        found.push({ curve, at: between(points), value: this.value(between(curve.points)) });
       }
-      const nearest = Math.min(...found.map(({ far }) => far));
-      return found.filter(({ far }) => (this.single ? far < nearest + 0.5 : far === nearest)).sort((a, b) => b.value[1] - a.value[1]);
+      return found.sort((a, b) => b.value[1] - a.value[1]);
     }
   }
+
+  const nearest = (points, distance) => {
+    let best, least = Infinity;
+    for (const point of points) if (distance(point) < least) [best, least] = [point, distance(point)];
+    return [least, best];
+  };
 
   const ticks = ({ log, ends: [low, high] }) => {
     if (log && high / low > 6) {
