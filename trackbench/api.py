@@ -20,6 +20,7 @@ from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.ledger import write_overview
 from trackbench.report.opening import open_results, open_with_notes
 from trackbench.report.page import write_report
+from trackbench.report.paper import Style
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison
@@ -115,13 +116,15 @@ def plot(
     formats: Sequence[str] = ("png", "svg"),
     only: Sequence[str] = (),
     allow_plugins: bool = False,
+    style: Style = "screen",
 ) -> list[Path]:
     """Draw the figures of a results folder again; returns the files written.
 
+    ``style="paper"`` makes NAME-column and NAME-page, as wide as those of a journal, without titles.
     Those of plugins are drawn if their code may be run, and else left as they are.
     """
     with _written_again(folder, allow_plugins) as (results, _):
-        return write_figures(results, formats, only)
+        return write_figures(results, formats, only, style)
 
 
 def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:

@@ -112,8 +112,7 @@ def run_each(
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        points = job.experiment.points
-        for caution in dict.fromkeys(c for point in points for c in cautions(point)):
+        for caution in cautions(job.experiment.points):
             say(f"note: {caution}", options)
 
     def more(i: int, outcome: Outcome) -> Plan | None:

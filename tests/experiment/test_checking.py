@@ -25,5 +25,4 @@ def test_validation_computes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch
     experiment = api.prepare(path, api.Options())
     check_memory(experiment, workers=1)
     make_plan(experiment, save_tracks=False)
-    for point in experiment.points:
-        cautions(point)
+    cautions(experiment.points)

@@ -1,11 +1,13 @@
 """report.html: nothing from outside, nothing injected, and it works in a browser."""
 
+import json
 import shutil
 from html.parser import HTMLParser
 
 import pytest
 
 from trackbench import api
+from trackbench.report.results import Results
 from trackbench.report.svg import inline
 
 
@@ -112,39 +114,165 @@ def browser(tmp_path_factory):
     driver.quit()
 
 
+WIDE = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
 def column(browser, selector, index):
     rows = "[...document.querySelectorAll(arguments[0])]"
     script = f"return {rows}.map(row => row.cells[arguments[1]].innerText)"
     return browser.execute_script(script, f"{selector} tbody tr", index)
 
 
-def test_in_a_browser(browser, folder):
+def sized(browser, width, height):
+    screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+
+
+@pytest.fixture
+def shown(browser, folder):
+    """The report in the browser, as wide as a laptop; nothing in it complains."""
     api.report(folder)
+    sized(browser, 1400, 900)
     browser.get((folder / "report.html").as_uri())
-    assert browser.title == "A small & <b>quick</b> experiment"
-    head = browser.find_elements("css selector", "#tables thead button")[1]
-    before = column(browser, "#tables", 1)
+    yield browser
+    assert browser.get_log("browser") == []
+
+
+def part(browser, selector):
+    return browser.find_element("css selector", selector)
+
+
+def press(browser, selector, text):
+    """Click the button or link with this text."""
+    found = browser.find_elements("css selector", f"{selector} :is(button, a)")
+    (it,) = [e for e in found if e.get_attribute("textContent") == text]
+    browser.execute_script("arguments[0].click()", it)
+
+
+def test_the_first_screen_shows_the_key_figure_and_the_verdicts(shown):
+    assert shown.title == "A small & <b>quick</b> experiment"
+    for selector in (".opening figure svg", ".opening .bar", ".facts"):
+        box = part(shown, selector).rect
+        assert box["y"] + box["height"] < 900
+    for width in (1400, 390):  # tables and figures scroll inside themselves on a phone
+        sized(shown, width, 900)
+        assert shown.execute_script(WIDE) <= 0
+
+
+def test_tables_unfold_and_sort(shown):
+    assert not part(shown, "#tables table").is_displayed()
+    part(shown, "#tables summary").click()
+    head = shown.find_elements("css selector", "#tables thead button")[1]
+    before = column(shown, "#tables", 1)
     head.click()
-    ascending = column(browser, "#tables", 1)
+    ascending = column(shown, "#tables", 1)
     assert ascending == sorted(before, key=lambda text: float(text.split()[0]))
     assert head.find_element("xpath", "..").get_attribute("aria-sort") == "ascending"
     head.send_keys("\n")  # from the keyboard
-    assert column(browser, "#tables", 1) == ascending[::-1]
+    assert column(shown, "#tables", 1) == ascending[::-1]
 
-    button = browser.find_element("css selector", "figure .enlarge")
-    drawing = browser.find_element("css selector", "figure svg")
+
+def test_verdicts_are_filtered_by_word_and_by_text(shown):
+    def words():
+        rows = shown.find_elements("css selector", "#verdicts tbody tr:not([hidden]) .verdict")
+        return {row.get_attribute("data-word") for row in rows}
+
+    every = words()
+    part(shown, ".opening .bar a[data-word=fails]").click()
+    assert words() == {"fails"} < every
+    press(shown, "#verdicts .chooser", "fails")
+    assert words() == every
+    part(shown, ".chooser input").send_keys("Fewer particles")
+    assert words() == {"fails"}
+
+
+def test_a_figure_is_enlarged(shown):
+    drawing = part(shown, "#figure-time svg")
     before = drawing.size
-    browser.execute_script("arguments[0].click()", button)
-    assert browser.find_elements("css selector", "figure.large")
+    press(shown, "#figure-time", "Enlarge")
     assert drawing.size["width"] > before["width"]
     assert drawing.size["height"] > before["height"]
-    button.send_keys("\ue00c")  # Escape
-    assert not browser.find_elements("css selector", "figure.large")
+    part(shown, "#figure-time .enlarge").send_keys("\ue00c")  # Escape
+    assert not shown.find_elements("css selector", "figure.large")
 
-    browser.set_window_size(500, 900)
-    wide = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
-    assert browser.execute_script(wide) <= 0  # tables scroll inside themselves on a phone
-    assert browser.get_log("browser") == []
+
+def test_a_curve_is_hidden_and_read_off(shown, made):
+    frame = Results(made).per_step.query("metric == 'rmse' and step == 7")
+    values = frame.set_index("filter")["value"]
+    drawing = part(shown, "#figure-time svg")
+
+    def read():
+        box = drawing.rect
+        told = json.loads(drawing.get_attribute("data-live"))
+        (left, top, right, _), (low, high) = told["axes"][0]["box"], told["axes"][0]["x"]["ends"]
+        scale = box["width"] / float(drawing.get_dom_attribute("viewBox").split()[2])
+        x = scale * (left + (7.2 - low) / (high - low) * (right - left)) - box["width"] / 2
+        webdriver = pytest.importorskip("selenium.webdriver")
+        move = webdriver.ActionChains(shown).move_to_element_with_offset
+        move(drawing, round(x), round(scale * top + 20 - box["height"] / 2)).perform()
+        lines = shown.find_elements("css selector", "#figure-time .readout div")
+        return lines[0].text, dict(line.text.rsplit(" ", 1) for line in lines[1:])
+
+    shown.execute_script("arguments[0].scrollIntoView()", drawing)
+    at, found = read()
+    assert at == "at 7"
+    assert float(found["PF"]) == pytest.approx(values["PF"], rel=0.01)
+    assert float(found["No data"]) == pytest.approx(values["No data"], rel=0.01)
+    (key,) = [
+        key
+        for key in drawing.find_elements("css selector", "[data-key][role=button]")
+        if key.get_attribute("aria-label") == "Show No data"
+    ]
+    key.send_keys("\n")
+    assert key.get_attribute("aria-pressed") == "false"
+    shapes = shown.execute_script(
+        "return [...document.querySelectorAll(`#figure-time [data-of='${arguments[0]}']`)]"
+        ".map(shape => shape.style.display)", key.get_attribute("data-key"))  # fmt: skip
+    assert len(shapes) > 1  # its band, or bars, too
+    assert set(shapes) == {"none"}
+    assert "No data" not in read()[1]
+    assert read()[1]["PF"] == found["PF"]
+
+
+def test_axes_zoom_and_turn_logarithmic(shown):
+    drawing = part(shown, "#figure-time svg")
+    shown.execute_script("arguments[0].scrollIntoView()", drawing)
+
+    def path():
+        return part(shown, "#figure-time [data-of] path").get_attribute("d")
+
+    before = path()
+    webdriver = pytest.importorskip("selenium.webdriver")
+    webdriver.ActionChains(shown).move_to_element_with_offset(
+        drawing, -60, -30
+    ).click_and_hold().move_by_offset(120, 50).release().perform()
+    zoomed = path()
+    assert zoomed != before
+    press(shown, "#figure-time", "Log axis")
+    assert path() not in (before, zoomed)
+    assert "NaN" not in path()
+    press(shown, "#figure-time", "Whole figure")
+    assert path() == before
+
+
+def test_without_a_script_nothing_is_lost(browser, folder):
+    api.report(folder)
+    browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        browser.get((folder / "report.html").as_uri())
+        assert part(browser, "#figure-time svg").is_displayed()
+        assert not browser.find_elements("css selector", ".tool")
+        part(browser, "#tables summary").click()
+        assert part(browser, "#tables table").is_displayed()
+    finally:
+        browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+
+
+def test_it_prints_what_is_folded(shown):
+    shown.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    assert part(shown, "#tables table").is_displayed()
+    shown.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert not part(shown, "#tables table").is_displayed()
 
 
 def test_the_index_in_a_browser(browser, folder):

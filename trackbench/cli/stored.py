@@ -1,12 +1,12 @@
 """The commands on a results folder: no run is computed, but by `verify`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from trackbench.cli.lines import echo_line
-from trackbench.cli.options import AllowPlugins, Folder, Json, formats
+from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
 
 
 def compare(folder: Folder, json: Json = False) -> None:
@@ -32,14 +32,25 @@ def plot(
         list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
     ] = None,
     format_: Annotated[
-        str, typer.Option("--format", help="png, svg, pdf, tex (as pdf), with commas")
-    ] = "png,svg",
+        str | None,
+        typer.Option(
+            "--format", help="png, svg, pdf, tex (as pdf), with commas [png,svg; for a paper pdf]"
+        ),
+    ] = None,
+    style: Annotated[
+        str,
+        typer.Option(
+            help="screen, or paper: NAME-column and NAME-page, 3.5 and 7.2 in wide, letters of 8 pt"
+        ),
+    ] = "screen",
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Draw the figures of stored results again; computes no run."""
     from trackbench import api
 
-    for path in api.plot(folder, formats(format_), tuple(only or ()), allow_plugins):
+    look: Any = one_of("--style", style, ("screen", "paper"))
+    forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
+    for path in api.plot(folder, forms, tuple(only or ()), allow_plugins, look):
         typer.echo(path)
 
 

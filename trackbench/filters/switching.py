@@ -113,9 +113,8 @@ def exit_cautions(
     out = []
     if smallest is not None and leave.p * smallest**2 / P_a < leave.Ta:
         out.append(
-            f"the smallest turn, {smallest:.3g} m/s^2, is insignificant in the steady state "
-            f"(p a^2 / P_a = {leave.p * smallest**2 / P_a:.2g} < Ta = {leave.Ta:g}): "
-            "the exit test fires during it"
+            f"the exit test fires during the smallest turn, {smallest:.3g} m/s^2 "
+            f"(p a^2 / P_a = {leave.p * smallest**2 / P_a:.2g} < Ta = {leave.Ta:g})"
         )
     return out
 

@@ -42,6 +42,11 @@ class Asked:
         """The experiment's title, or else its name."""
         return self.filled(self.config["title"] or self.config["name"])
 
+    @property
+    def asked_figures(self) -> dict[str, dict[str, Any]]:
+        """The figures that the config asks for, as it does."""
+        return self.config.get("figures") or {}
+
     def left_out(self, group: Group) -> dict[str, str]:
         """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
         known = kinds(group) if self.config.get("plugins") else None
@@ -78,8 +83,21 @@ class Asked:
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
     def look(self, label: str) -> dict[str, Any]:
-        """Colour and dash of a filter, the same in every figure of the experiment."""
-        return style.line([*self.config["filters"], label].index(label))
+        """Colour and dash of a filter, the same in every figure of the experiment.
+
+        What any figure calls its floor, or its baseline, is that in all of them.
+        """
+        own = style.line([*self.config["filters"], label].index(label))
+        return self._references.get(label, own)
+
+    @cached_property
+    def _references(self) -> dict[str, dict[str, Any]]:
+        return {
+            figure[key]: look
+            for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
+            for figure in self.asked_figures.values()
+            if isinstance(figure.get(key), str)
+        }
 
     @property
     def grid(self) -> list[str]:

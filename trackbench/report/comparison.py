@@ -1,11 +1,11 @@
 """The verdicts as files: comparison.csv, comparison.md and claims.csv; the pairs as paired.csv."""
 
-from collections.abc import Iterable
 from math import isfinite, isnan
 
 from trackbench.experiment.files import remove, write_csv, write_text
 from trackbench.experiment.reading.published import PublishedNumber
-from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS, Verdict
+from trackbench.report.agreement import Verdict
+from trackbench.report.counts import bars
 from trackbench.report.judging import Judged
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
@@ -84,34 +84,15 @@ def _yes(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
-_VERBS = ("agrees", "differs", "holds", "fails")
-
-
-def verdict_counts(found: Iterable[Compared | Judged]) -> str:
-    """``10 agree (2 fragile), 1 differs``, in a fixed order."""
-    rows = list(found)
-    parts = []
-    for word in dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS)):
-        there = [row for row in rows if row.verdict.word == word]
-        fragile = sum(row.fragile for row in there)
-        if there:
-            verb = word.removesuffix("s") if len(there) > 1 and word in _VERBS else word
-            parts.append(f"{len(there)} {verb}" + (f" ({fragile} fragile)" if fragile else ""))
-    return ", ".join(parts)
-
-
 def summary_lines(comparison: Comparison) -> list[str]:
     """One line on the numbers, each counted once, one on the claims."""
-    lines = []
-    if comparison.numbers:
-        counts = verdict_counts(number.best for number in comparison.numbers)
-        line = f"{len(comparison.numbers)} published numbers: {counts}"
-        tried = [number for number in comparison.numbers if number.readings > 1]
+    lines = [bar.words for bar in bars(comparison)]
+    tried = [number for number in comparison.numbers if number.readings > 1]
+    if tried:
         agree = sum(number.best.verdict.word == "agrees" for number in tried)
-        several = f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
-        lines.append(line + (several if tried else ""))
-    if comparison.claims:
-        lines.append(f"{len(comparison.claims)} claims: {verdict_counts(comparison.claims)}")
+        lines[0] += (
+            f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
+        )
     return lines
 
 

@@ -31,6 +31,12 @@ class FigureKind(DrawnExhibit):
 
     title: str = ""
     """heading"""
+    caption: str = ""
+    """what to see in it, said below it in the report; default: what its numbers tell"""
+
+    def tell(self, results: "Results") -> str:
+        """What to see in the figure of these results; nothing where its kind says all there is."""
+        return ""
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":

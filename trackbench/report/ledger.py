@@ -6,8 +6,9 @@ from pathlib import Path
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
 from trackbench.report.comparison import LEGEND, summary_lines
+from trackbench.report.index import together, write_index
 from trackbench.report.opening import open_with_notes
-from trackbench.report.page import together, verdict_tables, write_index
+from trackbench.report.page import verdict_tables
 from trackbench.report.results import Results
 from trackbench.report.verdicts import Comparison, compare
 

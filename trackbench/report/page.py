@@ -1,15 +1,9 @@
-"""report.html: a results folder on one self-contained page; index.html over several of them."""
+"""report.html: a results folder on one self-contained page."""
 
-import base64
-import hashlib
-import inspect
 import shlex
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
-from trackbench.experiment.files import write_text
 from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import style
@@ -21,53 +15,14 @@ from trackbench.report.comparison import (
     number_tables,
     rank_table,
     summary_lines,
-    verdict_counts,
 )
-from trackbench.report.render import drawn
+from trackbench.report.counts import bars
+from trackbench.report.drawings import drawings
 from trackbench.report.results import Results
-from trackbench.report.svg import inline
 from trackbench.report.table import rounded
+from trackbench.report.templating import write_page
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts import Comparison, compare
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
-_TEMPLATES = Path(__file__).parent / "templates"
-_MOST_ROWS = 50
-"""Longer tables are folded."""
-_VERDICTS = {
-    "agrees": "good",
-    "holds": "good",
-    "compatible": "fair",
-    "near": "fair",
-    "differs": "bad",
-    "fails": "bad",
-    "chosen": "open",
-    "not decided": "open",
-    "not measured": "open",
-}
-
-
-class Drawing(NamedTuple):
-    """A figure as it stands on the page."""
-
-    name: str
-    svg: Any
-    caption: str
-
-
-@dataclass(frozen=True)
-class Entry:
-    """An experiment's line in the index; ``link`` is empty if it has no report."""
-
-    name: str
-    title: str
-    filters: int
-    runs: int
-    numbers: str
-    claims: str
-    link: str
 
 
 def write_report(
@@ -77,50 +32,40 @@ def write_report(
     comparison = comparison or compare(results)
     tables = [table.texts() for table in results.tables.values()]
     pairs, undecided = _pairs(results)
-    context = {
-        "title": results.title,
-        "facts": _facts(results),
-        "answer": answer(results),
-        "how_decided": HOW_DECIDED,
-        "failed": {row["filter"]: row["reason"] for row in results.failed},
-        "verdict_lines": summary_lines(comparison),
-        "verdict_tables": verdict_tables(comparison),
-        "legend": LEGEND.replace("`", ""),
-        "tables": tables,
-        "most_rows": _MOST_ROWS,
-        "figures": _figures(results),
-        "pairs": pairs if pairs.rows else None,
-        "undecided": undecided,
-        "rerun": _shown_path(results.folder / "config.yaml")
+    verdicts = verdict_tables(comparison)
+    figures = drawings(results)
+    sections = (
+        ("figures", "Figures", figures[1:]),
+        ("verdicts", "Verdicts", verdicts),
+        ("tables", "Tables", tables),
+        ("pairs", "Pairs", pairs.rows),
+        ("again", "Run it again", True),
+    )
+    return write_page(
+        path or results.folder / "report.html",
+        "report.html",
+        live=bool(figures),
+        name=results.config["name"],
+        title=results.title,
+        answer=answer(results),
+        how_decided=HOW_DECIDED,
+        counted=bars(comparison),
+        key=figures[0] if figures else None,
+        figures=figures[1:],
+        facts=_facts(results),
+        failed={row["filter"]: row["reason"] for row in results.failed},
+        verdict_lines=summary_lines(comparison),
+        verdict_tables=verdicts,
+        legend=LEGEND.replace("`", ""),
+        tables=tables,
+        pairs=pairs if pairs.rows else None,
+        undecided=undecided,
+        rerun=_shown_path(results.folder / "config.yaml")
         + (" --allow-plugins" if results.config.get("plugins") else ""),
-        "config": as_yaml(results.config),
-        "versions": _versions(results),
-    }
-    context["sections"] = [
-        (id_, name)
-        for id_, name, there in (
-            ("verdicts", "Verdicts", context["verdict_lines"]),
-            ("tables", "Tables", tables),
-            ("figures", "Figures", context["figures"]),
-            ("pairs", "Pairs", pairs.rows),
-            ("again", "Run it again", True),
-        )
-        if there
-    ]
-    return _write(path or results.folder / "report.html", "report.html", context)
-
-
-def write_index(folder: Path, found: list[tuple[Results, Comparison]]) -> Path:
-    """Write index.html over the results folders in ``folder``."""
-    everything = together([comparison for _, comparison in found])
-    context = {
-        "title": "Experiments and what they say of the papers",
-        "experiments": [_entry(folder, *item) for item in found],
-        "verdict_lines": summary_lines(everything),
-        "ledger": verdict_tables(everything),
-        "legend": LEGEND.replace("`", ""),
-    }
-    return _write(folder / "index.html", "index.html", context)
+        config=as_yaml(results.config),
+        versions=_versions(results),
+        sections=[(id_, name) for id_, name, there in sections if there],
+    )
 
 
 def _shown_path(path: Path) -> str:
@@ -128,40 +73,11 @@ def _shown_path(path: Path) -> str:
     return shlex.quote(path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:]))
 
 
-def _write(path: Path, template: str, context: dict[str, Any]) -> Path:
-    from markupsafe import Markup
-
-    script = (_TEMPLATES / "page.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = {
-        "style": Markup((_TEMPLATES / "page.css").read_text(encoding="utf-8")),
-        "script": Markup(script),
-        "script_digest": f"sha256-{digest}",
-        "verdicts": _VERDICTS,
-    }
-    write_text(path, _environment().get_template(template).render(**page, **context))
-    return path
-
-
-@cache
-def _environment() -> "Environment":
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    return Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
 def _facts(results: Results) -> list[tuple[str, object]]:
     config, manifest = results.config, results.manifest
     scenario = config["scenario"]["kind"]
     facts = [
-        ("Experiment", config["name"]),
-        ("Scenario", scenario),
+        *([("Scenario", scenario)] if scenario != "tracking" else []),
         ("Filters", len(results.filters)),
         ("Runs", config["runs"]),
         ("Seed", config["seed"]),
@@ -170,23 +86,6 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     together = [single_paths(path) for path in results.grid]
     grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
     return [*facts, ("Grid", grid)] if grid else facts
-
-
-def _figures(results: Results) -> list[Drawing]:
-    from markupsafe import Markup
-
-    drawings, specs, asked = [], results.parts("figures"), results.config.get("figures") or {}
-    for name in asked or specs:
-        spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
-        contents = [path.read_bytes()] if path.is_file() else []
-        if spec is not None and name in asked:
-            contents = contents or [content for _, content in drawn(spec, results, ["svg"])]
-        if not contents:
-            continue
-        caption = results.filled(asked.get(name, {}).get("title") or name)
-        title = f"{caption}. {inspect.getdoc(type(spec)) if spec else ''}".partition("\n")[0]
-        drawings.append(Drawing(name, Markup(inline(contents[0], name, title)), caption))
-    return drawings
 
 
 def verdict_tables(comparison: Comparison) -> list[TextTable]:
@@ -229,26 +128,3 @@ def _versions(results: Results) -> TextTable:
     table = TextTable("Versions of the run", ["Part", "Version"])
     table.rows = [[Text(k), Text(str(v))] for k, v in rows.items() if v is not None]
     return table
-
-
-def _entry(folder: Path, results: Results, comparison: Comparison) -> Entry:
-    config = results.config
-    report = results.folder / "report.html"
-    return Entry(
-        name=config["name"],
-        title=results.filled(config["title"]),
-        filters=len(results.filters),
-        runs=config["runs"],
-        numbers=verdict_counts(number.best for number in comparison.numbers),
-        claims=verdict_counts(comparison.claims),
-        link=report.relative_to(folder).as_posix() if report.is_file() else "",
-    )
-
-
-def together(comparisons: list[Comparison]) -> Comparison:
-    """All of several experiments."""
-    return Comparison(
-        [row for c in comparisons for row in c.rows],
-        [row for c in comparisons for row in c.claims],
-        [row for c in comparisons for row in c.ranks],
-    )

@@ -1,6 +1,7 @@
 """Everything that follows from a results folder: tables, figures, verdicts, pairs, the report."""
 
 from collections.abc import Collection, Iterable
+from itertools import product
 from pathlib import Path
 
 from trackbench.experiment.files import made, write_bytes, write_csv, write_text
@@ -9,6 +10,7 @@ from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.kinds import FigureKind
+from trackbench.report.paper import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.results import Results
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison, compare
@@ -37,9 +39,12 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
 
 
 def write_figures(
-    results: Results, formats: Iterable[str], only: Collection[str] = ()
+    results: Results, formats: Iterable[str], only: Collection[str] = (), look: Style = "screen"
 ) -> list[Path]:
-    """Draw ``figures/`` in each format; ``only`` picks figures by name or kind."""
+    """Draw ``figures/`` in each format; ``only`` picks figures by name or kind.
+
+    For a paper each is drawn as wide as a column, if its panels have room there, and as wide as a page.
+    """
     figures = results.parts("figures")
     for name in only:
         known = [*figures, *{spec.kind for spec in figures.values()}]
@@ -47,12 +52,14 @@ def write_figures(
             raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
     written = []
     forms = style.forms(formats)
-    for name, spec in figures.items():
-        if forms and (not only or name in only or spec.kind in only):
-            for form, content in drawn(spec, results, forms):
-                path = made(results.folder / "figures") / f"{name}.{form}"
-                write_bytes(path, content)
-                written.append(path)
+    wanted = [n for n, spec in figures.items() if not only or n in only or spec.kind in only]
+    for name, page in product(wanted if forms else (), SHEETS[look]):
+        with drawing_for(page):
+            contents = drawn(figures[name], results, forms)
+        for form, content in contents:
+            path = made(results.folder / "figures") / f"{name}{page.ending}.{form}"
+            write_bytes(path, content)
+            written.append(path)
     return written
 
 
@@ -62,6 +69,8 @@ def drawn(spec: FigureKind, results: Results, formats: Iterable[str]) -> list[tu
         return []
     with style.house():
         figure = spec.draw(results)
+        if is_crowded(figure):
+            return []
         # Each drawing moves the layout by a rounding: the SVG comes first, always the same.
         first = sorted(formats, key=lambda form: form != "svg")
         contents = [(form, style.content(figure, form)) for form in first]

@@ -53,7 +53,7 @@ class Results(Asked):
 
     def _repr_png_(self) -> bytes | None:
         """The key figure; none where no filter has a track that it could show."""
-        key = next(iter(self.parts("figures").values()), None)
+        key = self.parts("figures").get(self.key_figure)
         if key is None or (key.shown_runs and not self.shown):
             return None
         from trackbench.report.canvas import png
@@ -69,7 +69,14 @@ class Results(Asked):
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
         with style.house():
-            return style.settled(figures[name or next(iter(figures))].draw(self))
+            return style.settled(figures[name or self.key_figure].draw(self))
+
+    @property
+    def key_figure(self) -> str:
+        """Name of the figure that stands for all; empty if there is none."""
+        figures = self.parts("figures")
+        named = self.config.get("key_figure")
+        return named if named in figures else next(iter(figures), "")
 
     @property
     def target(self) -> Path:

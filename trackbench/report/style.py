@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.core.arrays import Array
 from trackbench.experiment.reading.points import single_paths
+from trackbench.report import live
+from trackbench.report.paper import sheet
 from trackbench.report.svg import compact
 
 if TYPE_CHECKING:
@@ -24,8 +26,9 @@ DASHES: tuple[Any, ...] = (
 )
 FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
 BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
+ANY, MANEUVER = "#555555", "#f3d9a4"
+"""Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
-WIDTH_IN = 7.0
 FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Formats of a figure and what a file leaves unsaid, so that equal figures are equal files."""
 
@@ -35,10 +38,6 @@ _BARS = 12  # along a line
 _UNITS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 
 _RC: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.labelsize": 9,
-    "legend.fontsize": 8,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -58,13 +57,13 @@ def subplots(
     rows: int = 1,
     columns: int = 1,
     height_in: float = 3.2,
-    width_in: float = WIDTH_IN,
+    width_in: float | None = None,
     **kwargs: Any,
 ) -> Any:
     """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
     from trackbench.report.canvas import Canvas
 
-    figure = Canvas(width_in, height_in)
+    figure = Canvas(width_in or sheet().width_in, height_in * sheet().heights)
     return figure, figure.subplots(rows, columns, **kwargs)
 
 
@@ -76,34 +75,50 @@ def line(index: int) -> dict[str, Any]:
 
 
 def spread(
-    ax: "Axes", x: Array, low: Array, high: Array, colour: str, place: int, places: int
+    ax: "Axes", x: Array, low: Array, high: Array, look: dict[str, Any], place: int, places: int
 ) -> None:
     """Two standard errors around the line at ``place`` of so many, said in the legend.
 
     A band; where there are more than three, which would lie over each other to a grey, bars at some
     of the x, no two lines' at the same.
     """
+    whose = {"color": look["color"], "label": f"_{look['label']}"}
     if places <= _MOST_BANDS:
-        ax.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
+        ax.fill_between(x, low, high, alpha=0.15, lw=0, **whose)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
         return
     every = max(1, len(x) // _BARS)
     chosen = slice(place * every // places, None, every)
-    ax.vlines(x[chosen], low[chosen], high[chosen], color=colour, linewidth=1.0)
+    ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, **whose)
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
 
 
 def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
-    """One legend to the right of the axes, each label once."""
+    """One legend below the axes, each label once, in as many columns as there is room for."""
     found = _legend(axes if isinstance(axes, Sequence) else [axes])
-    figure.legend(found.values(), found.keys(), loc="outside right upper")
+    if not found:
+        return
+    columns = _columns(list(found), figure.get_figwidth())
+    rows = -(-len(found) // columns)
+    lines = rows * (1 + max(label.count("\n") for label in found))
+    figure.set_figheight(figure.get_figheight() + _LINE_IN * lines + 0.1)
+    figure.legend(
+        found.values(), found.keys(), loc="outside lower center", ncols=columns, columnspacing=1.5
+    )
 
 
-def legend_below(figure: "Figure", axes: "Sequence[Axes]") -> None:
-    """The same below the axes, in as many columns as there is room for."""
-    found = _legend(axes)
-    columns = max(1, int(figure.get_figwidth() / 1.7))
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+_LETTERS_PER_IN = 11.5
+_LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
+"""What takes room in a legend: a letter, a line, and the drawn line with the space beside it."""
+
+
+def _columns(labels: Sequence[str], width_in: float) -> int:
+    """How many columns of a legend stand beside each other; it is filled downwards."""
+    widths = [_HANDLE_IN + _LETTER_IN * max(map(len, b.split("\n"))) for b in labels]
+    for rows in range(1, len(labels) + 1):
+        if sum(max(widths[i : i + rows]) for i in range(0, len(labels), rows)) <= width_in:
+            break
+    return -(-len(labels) // rows)
 
 
 def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
@@ -117,12 +132,11 @@ def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
 
 
 MOST_PANELS = 12
-_ACROSS = 4
 
 
 def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Figure", Any]:
     """A figure and the axes (number, rows) of so many panels, four beside each other at most."""
-    across = min(number, _ACROSS)
+    across = min(number, sheet().across)
     blocks = -(-number // across)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
     panes = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
@@ -134,8 +148,10 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Fi
 def title(figure: "Figure", text: str, shown: int = 1, of: int = 1) -> None:
     """The heading, with how many of the grid's points are shown if not all are."""
     part = f"the first {shown} of {of} points" if of > shown else ""
+    if not sheet().titled:
+        text = ""
     if text or part:
-        figure.suptitle(": ".join(filter(None, [text, part])), fontsize=9)
+        figure.suptitle(": ".join(filter(None, [text, part])))
 
 
 def heading(point: dict[str, Any]) -> str:
@@ -146,8 +162,13 @@ def heading(point: dict[str, Any]) -> str:
 
 def headings(points: Sequence[dict[str, Any]]) -> list[str]:
     """The same of the points of `panels`, in lines that have room."""
-    width = 80 // min(len(points), _ACROSS)
-    return [words(heading(point), width) for point in points]
+    across = min(len(points), sheet().across)
+    return [wrapped(heading(point), across) for point in points]
+
+
+def wrapped(text: str, across: int = 1) -> str:
+    """A text in lines that have room over one of so many panels beside each other."""
+    return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
 def axis(path: str) -> str:
@@ -201,7 +222,7 @@ def house() -> Iterator[None]:
     """
     import matplotlib as mpl
 
-    with warnings.catch_warnings(), mpl.rc_context(_RC):
+    with warnings.catch_warnings(), mpl.rc_context(_RC | dict(sheet().letters)):
         warnings.simplefilter("ignore")
         yield
 
@@ -217,8 +238,11 @@ def content(figure: "Figure", form: str) -> bytes:
     _spell_out(figure)
     # An SVG holds rasterised parts inside it; a screen needs no more than this of them.
     dpi = 150 if form == "svg" else None
+    labels = live.mark(figure) if form == "svg" else []
     figure.savefig(out, format=form, metadata=FORMATS[form], dpi=dpi)
-    return compact(out.getvalue()) if form == "svg" else out.getvalue()
+    if form != "svg":
+        return out.getvalue()
+    return live.marked(compact(out.getvalue().decode()), figure, labels).encode()
 
 
 def settled(figure: "Figure") -> "Figure":

@@ -1,6 +1,7 @@
 """A figure's SVG made fit to stand inside a page: no scripts, no clashing ids, a name for readers."""
 
 import re
+from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
 from trackbench.experiment.problems import UserError
@@ -10,12 +11,13 @@ _XLINK = "http://www.w3.org/1999/xlink"
 _DROPPED = {"script", "metadata", "foreignObject", "style", "animate", "set", "iframe"}
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
+_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 _POINT = re.compile(r"([MLZz])([^MLZz]*)")
 
 
-def compact(content: bytes) -> bytes:
+def compact(content: str) -> str:
     """The same drawing in half the bytes: straight lines in hundredths of a point, from the last one."""
-    return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content.decode()).encode()
+    return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content)
 
 
 def _relative(path: str) -> str:
@@ -40,8 +42,22 @@ def _hundredths(number: int) -> str:
     return text.replace("0.", ".", 1) if abs(number) < 100 and number else text
 
 
-def inline(content: bytes, name: str, title: str) -> str:
-    """The SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """The points of each stroke of a `compact` path, and whether it is closed; none of curves."""
+    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", d):
+        return
+    x = y = 0.0
+    for stroke in filter(None, d.split("M")):
+        points = []
+        for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
+            a, b = map(float, _NUMBER.findall(numbers)[:2])
+            x, y = (x + a, y + b) if letter == "l" else (a, b)
+            points.append((x, y))
+        yield points, "z" in stroke
+
+
+def cleaned(content: bytes, name: str) -> ET.Element:
+    """The SVG without what could run code or reach outside; raises UserError if it is none."""
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
     try:
@@ -49,6 +65,12 @@ def inline(content: bytes, name: str, title: str) -> str:
     except ET.ParseError as error:
         raise UserError(f"figures/{name}.svg: is not an SVG file: {error}") from None
     _clean(root)
+    return root
+
+
+def inline(content: bytes, name: str, title: str) -> str:
+    """The SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+    root = cleaned(content, name)
     for element in root.iter():
         for key, value in list(element.attrib.items()):
             kept = _attribute(key, value, name)

@@ -56,7 +56,8 @@ def _lines(sweep: Sweep, metric: str) -> "Figure | None":
         y, stderr = (np.array([getattr(s, a) for s in scores]) for a in ("value", "stderr"))
         bars = np.where(np.isfinite(stderr), 2 * stderr, 0.0)
         look = sweep.results.look(label)
-        ax.errorbar(x, y, yerr=bars, label=label, marker="o", markersize=3, capsize=2, **look)
+        ax.plot(x, y, label=label, marker="o", markersize=3, **look)
+        ax.errorbar(x, y, bars, fmt="none", color=look["color"], capsize=2, label=f"_{label}")
         drawn = True
     if not drawn:
         style.close(figure)
@@ -98,8 +99,8 @@ def _heat_maps(sweep: Sweep, metric: str) -> "Figure | None":
         _frame_smallest(ax, field)
     for ax in axes.flat[len(fields) :]:
         ax.set_axis_off()
-    figure.supxlabel(style.axis(sweep.paths[0]), fontsize=9)
-    figure.supylabel(style.axis(sweep.paths[1]), fontsize=9)
+    figure.supxlabel(style.axis(sweep.paths[0]))
+    figure.supylabel(style.axis(sweep.paths[1]))
     figure.colorbar(image, ax=axes, label=metric)
     return figure
 

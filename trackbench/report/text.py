@@ -1,6 +1,7 @@
 """Tables ready to be shown: as Markdown, as LaTeX, as cells of a page."""
 
 import re
+import unicodedata
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ class TextTable:
         return caption + "\n".join(lines) + "\n" + notes
 
     def tex(self, name: str = "") -> str:
-        """A LaTeX table for the packages booktabs and siunitx (3); ``name`` is its label."""
+        """A LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
         columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
         rows = [
             " & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\" for row in self.rows
@@ -45,13 +46,14 @@ class TextTable:
                 r"\centering",
                 rf"\caption{{{_tex(_NUMBERED.sub('', self.title))}}}",
                 *([rf"\label{{tab:{name}}}"] if name else []),
+                _AS_WIDE_AS_THERE_IS_ROOM,
                 rf"\begin{{tabular}}{{{columns}}}",
                 r"\toprule",
                 " & ".join(map(_tex, self.heads)) + r" \\",
                 r"\midrule",
                 *rows,
                 r"\bottomrule",
-                r"\end{tabular}",
+                r"\end{tabular}}",
                 *notes,
                 r"\end{table}",
                 "",
@@ -66,6 +68,7 @@ def _line(cells: list[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+_AS_WIDE_AS_THERE_IS_ROOM = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 _NUMBERED = re.compile(r"^Table \w+[.:]\s*(?=\S)")
 """What LaTeX writes before a caption by itself."""
 _TEX = {
@@ -77,11 +80,21 @@ _TEX = {
     ">": r"\textgreater{}",
     "±": r"$\pm$",
     "–": "--",
+    "≤": r"$\leq$",
+    "≥": r"$\geq$",
+    "²": r"\textsuperscript{2}",
+    "³": r"\textsuperscript{3}",
 }
 
 
 def _tex(text: str) -> str:
-    return "".join(_TEX.get(c, c) for c in text)
+    return "".join(_TEX.get(c) or _greek(c) for c in text)
+
+
+def _greek(c: str) -> str:
+    """A small Greek letter as a formula, since pdflatex has it in no font of text."""
+    head, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
+    return rf"$\{letter.lower().replace('lamda', 'lambda')}$" if letter and not head else c
 
 
 def _escaped(text: str) -> str:

@@ -144,4 +144,5 @@ def _settle(outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: F
 
 def _bar(outcome: Outcome, progress: bool) -> Any:
     total = len(outcome.plan.unique)
-    return progress_bar(total, "block", progress, initial=total - len(outcome.missing))
+    begun = total - len(outcome.missing)
+    return progress_bar(total, "block", progress, initial=begun, desc=outcome.plan.name)

@@ -1,6 +1,6 @@
 """What an experiment will compute: blocks of runs, each a task that stands alone."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -38,6 +38,8 @@ class Plan:
     tasks: dict[Key, list[BlockTask]]
     plugins: tuple[Plugin, ...] = ()
     """code that a worker has to load before it can read a task"""
+    name: str = ""
+    """of the experiment"""
 
     @cached_property
     def unique(self) -> list[BlockTask]:
@@ -89,7 +91,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                 )
                 for block in range(ceil(settings.runs / width))
             ]
-    return Plan(tasks, experiment.plugins)
+    return Plan(tasks, experiment.plugins, settings.name)
 
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
@@ -163,12 +165,15 @@ def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> s
     )
 
 
-def cautions(point: Point) -> list[str]:
-    """What scenario and filters say that is no mistake but should be known."""
-    out = list(point.scenario.cautions)
-    for label, tracker in point.filters.items():
-        out += [f"{label}: {text}" for text in tracker.cautions(point.seen_by(label))]
-    return out
+def cautions(points: Iterable[Point]) -> list[str]:
+    """What scenarios and filters say that is no mistake but should be known, each once."""
+    said: dict[str, dict[str, None]] = {}
+    for point in points:
+        said |= {text: {} for text in point.scenario.cautions}
+        for label, tracker in point.filters.items():
+            for text in tracker.cautions(point.seen_by(label)):
+                said.setdefault(text, {})[label] = None
+    return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
 
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:

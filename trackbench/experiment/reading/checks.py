@@ -104,6 +104,14 @@ def _conflicts(source: Source, keys: Keys, found: dict[str, str]) -> Iterator[Pr
         yield Problem(source.mark(where), dotted(where), what)
 
 
+def check_key_figure(source: Source, settings: Settings, problems: list[Problem]) -> None:
+    """The figure that the report begins with is one of the experiment's."""
+    name = settings.key_figure
+    if name is not None and name not in settings.figures:
+        what = unknown(name, list(settings.figures))
+        problems.append(Problem(source.mark(("key_figure",)), "key_figure", what))
+
+
 def check_named_filters(
     source: Source,
     settings: Settings,

@@ -19,6 +19,7 @@ from trackbench.experiment.reading.checks import (
     check_drawable,
     check_figures,
     check_fit,
+    check_key_figure,
     check_named_filters,
     chosen_labels,
     with_recorded_runs,
@@ -141,6 +142,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     for group, built in parts.items():
         check_named_filters(source, settings, group, built, problems)
         check_drawable(source, group, built, points, problems)
+    check_key_figure(source, settings, problems)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points, problems)
     check_metrics(source, settings, points, parts, left_out, problems)

@@ -98,6 +98,8 @@ class Settings:
     """tables to write, by name"""
     figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
     """figures to draw, by name"""
+    key_figure: Name | None = None
+    """name of the figure that the report begins with; default: the first"""
     published: list[str] = field(default_factory=list)
     """CSV files of published numbers and claims that the results are held against"""
     plugins: list[str] = field(default_factory=list)

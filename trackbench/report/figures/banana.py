@@ -68,13 +68,12 @@ class Banana(FigureKind):
             for i, conversion in enumerate(self.conversions):
                 self._ellipses(ax, convert(conversion, z), float(z.r[0]), i, NAMES[conversion])
             ax.set_title(f"{range_km:g} km")
+            ax.set_xlabel(style.wrapped("Across the line of sight (km)", len(self.ranges_km)))
             few = 4 if len(self.ranges_km) < 4 else 2
             ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        figure.supxlabel("Across the line of sight (km)", fontsize=9)
         axes[0][0].set_ylabel("Along it, less the range (m)")
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title)
         style.legend_outside(figure, list(axes[0]))
         return figure
 
@@ -141,7 +140,7 @@ class PosteriorEllipses(FigureKind):
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
-        ax.set_title(self.title)
+        style.title(figure, self.title)
         style.legend_outside(figure, ax)
         return figure
 

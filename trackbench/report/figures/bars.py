@@ -15,6 +15,7 @@ from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.telling import ranking, sentences
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +44,17 @@ class Bars(FigureKind):
     baseline: str | None = None
     """label of the filter that every other should beat: a grey dotted line"""
 
+    def tell(self, results: Results) -> str:
+        """Who is best, and what the diamonds are."""
+        point = results.points()[0]
+        expressions = Expressions(results, point)
+        rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
+        values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
+        where = f"At {style.heading(point)}" if point else "Of what is measured"
+        there = any(n.expression == self.metric for n in results.published.numbers)
+        published = "Diamonds are the numbers that were published." if there else ""
+        return sentences(ranking(values, self.metric.family[0].better, where), published)
+
     def draw(self, results: Results) -> "Figure":
         """A row per filter, a panel per point of the grid."""
         every = results.points()
@@ -54,7 +66,7 @@ class Bars(FigureKind):
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
         for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
             expressions = Expressions(results, point)
-            self._bars(ax, expressions, labels)
+            self._bars(ax, results, expressions, labels)
             for label, look in lines.items():
                 if label in results.labels:
                     value = expressions.term(self.metric.of(str(label))).value
@@ -71,14 +83,19 @@ class Bars(FigureKind):
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 
-    def _bars(self, ax: "Axes", expressions: Expressions, labels: list[str]) -> None:
+    def _bars(
+        self, ax: "Axes", results: Results, expressions: Expressions, labels: list[str]
+    ) -> None:
+        look: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
             value, low, high = self._value(expressions, label)
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-                name = f"Measured, {100 * self.level:g} %"
-                ax.errorbar(value, i, xerr=off, label=name, fmt="o", markersize=4, capsize=3,
-                            color=style.COLOURS[0])  # fmt: skip
+                colour = results.look(label)["color"]
+                ax.errorbar(value, i, xerr=off, color=colour, **look)
+        ax.errorbar(
+            [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look
+        )
 
     def _value(self, expressions: Expressions, label: str) -> tuple[float, float, float]:
         m = self.metric.of(label)
@@ -96,5 +113,5 @@ class Bars(FigureKind):
             here = number.expression == self.metric and point_of(results, number.point) == point
             for label in number.labels if here else ():
                 if label in labels and not isinstance(number.value, str):
-                    ax.plot(number.value, labels.index(label), color=style.COLOURS[1],
+                    ax.plot(number.value, labels.index(label), color="black",
                             markersize=5, label="Published", **look)  # fmt: skip

@@ -13,6 +13,7 @@ from trackbench.report import style
 from trackbench.report.figures.curves import OverTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.wording import named
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +30,20 @@ class Anees(OverTime):
     """number of components of the state, or of the part"""
     level: OpenShare = 0.95
     """probability of the chi-square band"""
+
+    def tell(self, results: Results) -> str:
+        """How often each filter is inside the band."""
+        point, parts = results.points()[0], []
+        for rows, look in self.lines(results, results.per_step, point, self.metric):
+            if len(rows):
+                low, high = anees_band(self.n_x, int(rows["runs"].max()), self.level)
+                parts.append((float(rows["value"].between(low, high).mean()), look["label"]))
+        told = [
+            f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
+        ]
+        where = f" at {style.heading(point)}" if point else ""
+        what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
+        return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
     def draw(self, results: Results) -> "Figure":
         """One line per filter; between the grey lines a consistent filter stays."""
@@ -66,7 +81,7 @@ class Bias(OverTime):
                     k, value, stderr = (rows[c].to_numpy() for c in (self.x, "value", "stderr"))
                     ax.plot(k, value, **look)
                     low, high = value - 2 * stderr, value + 2 * stderr
-                    style.spread(ax, k, low, high, look["color"], i, len(lines))
+                    style.spread(ax, k, low, high, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
@@ -108,6 +123,7 @@ class Dots(FigureKind):
                 if metric in self.expected:
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)
                 ax.locator_params(axis="x", nbins=2)
+                ax.ticklabel_format(axis="x", scilimits=(-2, 4))
             row[0].set_yticks(range(len(labels)), labels)
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):

@@ -1,4 +1,4 @@
-"""Figure kinds over time and over runs: `rmse-vs-time`, `rmse-per-run`, `estimates`."""
+"""Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.measure import Measure, OfRun, OfStep, measure
+from trackbench.evaluation.measure import Measure, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.telling import ranking
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,6 +120,20 @@ class RmseVsTime(OverTime):
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
 
+    def tell(self, results: Results) -> str:
+        """Whose average over the steps is best."""
+        point = results.points()[0]
+        found = self.lines(results, results.per_step, point, self.metric)
+        rivals = {look["label"]: rows["value"].to_numpy() for rows, look in found}
+        averages = {
+            label: float(np.nanmean(values))
+            for label, values in rivals.items()
+            if np.isfinite(values).any() and label not in (self.floor, self.baseline)
+        }
+        where = f" at {style.heading(point)}" if point else ""
+        better = self.metric.family[0].better
+        return ranking(averages, better, f"Averaged over the steps{where}")
+
     def draw(self, results: Results) -> "Figure":
         """One line per filter."""
         figure, panels = self.panels(results)
@@ -132,32 +147,7 @@ class RmseVsTime(OverTime):
                 ax.plot(k, value, **look)
                 low = value - 2 * stderr
                 low = np.maximum(low, 0.1 * value) if self.log else low
-                style.spread(ax, k, low, value + 2 * stderr, look["color"], i, len(lines))
-        return self.finish(figure)
-
-
-@register("figures", "rmse-per-run")
-@dataclass(frozen=True, kw_only=True)
-class RmsePerRun(Curves):
-    """A metric of per_run.csv for each Monte Carlo run."""
-
-    metric: OfRun = measure("rmse")
-    """metric of per_run.csv"""
-
-    @property
-    def x_name(self) -> str:
-        """Label of the horizontal axis."""
-        return self.x_label or "Run m"
-
-    def draw(self, results: Results) -> "Figure":
-        """One line per filter; a lost run leaves a gap."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
-            runs = results.runs(point)
-            for label, look in self.labels(results):
-                values = runs.get((label, str(self.metric)), np.empty(0))
-                number = np.arange(1, len(values) + 1)
-                ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
+                style.spread(ax, k, low, value + 2 * stderr, look, i, len(lines))
         return self.finish(figure)
 
 
@@ -207,4 +197,4 @@ class EstimatesOfOneRun(OverTime):
                 mean = tracks[f"mean/{label}"][c, :, run]
                 axes[0].plot(k, mean, label=label, **look)
                 for below in axes[1:]:
-                    below.plot(k, mean - truth, **look)
+                    below.plot(k, mean - truth, label=label, **look)

@@ -8,12 +8,14 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Comparison, measure
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
+from trackbench.report.paper import sheet
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -45,6 +47,21 @@ class HeatMap(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """The axes must be paths of the grid."""
         return missing_paths(points, x=self.x, y=self.y)
+
+    def tell(self, results: Results) -> str:
+        """How to read it; of pairs, how many differ."""
+        if results.grid:
+            return ""
+        shown = results.chosen(self.filters)
+        pairs = [
+            pair
+            for _, found in results.pairs
+            for pair in found
+            if pair.metric == self.metric.name and {pair.filter_a, pair.filter_b} <= {*shown}
+        ]
+        alike = sum(not pair.p_holm < 0.05 for pair in pairs)
+        words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
+        return f"{words} {alike} of {counted(len(pairs), 'pair')} do not differ at 5 % (Holm)."
 
     def draw(self, results: Results) -> "Figure":
         """One panel; with two paths, one per filter."""
@@ -87,12 +104,12 @@ class HeatMap(FigureKind):
         )
         shown = dict(list(panels.items())[: style.MOST_PANELS])
         figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
-        cell_in = (style.WIDTH_IN - 2.0) / min(len(shown), 4) / len(columns)
+        cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)
         for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
             names = [style.number(c) for c in columns]
             _ticks(ax, names, [style.number(v) for v in levels], cell_in)
-            ax.set_title(style.words(name), fontsize=9)
+            ax.set_title(style.words(name))
             ax.set_xlabel(style.axis(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
         axes[0][0].set_ylabel(style.axis(y))
@@ -116,9 +133,9 @@ class HeatMap(FigureKind):
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
         texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
-        _numbers(ax, z, texts, image, (style.WIDTH_IN - 2.5) / len(labels))
+        _numbers(ax, z, texts, image, (sheet().width_in - 2.5) / len(labels))
         ax.set(xlabel="less that of this filter", ylabel=f"{metric} of this filter")
-        ax.set_title(self.title, fontsize=9)
+        style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 

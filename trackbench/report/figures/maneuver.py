@@ -12,6 +12,7 @@ from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.kinds import FigureKind
+from trackbench.report.paper import sheet
 from trackbench.report.results import Results
 
 if TYPE_CHECKING:
@@ -78,28 +79,28 @@ class Track(FigureKind):
             ax.plot(*seen, ".", color="#bbbbbb", markersize=2.0, label="Measurements, first run",
                     rasterized=True, zorder=0)  # fmt: skip
             if label and f"mean/{label}" in tracks:
-                self._estimates(ax, tracks[f"mean/{label}"])
+                self._estimates(ax, tracks[f"mean/{label}"], results.look(label)["color"])
             _truth(ax, truth, tracks["times"], turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
             ax.locator_params(nbins=5)
-            ax.set_title(style.words(label if panels > 1 or not self.title else self.title))
+            ax.set_title(style.words(label))
         axes[0][0].set_ylabel("y (km)")
-        if self.title and panels > 1:
-            figure.suptitle(self.title, fontsize=9)
-        style.legend_below(figure, list(axes[0]))
+        style.title(figure, self.title)
+        style.legend_outside(figure, list(axes[0]))
         return figure
 
     def _sees(self, tracks: dict[str, Array]) -> bool:
         return self.measurements and "seen" in tracks and self.components == (0, 2)
 
-    def _estimates(self, ax: "Axes", mean: Array) -> None:
+    def _estimates(self, ax: "Axes", mean: Array, colour: str) -> None:
         x, y = mean[list(self.components), :, : self.runs] / 1000.0
         shown = x.shape[1]
         name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
         opacity = min(1.0, max(0.15, 2.0 / shown))
-        ax.plot(x, y, color=style.COLOURS[0], linewidth=0.6, alpha=opacity, rasterized=True)
-        ax.plot([], [], color=style.COLOURS[0], linewidth=1.0, label=name)
+        ax.plot(x, y, color=colour, linewidth=0.6, alpha=opacity, rasterized=True)
+        alone = len(self.filters) == 1
+        ax.plot([], [], color=colour if alone else style.ANY, linewidth=1.0, label=name)
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:
@@ -107,7 +108,7 @@ def _size(panels: int, *tracks: Array) -> tuple[float, float]:
     points = np.concatenate(tracks, axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
-    room = style.WIDTH_IN / panels - 0.8  # beside the ticks
+    room = sheet().width_in / panels - 0.8  # beside the ticks
     shape = float(np.clip(high / max(wide, 1e-9), 0.15, 10.0))
     panel = min(room, 4.0 / shape)
     return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
@@ -122,7 +123,7 @@ def _truth(ax: "Axes", xy: Array, times: Array, turning: list[list[float]], thin
     ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width} | points)
     for start, end in turning:
         during = (times >= start) & (times <= end)
-        ax.plot(*xy[:, during], label="Maneuvers", color=style.COLOURS[1], linewidth=1.5 * width)
+        ax.plot(*xy[:, during], label="Maneuvers", color=style.MANEUVER, linewidth=6, zorder=0.5)
     ax.plot(*xy[:, there][:, 0], "o", color="black", markersize=4, label="Start")
 
 
@@ -160,7 +161,8 @@ class MeanAndStd(FigureKind):
         for (metric, sign, words), row in zip(rows, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
                 for start, end in results.given(point).spans:
-                    ax.axvspan(start, end, color="#eeeeee", lw=0, zorder=0, label="Maneuvers")
+                    ax.axvspan(start, end, color=style.MANEUVER, alpha=0.5, lw=0, zorder=0,
+                               label="Maneuvers")  # fmt: skip
                 chosen = frame[frame["metric"] == f"{metric}_{quantity}"]
                 for label in labels:
                     _line(ax, chosen[chosen["filter"] == label], sign, label, results.look(label))
@@ -168,8 +170,7 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title)
         style.legend_outside(figure, list(axes.flat))
         return figure
 

@@ -56,7 +56,7 @@ class CriticalDifference(FigureKind):
             where = style.heading(point)
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
-            ax.set_title(words, pad=14, fontsize=9)
+            ax.set_title(style.wrapped(words), pad=14)
         style.title(figure, self.title, len(points), len(every))
         return figure
 

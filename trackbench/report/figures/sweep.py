@@ -14,8 +14,11 @@ from trackbench.report import style
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.telling import three_digits
+from trackbench.report.wording import named
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -54,13 +57,30 @@ class RmseVsParameter(FigureKind):
         words = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
+    def tell(self, results: Results) -> str:
+        """Where each filter is best."""
+        path, frame = self._shown(results)
+        name, unit = style.quantity(path)
+        told = []
+        for label in results.chosen(self.filters):
+            rows = frame[(frame["filter"] == label) & np.isfinite(frame["value"])]
+            if len(rows) and np.ptp(rows["value"]) > 0.0:
+                best = rows.loc[rows["value"].idxmin()]
+                told.append(
+                    f"{named(label)} {three_digits(best['value'])} at {best[path]:g} {unit}".rstrip()
+                )
+        return f"Least over {name}: {', '.join(told)}." if told else ""
+
+    def _shown(self, results: Results) -> tuple[str, "pd.DataFrame"]:
+        """Path of the horizontal axis, and rows of summary.csv: other paths at their first values."""
+        path = self.parameter or results.grid[0]
+        held = {p: v for p, v in results.points()[0].items() if p != path}
+        frame = results.at(results.summary, held)
+        return path, frame[frame["metric"] == str(self.metric)]
+
     def draw(self, results: Results) -> "Figure":
         """One panel; other paths of the grid are held at their first values."""
-        path = self.parameter or results.grid[0]
-        first = results.points()[0]
-        held = {p: v for p, v in first.items() if p != path}
-        frame = results.at(results.summary, held)
-        frame = frame[frame["metric"] == str(self.metric)]
+        path, frame = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
         labels = results.chosen(self.filters)
         for label in labels:
@@ -72,10 +92,9 @@ class RmseVsParameter(FigureKind):
         if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=float("inf"))
-        ax.set_xlabel(self.x_label or path)
+        ax.set_xlabel(self.x_label or style.axis(path))
         ax.set_ylabel(self.y_label)
-        if self.title:
-            figure.suptitle(self.title, fontsize=9)
+        style.title(figure, self.title)
         style.legend_outside(figure, ax)
         return figure
 
@@ -88,10 +107,12 @@ class RmseVsParameter(FigureKind):
             return
         ax.plot(shown, y, label=label, **look)
         bars = 2.0 * stderr
-        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8)
+        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
+                    label=f"_{label}")  # fmt: skip
         if np.isfinite(y).any():
             best = int(np.nanargmin(y))
-            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3)
+            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3,
+                    label=f"_{label}")  # fmt: skip
 
 
 def _moved_zero(x: Array) -> Array:

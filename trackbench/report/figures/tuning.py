@@ -46,8 +46,8 @@ class TuningFigure(FigureKind):
                 ax.set_axis_off()
                 continue
             _panel(ax, record, axes[n])
-        figure.supylabel(words_of(results.config["tuning"]["metric"]), fontsize=9)
-        figure.suptitle(self.title or style.words(self.filter, 80), fontsize=9)
+        figure.supylabel(words_of(results.config["tuning"]["metric"]))
+        style.title(figure, self.title or style.words(self.filter, 80))
         return figure
 
 

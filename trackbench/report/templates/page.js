@@ -31,14 +31,66 @@
     button.setAttribute("aria-pressed", String(large));
     button.textContent = large ? "Close" : "Enlarge";
   };
+  // Verdicts by their word and by what is typed; a part of a bar is a link to those it counts.
+  const filter = (section) => {
+    const words = new Map(), chosen = new Set(), rows = [...section.querySelectorAll("tbody tr")];
+    const of = new Map(rows.map((row) => [row, row.querySelector(".verdict")?.dataset.word]));
+    const asked = document.createElement("input"), bar = document.createElement("p");
+    const shown = document.createElement("span");
+    const show = () => {
+      const text = asked.value.trim().toLowerCase();
+      for (const [word, button] of words) button.setAttribute("aria-pressed", String(chosen.has(word)));
+      for (const row of rows) {
+        const fits = (!chosen.size || chosen.has(of.get(row))) && row.textContent.toLowerCase().includes(text);
+        row.hidden = !fits;
+      }
+      section.querySelectorAll("table").forEach((table) => {
+        const empty = [...table.tBodies[0].rows].every((row) => row.hidden);
+        (table.closest("details") ?? table.closest(".scroll")).hidden = empty;
+      });
+      shown.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
+    };
+    for (const word of new Set(of.values())) {
+      if (!word) continue;
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: word, className: `verdict ${section.querySelector(`[data-word="${word}"]`).classList[1]}` });
+      button.addEventListener("click", () => { if (!chosen.delete(word)) chosen.add(word); show(); });
+      words.set(word, button);
+    }
+    Object.assign(asked, { type: "search", placeholder: "filter, metric, words", ariaLabel: "Show rows with these words" });
+    asked.addEventListener("input", show);
+    bar.className = "chooser";
+    bar.append(...words.values(), asked, shown);
+    section.querySelector("h2").after(bar);
+    show();
+    document.querySelectorAll(`a[data-word][href="#${section.id}"]`).forEach((link) => link.addEventListener("click", () => {
+      chosen.clear();
+      chosen.add(link.dataset.word);
+      asked.value = "";
+      section.querySelectorAll("details").forEach((part) => { part.open = true; });
+      show();
+    }));
+  };
+  document.querySelectorAll("section.verdicts").forEach(filter);
   document.querySelectorAll("thead th > button").forEach((button) => {
     button.addEventListener("click", () => sort(button.parentElement));
   });
-  document.querySelectorAll(".enlarge").forEach((button) => {
+  document.querySelectorAll("figcaption").forEach((caption) => {
+    const button = document.createElement("button"), svg = caption.closest("figure").querySelector("svg");
+    Object.assign(button, { type: "button", className: "tool enlarge" });
+    caption.append(button);
+    enlarge(button, false);
     const toggle = () => enlarge(button, button.getAttribute("aria-pressed") !== "true");
     button.addEventListener("click", toggle);
-    button.closest("figure").querySelector("svg").addEventListener("click", toggle);
+    if (!("live" in svg.dataset)) svg.addEventListener("click", toggle);
   });
+  // What is folded is printed unfolded.
+  const folded = [];
+  window.addEventListener("beforeprint", () => {
+    folded.push(...document.querySelectorAll("details:not([open])"));
+    folded.forEach((part) => { part.open = true; });
+  });
+  window.addEventListener("afterprint", () => folded.splice(0).forEach((part) => { part.open = false; }));
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;
     document.querySelectorAll("figure.large .enlarge").forEach((button) => enlarge(button, false));

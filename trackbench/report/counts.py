@@ -1,0 +1,64 @@
+"""How many verdicts there are of each word: as words, and as parts of a bar."""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from trackbench.experiment.problems import counted
+from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS
+from trackbench.report.judging import Judged
+from trackbench.report.verdicts import Compared, Comparison
+
+_VERBS = ("agrees", "differs", "holds", "fails")
+
+
+class Part(NamedTuple):
+    """So many verdicts of one word: ``18``, ``differs``, ``differ``, ``(3 fragile)``."""
+
+    number: int
+    word: str
+    verb: str
+    fragile: int
+
+
+class Bar(NamedTuple):
+    """The verdicts on numbers, or on claims."""
+
+    title: str
+    parts: list[Part]
+
+    @property
+    def words(self) -> str:
+        """The bar as a line."""
+        return f"{self.title}: {in_words(self.parts)}"
+
+
+def parts(found: Iterable[Compared | Judged]) -> list[Part]:
+    """The parts in a fixed order, without those of which there is none."""
+    rows = list(found)
+    numbers = Counter(row.verdict.word for row in rows)
+    fragile = Counter(row.verdict.word for row in rows if row.fragile)
+    words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
+    return [Part(n, word, _verb(word, n), fragile[word]) for word in words if (n := numbers[word])]
+
+
+def _verb(word: str, number: int) -> str:
+    return word.removesuffix("s") if number > 1 and word in _VERBS else word
+
+
+def in_words(found: Iterable[Part]) -> str:
+    """``10 agree (2 fragile), 1 differs``."""
+    return ", ".join(
+        f"{n} {verb}" + (f" ({fragile} fragile)" if fragile else "")
+        for n, _, verb, fragile in found
+    )
+
+
+def bars(comparison: Comparison) -> list[Bar]:
+    """A bar of the numbers, each counted once, and one of the claims; none of what there is none."""
+    numbers, claims = comparison.numbers, comparison.claims
+    found = (
+        (counted(len(numbers), "published number"), parts(number.best for number in numbers)),
+        (counted(len(claims), "claim"), parts(claims)),
+    )
+    return [Bar(title, there) for title, there in found if there]

@@ -1,0 +1,53 @@
+"""The figures of a report: as pictures on the page, with what to see in them."""
+
+import inspect
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from trackbench.report.kinds import FigureKind
+from trackbench.report.render import drawn
+from trackbench.report.results import Results
+from trackbench.report.svg import inline
+
+
+class Drawing(NamedTuple):
+    """A figure as it stands on the page."""
+
+    name: str
+    svg: Any
+    heading: str
+    """its name, where the picture has no title"""
+    caption: str
+    """what to see in it"""
+
+
+def drawings(results: Results) -> list[Drawing]:
+    """All figures, the key figure first; those of plugins that may not run as they are in the folder."""
+    from markupsafe import Markup
+
+    found = []
+    for name, spec, content in _pictures(results):
+        asked = results.asked_figures.get(name, {})
+        title, said = (results.filled(asked.get(key) or "") for key in ("title", "caption"))
+        what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
+        caption = said or (spec.tell(results) if spec is not None else "") or what
+        svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
+        found.append(Drawing(name, svg, "" if title else f"{name}.", caption))
+    return found
+
+
+def key_picture(results: Results) -> bytes | None:
+    """The SVG that the report begins with; None if there is none."""
+    return next((content for _, _, content in _pictures(results)), None)
+
+
+def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
+    """Name, kind and SVG of each figure that is in the folder, or can be drawn."""
+    specs, asked = results.parts("figures"), results.asked_figures
+    for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
+        spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
+        contents = [path.read_bytes()] if path.is_file() else []
+        if not contents and spec is not None and name in asked:
+            contents = [content for _, content in drawn(spec, results, ["svg"])]
+        if contents:
+            yield name, spec, contents[0]

@@ -1,0 +1,73 @@
+"""Figure kind `rmse-per-run`: a metric in each run, in order of the errors or of the runs' numbers."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import OfRun, measure
+from trackbench.registry import register
+from trackbench.report.figures.curves import Curves
+from trackbench.report.results import Results
+from trackbench.report.telling import ranking
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MOST = 200  # points of a line over the share of runs
+
+
+@register("figures", "rmse-per-run")
+@dataclass(frozen=True, kw_only=True)
+class RmsePerRun(Curves):
+    """A metric of per_run.csv in every run: each filter's runs in order, which is its distribution.
+
+    At a share of 90 % is what 90 % of a filter's runs do not exceed; lost runs have no number and stand
+    last, so that the line ends before 100 %.
+    """
+
+    metric: OfRun = measure("rmse")
+    """metric of per_run.csv"""
+    form: Literal["sorted", "runs"] = "sorted"
+    """horizontal axis: the share of runs that do no worse; or the number of the run, as papers draw it
+    although runs that follow each other have nothing to do with each other"""
+
+    @property
+    def x_name(self) -> str:
+        """Label of the horizontal axis."""
+        return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
+
+    def tell(self, results: Results) -> str:
+        """Whose median is best."""
+        runs = results.runs(results.points()[0])
+        found = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
+        medians = {
+            b: float(np.median(np.where(np.isnan(values), np.inf, values)))
+            for b, values in found.items()
+            if values is not None and len(values) and b not in (self.floor, self.baseline)
+        }
+        return ranking(medians, self.metric.family[0].better, "By the median run")
+
+    def draw(self, results: Results) -> "Figure":
+        """One line per filter."""
+        figure, panels = self.panels(results)
+        for (ax,), point in panels:
+            runs = results.runs(point)
+            for label, look in self.labels(results):
+                values = runs.get((label, str(self.metric)), np.empty(0))
+                if self.form == "sorted":
+                    ax.plot(*_in_order(values), label=label, **look)
+                    continue
+                number = np.arange(1, len(values) + 1)
+                ax.plot(number, values, label=label, **look | {"linewidth": 0.8})
+        return self.finish(figure)
+
+
+def _in_order(values: Array) -> tuple[Array, Array]:
+    """Percent of the runs, and what so many of them do not exceed; NaN where runs are lost."""
+    if not len(values):
+        return values, values
+    ranked = np.sort(values)
+    places = np.unique(np.linspace(0, len(ranked) - 1, min(_MOST, len(ranked))).round().astype(int))
+    return 100.0 * (places + 1) / len(ranked), ranked[places]

@@ -1,0 +1,358 @@
+// Figures one can ask: hide a filter, read a value, zoom, linear or logarithmic. All of it is done on the
+// shapes that matplotlib drew: `data-live` says where the axes are, `data-of` whose a shape is.
+(() => {
+  const NS = "http://www.w3.org/2000/svg";
+  const forward = (axis, value) => (axis.log ? Math.log10(Math.max(value, 1e-300)) : value);
+  const backward = (axis, value) => (axis.log ? 10 ** value : value);
+  const node = (name, attributes, parent) => {
+    const made = document.createElementNS(NS, name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    if (parent) parent.append(made);
+    return made;
+  };
+
+  // An axis as it was drawn, or as it is shown: between a value and its place in the drawing.
+  const place = (axis, from, to, value) => {
+    const [low, high] = axis.ends.map((end) => forward(axis, end));
+    return from + ((forward(axis, value) - low) / (high - low)) * (to - from);
+  };
+  const valueAt = (axis, from, to, at) => {
+    const [low, high] = axis.ends.map((end) => forward(axis, end));
+    return backward(axis, low + ((at - from) / (to - from)) * (high - low));
+  };
+
+  // A path as commands with absolute points; `compact` writes lines relative to the last point.
+  const parse = (d) => {
+    const commands = [];
+    let at = [0, 0];
+    for (const [, letter, rest] of d.matchAll(/([MLlQCz])([^MLlQCz]*)/g)) {
+      const numbers = (rest.match(/-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?/g) || []).map(Number);
+      const points = [];
+      for (let i = 0; i + 1 < numbers.length; i += 2) {
+        at = letter === "l" ? [at[0] + numbers[i], at[1] + numbers[i + 1]] : [numbers[i], numbers[i + 1]];
+        points.push(at);
+      }
+      commands.push([letter === "l" ? "L" : letter, points]);
+    }
+    return commands;
+  };
+
+  class Panel {
+    constructor(figure, told, index) {
+      Object.assign(this, { figure, told, box: told.box });
+      this.root = figure.svg.querySelector(`[data-axes="${index}"]`);
+      this.shapes = [];
+      for (const element of this.root.querySelectorAll("[clip-path]")) {
+        if (element.closest('[id*="tick_"]')) continue;
+        for (const shape of element.localName === "g" ? element.querySelectorAll("path, use, image") : [element]) this.keep(shape);
+      }
+      this.curves = [];
+      for (const shape of this.shapes) {
+        const owner = shape.element.closest("[data-of]");
+        if (!owner || !shape.path || this.curves.some((curve) => curve.owner === owner)) continue;
+        const points = shape.path.flatMap(([, at]) => at);
+        if (shape.path.some(([letter]) => letter === "z") || points.length < 3) continue;
+        this.curves.push({ owner, number: +owner.dataset.of, points, colour: shape.element.style.stroke });
+      }
+      this.single = this.curves.every(({ points }) => points.every((p, i) => !i || p[0] >= points[i - 1][0]));
+    }
+    keep(element) {
+      const number = (name) => parseFloat(element.getAttribute(name));
+      if (element.localName === "path") {
+        if (!element.closest("defs")) this.shapes.push({ element, d: element.getAttribute("d"), path: parse(element.getAttribute("d") || "") });
+      } else if (element.localName === "use") {
+        this.shapes.push({ element, at: [number("x"), number("y")] });
+      } else {
+        this.fixed = true;  // pixels cannot be stretched as a logarithm does
+        const matrix = element.transform.baseVal.consolidate()?.matrix;
+        if (matrix) this.shapes.push({ element, image: element.getAttribute("transform"), matrix });
+      }
+    }
+    axes() {
+      const { views } = this.figure;
+      return [views[this.told.x.group], views[this.told.y.group]];
+    }
+    // What was read off the drawing, and where it stands now.
+    value([x, y]) {
+      const [left, top, right, bottom] = this.box;
+      return [valueAt(this.told.x, left, right, x), valueAt(this.told.y, bottom, top, y)];
+    }
+    now([x, y]) {
+      const [left, top, right, bottom] = this.box, [across, up] = this.axes();
+      return [place(across, left, right, x), Math.min(place(up, bottom, top, y), bottom + 1e4)];
+    }
+    moved(point) {
+      return this.now(this.value(point));
+    }
+    draw() {
+      const [across, up] = this.axes(), as = (view, told) => view.log === told.log && view.ends.every((end, i) => end === told.ends[i]);
+      const original = as(across, this.told.x) && as(up, this.told.y);
+      const text = (point) => point.map((x) => x.toFixed(2)).join(" ");
+      for (const shape of this.shapes) {
+        const { element } = shape;
+        if (shape.path) {
+          if (!shape.d) continue;
+          element.setAttribute("d", original ? shape.d : shape.path.map(([letter, points]) => letter + points.map((p) => text(this.moved(p))).join(" ")).join(""));
+        } else if (shape.at) {
+          const [x, y] = original ? shape.at : this.moved(shape.at);
+          element.setAttribute("x", x);
+          element.setAttribute("y", y);
+        } else if (shape.image) {
+          const { a, d, e, f } = shape.matrix, [x0, y0] = this.moved([e, f]), [x1, y1] = this.moved([e + a, f + d]);
+          element.setAttribute("transform", original ? shape.image : `matrix(${x1 - x0} 0 0 ${y1 - y0} ${x0} ${y0})`);
+        }
+      }
+      this.ticks(original);
+    }
+    ticks(original) {
+      this.scales?.remove();
+      this.root.querySelectorAll('[id*="-xtick_"], [id*="-ytick_"]').forEach((tick) => { tick.style.display = original ? "" : "none"; });
+      if (original) return;
+      this.scales = node("g", { "font-size": 9 });
+      this.root.insertBefore(this.scales, this.root.children[1]);
+      const [left, top, right, bottom] = this.box;
+      this.axes().forEach((axis, vertical) => {
+        const said = this.root.querySelector(`[id*="-${"xy"[vertical]}tick_"] text`);
+        for (const value of ticks(axis)) {
+          const at = vertical ? place(axis, bottom, top, value) : place(axis, left, right, value);
+          const ends = vertical ? { x1: left, x2: right, y1: at, y2: at } : { x1: at, x2: at, y1: top, y2: bottom };
+          node("line", { ...ends, stroke: "#dddddd", "stroke-width": 0.5 }, this.scales);
+          if (!said) continue;
+          const where = vertical ? { x: left - 5, y: at + 3.2, "text-anchor": "end" } : { x: at, y: bottom + 13, "text-anchor": "middle" };
+          node("text", where, this.scales).textContent = String(+value.toPrecision(6));
+        }
+      });
+    }
+    inside([x, y]) {
+      const [left, top, right, bottom] = this.box;
+      return x >= left && x <= right && y >= top && y <= bottom;
+    }
+    // What the curves say at the abscissa of a point of the drawing; of tracks, the nearest point.
+    read([x, y]) {
+      const found = [], shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
+      const placed = shown.map((curve) => [curve, curve.points.map((point) => this.moved(point))]);
+      const [, snapped] = nearest(placed.flatMap(([, points]) => points), (at) => (this.single ? Math.abs(at[0] - x) : Math.hypot(at[0] - x, at[1] - y)));
+      for (const [curve, points] of snapped ? placed : []) {
+        if (!this.single) {
+          const i = points.indexOf(snapped);
+          if (i >= 0) found.push({ curve, at: snapped, value: this.value(curve.points[i]) });
+          continue;
+        }
+        const i = points.findIndex((at) => at[0] >= snapped[0] - 1e-6);
+        if (i < 0 || (i === 0 && points[0][0] > snapped[0] + 1e-6)) continue;  // it does not reach so far
+        const here = points[i][0] - snapped[0] < 1e-6 ? 1 : (snapped[0] - points[i - 1][0]) / (points[i][0] - points[i - 1][0]);
+        const between = (list) => (here === 1 ? list[i] : list[i].map((b, k) => list[i - 1][k] + here * (b - list[i - 1][k])));
+        found.push({ curve, at: between(points), value: this.value(between(curve.points)) });
+      }
+      return found.sort((a, b) => b.value[1] - a.value[1]);
+    }
+  }
+
+  const nearest = (points, distance) => {
+    let best, least = Infinity;
+    for (const point of points) if (distance(point) < least) [best, least] = [point, distance(point)];
+    return [least, best];
+  };
+
+  const ticks = ({ log, ends: [low, high] }) => {
+    if (log && high / low > 6) {
+      const found = [], parts = high / low > 300 ? [1] : [1, 2, 5];
+      for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k++) found.push(...parts.map((m) => m * 10 ** k));
+      return found.filter((x) => x >= low && x <= high);
+    }
+    const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
+    const step = power * [1, 2, 5, 10].find((m) => m * power >= rough);
+    const found = [];
+    for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
+    return found;
+  };
+
+  class Figure {
+    constructor(element, svg) {
+      Object.assign(this, { element, svg, hidden: new Set() });
+      this.told = JSON.parse(svg.dataset.live);
+      this.reset();
+      this.keys();
+      this.bar = element.querySelector("figcaption");
+      this.note = document.createElement("div");
+      this.note.className = "readout";
+      this.note.setAttribute("aria-live", "polite");
+      this.note.hidden = true;
+      element.append(this.note);
+      svg.setAttribute("tabindex", "0");
+      for (const name of ["pointerdown", "pointermove", "pointerup", "pointerleave", "pointercancel"]) svg.addEventListener(name, (event) => this[name]?.(event));
+      svg.addEventListener("dblclick", () => this.show(() => this.reset()));
+      svg.addEventListener("keydown", (event) => this.keydown(event));
+      this.undo = this.button("Whole figure", () => this.show(() => this.reset()));
+      this.undo.hidden = true;
+      const told = this.told.axes;
+      if (told.some(({ equal }) => equal) || svg.querySelector("image")) return;
+      const log = told.every(({ y }) => y.log);
+      if (!log && !told.some(({ y }) => y.ends[1] > 0 && y.ends[0] > -0.1 * y.ends[1])) return;  // errors of both signs
+      this.scale = this.button(log ? "Linear axis" : "Log axis", () => this.show(() => this.turn()));
+    }
+    button(text, act) {
+      const made = document.createElement("button");
+      Object.assign(made, { type: "button", textContent: text, className: "tool" });
+      made.addEventListener("click", act);
+      this.bar.append(made);
+      return made;
+    }
+    get panels() {
+      this.made ??= this.told.axes.map((told, i) => new Panel(this, told, i));
+      return this.made;
+    }
+    reset() {
+      this.views = {};
+      for (const axes of this.told.axes) for (const name of ["x", "y"]) this.views[axes[name].group] ??= { log: axes[name].log, ends: [...axes[name].ends] };
+      this.turned = false;
+    }
+    show(change) {
+      change();
+      for (const panel of this.panels) panel.draw();
+      this.undo.hidden = !this.turned && this.told.axes.every((axes) => ["x", "y"].every((n) => axes[n].ends.every((end, i) => end === this.views[axes[n].group].ends[i])));
+      if (this.scale) this.scale.textContent = this.told.axes.every(({ y }) => this.views[y.group].log) ? "Linear axis" : "Log axis";
+      this.note.hidden = true;
+      this.cursor?.remove();
+    }
+    turn() {
+      this.turned = !this.turned;
+      for (const { y } of this.told.axes) {
+        const view = this.views[y.group];
+        view.log = this.turned ? !y.log : y.log;
+        view.ends = [...y.ends];
+        if (!view.log) view.ends[0] = Math.min(0, view.ends[0]);
+        if (!view.log || y.log) continue;
+        let least = Infinity;
+        for (const panel of this.panels) {
+          if (panel.told.y.group !== y.group) continue;
+          const floor = 0.02 * (panel.box[3] - panel.box[1]) / 100;  // what is nearer to zero than the drawing tells
+          for (const curve of panel.curves) for (const p of curve.points) if (panel.box[3] - p[1] > floor) least = Math.min(least, panel.value(p)[1]);
+        }
+        view.ends[0] = least > 0 && least < view.ends[1] ? 0.9 * least : 1e-3 * view.ends[1];
+      }
+    }
+    keys() {
+      for (const key of this.svg.querySelectorAll("[data-key]")) {
+        const number = +key.dataset.key, words = key.querySelector("text") !== null;
+        const act = () => this.toggle(number);
+        key.classList.add("key");
+        key.addEventListener("click", act);
+        if (!words) continue;
+        for (const [name, value] of [["tabindex", 0], ["role", "button"], ["aria-pressed", true], ["aria-label", `Show ${this.told.labels[number]}`]]) key.setAttribute(name, value);
+        key.addEventListener("keydown", (event) => {
+          if (event.key !== "Enter" && event.key !== " ") return;
+          event.preventDefault();
+          event.stopPropagation();
+          act();
+        });
+      }
+    }
+    toggle(number) {
+      const hide = !this.hidden.has(number);
+      this.hidden[hide ? "add" : "delete"](number);
+      this.svg.querySelectorAll(`[data-of="${number}"]`).forEach((shape) => { shape.style.display = hide ? "none" : ""; });
+      this.svg.querySelectorAll(`[data-key="${number}"]`).forEach((key) => {
+        key.classList.toggle("off", hide);
+        if (key.hasAttribute("aria-pressed")) key.setAttribute("aria-pressed", String(!hide));
+      });
+      this.note.hidden = true;
+      this.cursor?.remove();
+    }
+    where(event) {
+      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.svg.getScreenCTM().inverse());
+      return [at.x, at.y];
+    }
+    pointerdown(event) {
+      const at = this.where(event), panel = this.panels.find((p) => p.inside(at));
+      if (!panel || event.button || event.target.closest("[data-key]")) return;
+      if (event.pointerType === "touch") return this.read(panel, at);
+      event.preventDefault();
+      this.svg.focus({ preventScroll: true });
+      this.svg.setPointerCapture(event.pointerId);
+      this.drag = { panel, from: at };
+    }
+    pointermove(event) {
+      const at = this.where(event);
+      if (!this.drag) {
+        const panel = event.pointerType !== "touch" && this.panels.find((p) => p.inside(at));
+        return panel ? this.read(panel, at) : this.pointerleave();
+      }
+      const { panel, from } = this.drag, [left, top, right, bottom] = panel.box;
+      const x = [from[0], at[0]].map((v) => Math.min(Math.max(v, left), right)).sort((a, b) => a - b);
+      const y = [from[1], at[1]].map((v) => Math.min(Math.max(v, top), bottom)).sort((a, b) => a - b);
+      // A drag along one axis zooms that one.
+      if (x[1] - x[0] < 8) [x[0], x[1]] = [left, right];
+      else if (y[1] - y[0] < 8) [y[0], y[1]] = [top, bottom];
+      this.frame?.remove();
+      this.frame = node("rect", { x: x[0], y: y[0], width: x[1] - x[0], height: y[1] - y[0], class: "frame" }, this.svg);
+      this.drag.to = [x, y];
+    }
+    pointerup(event) {
+      const { panel, from, to } = this.drag ?? {}, at = this.where(event);
+      this.pointercancel();
+      if (!to || Math.hypot(at[0] - from[0], at[1] - from[1]) < 8) return;
+      const [left, top, right, bottom] = panel.box, [across, up] = panel.axes(), [x, y] = to;
+      this.show(() => {
+        const sides = x.map((v) => valueAt(across, left, right, v)), ends = [y[1], y[0]].map((v) => valueAt(up, bottom, top, v));
+        if (panel.told.equal) {  // as much of both, so that the scales stay equal
+          const share = Math.max((x[1] - x[0]) / (right - left), (y[1] - y[0]) / (bottom - top));
+          for (const [axis, [a, b]] of [[across, sides], [up, ends]]) {
+            const half = 0.5 * share * (axis.ends[1] - axis.ends[0]), middle = 0.5 * (a + b);
+            axis.ends = [middle - half, middle + half];
+          }
+          return;
+        }
+        across.ends = sides;
+        up.ends = ends;
+      });
+    }
+    pointercancel() {
+      this.drag = undefined;
+      this.frame?.remove();
+    }
+    pointerleave() {
+      if (this.drag) return;
+      this.note.hidden = true;
+      this.cursor?.remove();
+    }
+    keydown(event) {
+      const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key], panel = this.last?.panel ?? this.panels[0];
+      if (!step || event.target !== this.svg) return;
+      event.preventDefault();
+      const shown = panel.curves.find(({ number }) => !this.hidden.has(number));
+      if (!shown) return;
+      const places = shown.points.map((p) => panel.moved(p)).filter((p) => panel.inside([p[0], panel.box[1]]));
+      const now = this.last ? places.findIndex((p) => p[0] >= this.last.x - 0.01) : step > 0 ? -1 : places.length;
+      const next = places[Math.min(Math.max(now + step, 0), places.length - 1)];
+      if (next) this.read(panel, next);
+    }
+    read(panel, at) {
+      const rows = panel.read(at);
+      this.cursor?.remove();
+      this.note.hidden = !rows.length;
+      if (!rows.length) return;
+      const [left, top, right, bottom] = panel.box, x = rows[0].at[0], digits = (v) => String(+v.toPrecision(3));
+      this.last = { panel, x };
+      this.cursor = node("g", { "pointer-events": "none" }, this.svg);
+      if (panel.single) node("line", { x1: x, x2: x, y1: top, y2: bottom, class: "cursor" }, this.cursor);
+      for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.colour }, this.cursor);
+      const lines = rows.map(({ curve, value }) => {
+        const line = document.createElement("div"), dot = document.createElement("i"), number = document.createElement("b");
+        dot.style.background = curve.colour;
+        number.textContent = panel.single ? digits(value[1]) : value.map(digits).join(", ");
+        line.append(dot, `${this.told.labels[curve.number]} `, number);
+        return line;
+      });
+      const head = document.createElement("div");
+      head.textContent = panel.single ? `at ${digits(rows[0].value[0])}` : "nearest point";
+      this.note.replaceChildren(head, ...lines);
+      const home = this.element.getBoundingClientRect(), corner = new DOMPoint(x, Math.max(at[1], top)).matrixTransform(this.svg.getScreenCTM());
+      const room = home.width - this.note.offsetWidth - 4, beside = corner.x - home.left + 14;
+      this.note.style.left = `${Math.max(4, beside > room ? beside - 28 - this.note.offsetWidth : beside)}px`;
+      this.note.style.top = `${Math.max(4, corner.y - home.top - this.note.offsetHeight / 2) + this.element.scrollTop}px`;
+    }
+  }
+
+  document.querySelectorAll("figure svg[data-live]").forEach((svg) => new Figure(svg.closest("figure"), svg));
+})();
