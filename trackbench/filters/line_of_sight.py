@@ -107,10 +107,11 @@ class LineOfSight(ParticleFilter):
         noise = SomeRuns(rng, k, np.flatnonzero(poor))
         senses = senses_of(frame)
         resampled, log_w = self._shared_out(frame, senses, noise, size)
-        if senses is None:
-            modes = [Mode(None, None, frame.moments().cov)]
-        else:
-            modes = senses.modes(resampled.x)
+        modes = (
+            [Mode(None, None, frame.moments().cov)]
+            if senses is None
+            else senses.modes(resampled.x)
+        )
         new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(middle, new)
         if poor.all():
