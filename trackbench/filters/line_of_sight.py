@@ -108,9 +108,7 @@ class LineOfSight(ParticleFilter):
         senses = senses_of(frame)
         resampled, log_w = self._shared_out(frame, senses, noise, size)
         modes = (
-            [Mode(None, None, frame.moments().cov)]
-            if senses is None
-            else senses.modes(resampled.x)
+            [Mode(None, None, frame.moments().cov)] if senses is None else senses.modes(resampled.x)
         )
         new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(middle, new)
