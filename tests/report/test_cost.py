@@ -1,6 +1,7 @@
 """Accuracy at equal cost: known curves, errors against repeated batches, and a small experiment."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -220,6 +221,8 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     text = (results.folder / "figures" / "cost.svg").read_text()
     for word in ("HDEPF (G = 3)", "Front", "Exact", "CPU time per step"):
         assert word in text
+    told = results.parts("figures")["cost"].tell(results)
+    assert re.fullmatch(r"On the front: (.+ with N = [\d, and]+|UKF)(; .+)*\.", told)
     spent = results.timing.drop_duplicates(["filter", "cpu_s"])["cpu_s"].sum()
     assert results.manifest["cpu_s"] == pytest.approx(spent, abs=2e-3)  # what is shared counts once
 

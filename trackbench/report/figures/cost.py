@@ -26,6 +26,7 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.grids import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.wording import joined
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,6 +66,19 @@ class AccuracyVsCost(FigureKind):
         most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
         return mistakes(points, self.metric, self.along, {"along": most})
 
+    def tell(self, results: Results) -> str:
+        """What stands on the front."""
+        scene = scenes(results)[0]
+        there = self._curves(results, scene)
+        best = [id(spot) for spot in self._front(there)]
+        found = []
+        for curve in there:
+            sizes = [style.number(spot.size) for spot in curve.spots if id(spot) in best]
+            size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
+            found += [f"{curve.name}{size}"] if sizes else []
+        where = f" at {style.heading(scene)}" if scene else ""
+        return f"On the front{where}: {'; '.join(found)}." if found else ""
+
     def draw(self, results: Results) -> "Figure":
         """One panel per scene."""
         every = scenes(results)
@@ -80,19 +94,18 @@ class AccuracyVsCost(FigureKind):
         return figure
 
     def _panel(self, ax: "Axes", results: Results, scene: dict[str, Any]) -> None:
-        floor = self.floor or results.config.get("reference")
-        labels = [label for label in shown(results, self.filters) if label != floor]
-        there = curves(results, scene, labels, self.metric, self.along)
+        there = self._curves(results, scene)
         marks: dict[str, int] = {}
         for curve in there:
             mark = marks[curve.label] = marks.get(curve.label, -1) + 1
             look = results.look(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
             self._curve(ax, curve, look)
         every = [spot for curve in there for spot in curve.spots]
-        x, y = _values(list(front(every, self.metric.family[0].more_is_better)))
+        x, y = _values(self._front(there))
         dearest = [MICRO * max(spot.cost.value for spot in every)] if every else []
         ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
-        least = self._least(results, points_of(results, scene)[0], str(floor))
+        floor = self._floor(results)
+        least = self._least(results, points_of(results, scene)[0], floor)
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
         if every:  # nothing, where every filter failed, has no logarithm
@@ -100,6 +113,17 @@ class AccuracyVsCost(FigureKind):
         if every and self.log:
             ax.set_yscale("log")
             style.plain_log_axis(ax)
+
+    def _floor(self, results: Results) -> str:
+        return self.floor or str(results.config.get("reference"))
+
+    def _curves(self, results: Results, scene: dict[str, Any]) -> list[Curve]:
+        labels = [b for b in shown(results, self.filters) if b != self._floor(results)]
+        return curves(results, scene, labels, self.metric, self.along)
+
+    def _front(self, there: Sequence[Curve]) -> list[Spot]:
+        every = [spot for curve in there for spot in curve.spots]
+        return list(front(every, self.metric.family[0].more_is_better))
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
         """Of a bound, what summary.csv says: no run has a part in it."""
