@@ -16,6 +16,7 @@ from trackbench.experiment.problems import UserError
 from trackbench.report.costs import Curve, Spot, beside, curves, front
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
+from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.terms import Term
 from trackbench.verification import verify
 
@@ -180,6 +181,12 @@ def test_the_table_at_equal_cost(results):
             assert np.isnan(size.estimate.value)
     assert len(table.notes) == 3
     assert all(": best " in note for note in table.notes)
+
+
+def test_at_the_cost_of_a_filter_with_several_forms(results):
+    keys = EqualCost(of="HDEPF", filters=("PF", "UKF")).table(results).keys
+    sizes = [f"{n} (G = {g})" for g in (1, 3) for n in (5, 8, 12)]
+    assert keys == [[size, name] for size in sizes for name in ("PF", "UKF")]
 
 
 def test_of_efficiencies_the_highest_is_the_best(results):

@@ -77,7 +77,7 @@ class EqualCost(TableKind):
             rivals = [curve for curve in there if curve.label in labels]
             for curve in there:
                 for spot in curve.spots if curve.label == self.of else ():
-                    size = style.number(spot.size) if curve.name == self.of else curve.name
+                    size = style.number(spot.size) + curve.name.removeprefix(self.of)
                     keys = [*map(style.number, scene.values()), size]
                     self._add(table, keys, rivals, spot)
         return table
