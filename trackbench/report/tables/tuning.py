@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from typing import Annotated, Any
 
 import numpy as np
@@ -85,8 +86,9 @@ def _found(record: Record) -> str:
         if axis.choices:
             also = [v for v in near if v != value]
             parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))
-        else:
-            parts.append(f"{axis.key} = {value} ({near[0]} to {near[-1]})")
+        else:  # a single run has no standard error, and no range
+            within = f" ({near[0]} to {near[-1]})" if isfinite(record.best.stderr) else ""
+            parts.append(f"{axis.key} = {value}{within}")
     return "; ".join(parts)
 
 
