@@ -79,7 +79,9 @@ def jitter_each(
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
-        move = linalg.lower_product(scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e)
+        move = linalg.lower_product(
+            scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e
+        )
         moved = move if mode.there is None else np.where(mode.there, move, 0.0)
         moved += x
         x = moved
