@@ -155,8 +155,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -
             write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats)
-        write_report(results, comparison)
         best = also(results, options.formats) if also else []
+        write_report(results, comparison)
     seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
     failed = list(_failed(job.experiment, outcome, losses))

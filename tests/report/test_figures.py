@@ -5,6 +5,7 @@ import pytest
 from matplotlib.collections import PolyCollection
 
 from tests.papers import merwe_text
+from tests.report.forging import edit
 from trackbench import api
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
@@ -12,8 +13,10 @@ from trackbench.report import style
 from trackbench.report.expressions import Expressions
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.curves import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.per_run import RmsePerRun, _in_order
 from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
 from trackbench.report.results import Results
+from trackbench.report.telling import ranking
 from trackbench.report.terms import Term
 from trackbench.verification import verify
 
@@ -65,6 +68,7 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
     assert looks["Exact"] == style.FLOOR
     assert looks["No data"] == style.BASELINE
     assert looks["PF"] == style.line(0)
+    assert Results(made).look("Exact") == style.FLOOR  # in figures that do not say so, too
 
 
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
@@ -140,6 +144,57 @@ def test_time_stands_on_the_axis_if_asked(made):
     np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), times)
     assert figure.axes[0].get_xlabel() == "Time (s)"
     style.close(figure)
+
+
+def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
+    results = Results(made)
+    runs = results.runs({})["PF", "rmse"]
+    figure = RmsePerRun(filters=("PF",)).draw(results)
+    share, value = figure.axes[0].lines[0].get_data()
+    assert (value[0], value[-1], share[-1]) == (runs.min(), runs.max(), 100.0)
+    np.testing.assert_allclose([np.mean(runs <= v) for v in value], 0.01 * share)
+    style.close(figure)
+    assert _in_order(np.array([3.0, np.nan, 1.0]))[1].tolist()[:2] == [1.0, 3.0]
+    assert np.isnan(_in_order(np.array([3.0, np.nan, 1.0]))[1][2])
+
+
+def test_what_a_figure_tells_is_in_its_numbers(made):
+    results = Results(made)
+    time = RmseVsTime(filters=("PF", "PF (N=50)", "No data"), baseline="No data").tell(results)
+    frame = results.per_step.query("metric == 'rmse'").groupby("filter")["value"].mean()
+    better, worse = frame[["PF", "PF (N=50)"]].sort_values().items()
+    words = [f"{label} ({value:.3g})" for label, value in (better, worse)]
+    assert time == f"Averaged over the steps, lowest: {', '.join(words)}."
+    assert RmseVsTime(filters=("PF",)).tell(results) == ""  # of one there is no order
+    bars = Bars(filters=("PF", "PF (N=50)")).tell(results)
+    assert bars.startswith("Of what is measured, lowest: PF (N=50) (")
+    assert bars.endswith("Diamonds are the numbers that were published.")
+
+
+def test_a_ranking_knows_which_way_is_better():
+    values = {"a": -2.0, "b, c": 0.5, "d": float("nan"), "e": 30.0, "f": 1234.0}
+    assert (
+        ranking(values, "lower", "X")
+        == "X, lowest: a (-2), “b, c” (0.5), e (30); highest: f (1230)."
+    )
+    assert ranking(values, "higher", "X").startswith("X, highest: f (1230), e (30)")
+    assert ranking(values, "zero", "X").startswith("X, nearest zero: “b, c” (0.5), a (-2)")
+    assert ranking(values, "one", "X").startswith("X, nearest one: “b, c” (0.5), e (30)")
+    assert ranking(values, "", "X") == ""
+
+
+def test_the_report_begins_with_the_key_figure(folder):
+    assert Results(folder).key_figure == "time"
+    edit(folder, "config.yaml", "key_figure: null", "key_figure: bars")
+    assert Results(folder).key_figure == "bars"
+    (page,) = api.report(folder)
+    assert page.read_text().partition("</header>")[0].count('<figure id="figure-bars">') == 1
+
+
+def test_a_key_figure_is_one_of_the_figures(tmp_path):
+    (tmp_path / "c.yaml").write_text(GRID.replace("published: [n.csv]", "key_figure: raneks"))
+    with pytest.raises(UserError, match=r"c.yaml:\d+:13: key_figure: known: $"):
+        api.prepare(tmp_path / "c.yaml", api.Options())
 
 
 def test_errors_of_estimates_stand_below_them(made):

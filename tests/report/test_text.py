@@ -20,6 +20,7 @@ def test_latex_has_booktabs_rules_and_no_live_character():
     assert r"A \& B\_1 & \num{0.500 +- 0.010} & 0 of 100 (0 to 3.6 \%) \\" in text
     assert r"\textbackslash{}input\{x\} \$y\$ \textasciitilde{}\textasciicircum{}" in text
     assert r"\caption{Mean \& spread of 100 \%}" in text
+    assert TextTable("σ ≤ λ²", ["µ"]).tex().count("$") == 8  # pdflatex has none of them in text
 
 
 def test_what_is_no_number_is_said_in_words():

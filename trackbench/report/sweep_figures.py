@@ -29,7 +29,7 @@ def render_sweep(results: Results, formats: Iterable[str]) -> list[Best]:
             if figure is None:
                 continue
             for form in style.forms(formats):
-                path = figures / f"sweep-{_file_name(metric)}.{form}"
+                path = figures / f"{file_name(metric)}.{form}"
                 write_bytes(path, style.content(figure, form))
         style.close(figure)
     return list(best_points(sweep))
@@ -135,7 +135,8 @@ def _frame_smallest(ax: "Axes", field: Array) -> None:
     ax.add_patch(frame)
 
 
-def _file_name(metric: str) -> str:
-    """``rms(rmse[k<=30])`` as ``rms-rmse-k-to-30``: a name that every system takes."""
+def file_name(metric: str) -> str:
+    """``rms(rmse[k<=30])`` as ``sweep-rms-rmse-k-to-30``: a name that every system takes."""
     words = metric.replace("<=", " to ").replace("<", " below ").replace(">", " above ")
-    return "-".join("".join(c if c.isalnum() or c == "_" else " " for c in words).split())
+    words = "-".join("".join(c if c.isalnum() or c == "_" else " " for c in words).split())
+    return f"sweep-{words}"

@@ -80,6 +80,7 @@ _TEX = {
     ">": r"\textgreater{}",
     "±": r"$\pm$",
     "–": "--",
+    "µ": r"$\mu$",
     "≤": r"$\leq$",
     "≥": r"$\geq$",
     "²": r"\textsuperscript{2}",

@@ -48,6 +48,8 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)
     for group, built in groups.items():
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
+    if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
+        out["key_figure"] = None
     for label, assume in first.assumed.items():
         keys = ("filters", label, "assume")
         assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}

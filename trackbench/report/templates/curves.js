@@ -188,7 +188,7 @@
       const told = this.told.axes;
       if (told.some(({ equal }) => equal) || svg.querySelector("image")) return;
       const log = told.every(({ y }) => y.log);
-      if (!log && !told.some(({ y }) => y.ends[1] > 0 && y.ends[0] > -0.1 * y.ends[1])) return;  // errors of both signs
+      if (!told.every(({ y }) => y.log || (y.ends[1] > 0 && y.ends[0] > -0.1 * y.ends[1]))) return;  // both signs
       this.scale = this.button(log ? "Linear axis" : "Log axis", () => this.show(() => this.turn()));
     }
     button(text, act) {
