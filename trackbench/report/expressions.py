@@ -72,7 +72,10 @@ class Expressions:
         """``left - factor * right``, paired on common runs."""
         common = self._found(left, right)
         a, b = self.term(left, common), self.term(right, common)
-        return together(a.value - factor * b.value, a, b, 1.0, -factor)
+        term = together(a.value - factor * b.value, a, b, 1.0, -factor)
+        if all(m.statistic == "variance" and not m.relation for m in (left, right)):
+            return term.by_sides(a, b, factor)
+        return term
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
         if m.relation == "minus":
