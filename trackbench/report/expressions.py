@@ -60,6 +60,8 @@ class Expressions:
 
     def at_each_step(self, m: Measure) -> list[Measure]:
         """A measure of many steps at each of those at which anything is known of the filter."""
+        if not m.is_of_many_steps:
+            return [m]
         steps = self.results.at(self.results.per_step, self.point)
         mine = steps[(steps["filter"] == m.filter) & (steps["metric"] == m.metric)]
         shares = [measured(name) for of, name in self.runs if of == m.filter]
