@@ -4,6 +4,11 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation import statistics as st
+from trackbench.evaluation.differences import (
+    Sides,
+    interval_of_difference,
+    studentised_difference,
+)
 from trackbench.evaluation.intervals import (
     dominance,
     interval_of,
@@ -60,7 +65,7 @@ def ratio(name):
 
 SINGLE = [single(name) for name in ("mean", "variance", "rms", "median")]
 OF_VALUES = [difference("mean"), difference("median"), ratio("mean")]
-OF_SQUARES = [single("std"), difference("rms"), difference("variance"), ratio("rms")]
+OF_SQUARES = [single("std"), difference("rms"), ratio("rms")]
 
 
 def held(found, truth):
@@ -91,6 +96,42 @@ def test_intervals_hold_the_truth(draw, numbers):
     for a, b in zip(*draw(rng, (REPETITIONS, RUNS)), strict=True):
         hits += [held(number(a, b), truth) for number, truth in zip(numbers, truths, strict=True)]
     check(hits / REPETITIONS)
+
+
+@pytest.mark.parametrize("draw", [light, less_heavy, heavy])
+def test_differences_of_variances_hold_the_truth(draw):
+    """Whose two tails are not seen, each: by the influences of the difference 88 % on the heavy one."""
+    rng, repetitions = np.random.default_rng(2031), REPETITIONS // 2
+    truth = np.subtract(*(np.var(x) for x in draw(rng, 4_000_000)))
+    hits = 0
+    for a, b in zip(*draw(rng, (repetitions, RUNS)), strict=True):
+        sides = Sides(st.influence("variance", a), st.influence("variance", b))
+        value = st.variance(a).value - st.variance(b).value
+        low, high = interval_of_difference(value, sides)
+        hits += low <= truth <= high
+    room = 3.0 * np.sqrt(0.05 * 0.95 / repetitions)
+    assert LEAST - room <= hits / repetitions <= MOST + room
+
+
+def test_a_difference_is_excluded_where_its_interval_ends():
+    a, b = heavy(np.random.default_rng(2032), 60)
+    sides = Sides(st.influence("variance", a), st.influence("variance", b))
+    value = st.variance(a).value - st.variance(b).value
+    swapped = Sides(sides.second, sides.first)
+    for other in (0.0, 2.0):
+        low, high = interval_of_difference(value, sides, other=other)
+        assert low < value < high
+        assert studentised_difference(value - low, sides, other) == pytest.approx(Z, rel=1e-6)
+        assert studentised_difference(value - high, sides, other) == pytest.approx(-Z, rel=1e-6)
+        assert interval_of_difference(-value, swapped, other=other) == (-high, -low)
+    assert np.isnan(studentised_difference(0.0, Sides(sides.first, sides.first)))
+
+
+def test_a_difference_to_a_number_without_error_is_that_of_one():
+    x = st.influence("variance", heavy(np.random.default_rng(2033), 60)[0])
+    sides = Sides(x, np.zeros(60))
+    assert studentised_difference(1.0, sides) == studentised(1.0, x)
+    assert interval_of_difference(1.0, sides) == interval_of(1.0, x)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.5])

@@ -168,7 +168,7 @@ class Gamma:
         inside += self._log_norm
         return np.where(v <= 0.0, -np.inf, inside)
 
-    @property
+    @cached_property
     def _log_norm(self) -> float:
         """``log(rate^shape / Gamma(shape))``."""
         return float(self.shape * elementary.log(self.rate)) - elementary.log_gamma(self.shape)

@@ -60,6 +60,8 @@ class Expressions:
 
     def at_each_step(self, m: Measure) -> list[Measure]:
         """A measure of many steps at each of those at which anything is known of the filter."""
+        if not m.is_of_many_steps:
+            return [m]
         steps = self.results.at(self.results.per_step, self.point)
         mine = steps[(steps["filter"] == m.filter) & (steps["metric"] == m.metric)]
         shares = [measured(name) for of, name in self.runs if of == m.filter]
@@ -72,7 +74,10 @@ class Expressions:
         """``left - factor * right``, paired on common runs."""
         common = self._found(left, right)
         a, b = self.term(left, common), self.term(right, common)
-        return together(a.value - factor * b.value, a, b, 1.0, -factor)
+        term = together(a.value - factor * b.value, a, b, 1.0, -factor)
+        if all(m.statistic == "variance" and not m.relation for m in (left, right)):
+            return term.by_sides(a, b, factor)
+        return term
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
         if m.relation == "minus":

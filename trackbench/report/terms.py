@@ -5,6 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.differences import (
+    Sides,
+    interval_of_difference,
+    studentised_difference,
+)
 from trackbench.evaluation.intervals import (
     FRAGILE,
     dominance,
@@ -33,11 +38,19 @@ class Term(NamedTuple):
     """influence (B,) of each block of runs on a time"""
     freedom: float = np.inf
     """degrees of freedom of a standard error that no influences give"""
+    sides: Sides | None = None
+    """influences on both variances of which it is the difference, if it is one"""
 
     @property
     def estimate(self) -> Estimate:
         """Value and standard error."""
         return Estimate(self.value, self.stderr)
+
+    def by_sides(self, a: "Term", b: "Term", factor: float) -> "Term":
+        """This difference ``a - factor b``, tested by the limits of both, if they are of common runs."""
+        if self.influences is None or a.influences is None or b.influences is None:
+            return self
+        return self._replace(sides=Sides(a.influences, factor * b.influences))
 
     @property
     def splits(self) -> bool:
@@ -60,6 +73,8 @@ class Term(NamedTuple):
             if self.influences is None:
                 t = z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
                 return normal_of_t(t, self.freedom)
+            if self.sides is not None:
+                return studentised_difference(self.value - target, self.sides, other)
             return studentised(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
@@ -68,6 +83,8 @@ class Term(NamedTuple):
             if self.influences is None:
                 width = quantile(level, self.freedom) * float(np.hypot(self.stderr, other))
                 return self.value - width, self.value + width
+            if self.sides is not None:
+                return interval_of_difference(self.value, self.sides, level, other)
             return interval_of(self.value, self.influences, level, other)
 
 

@@ -11,7 +11,13 @@ import trackbench
 
 _SOURCES = ("core", "models", "scenarios", "filters", "adapters", "evaluation")
 _AFTER_BLOCKS = {
-    *("efficiency.py", "intervals.py", "merge.py", "shares.py", "statistics.py", "summary.py")
+    "differences.py",
+    "efficiency.py",
+    "intervals.py",
+    "merge.py",
+    "shares.py",
+    "statistics.py",
+    "summary.py",
 }
 """Files of evaluation/ that only see finished blocks."""
 

@@ -102,14 +102,14 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
     losses, asked = {}, shared(experiment)
-    spent: dict[BlockTask, float] = {}  # a block that several points share was computed once
+    spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)
             losses[key] = Losses.of(result)
-            each = (t.cpu_s for t in result.timing)
-            spent.update(zip(outcome.plan.tasks[key], each, strict=True))
+            passes = (task.alone for task in outcome.plan.tasks[key])
+            spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
             for name in _FRAMES:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
             for collection in kept.values():
