@@ -1,0 +1,78 @@
+"""Table kind `calibration`: are the ranks of the truth uniform?"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.evaluation.measure import OfRank
+from trackbench.evaluation.statistics import Estimate, holm
+from trackbench.evaluation.uniformity import Histogram
+from trackbench.keys import OpenShare
+from trackbench.registry import register
+from trackbench.report.kinds import TableKind
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table
+from trackbench.report.uniform import check_ranks, histogram
+
+_HEADS = ["Distance", "p of the distance", "p of the histogram"]
+
+
+@register("tables", "calibration")
+@dataclass(frozen=True, kw_only=True)
+class Calibration(TableKind):
+    """Kolmogorov's distance of each PIT from the uniform distribution, and tests of it.
+
+    At a step (`pit_px@20`) the runs are independent: Kolmogorov's test, and Pearson's of the histogram
+    in tenths. Over all steps (`pit_px`) each run has its share of steps in each tenth: Hotelling's T^2.
+    Talts et al. 2018; Gneiting, Balabdaoui & Raftery 2007.
+    """
+
+    rows: dict[str, OfRank]
+    """what it is called: pit_nees (the whole state), pit_<component>; with @20 or @last at a step"""
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all"""
+    alpha: OpenShare = 0.01
+    """probability that a calibrated filter is said not to be, anywhere in the table"""
+    digits: int = 3
+    """significant digits of the values"""
+
+    def __post_init__(self) -> None:
+        check_ranks("rows", self.rows)
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        keys = [*results.grid_heads, "Filter", "PIT"]
+        table = Table(self.title, keys, _HEADS, self.digits)
+        tests: list[tuple[str, str, float]] = []
+        for point in results.points():
+            for label in results.chosen(self.filters):
+                row = [*(str(v) for v in point.values()), label]
+                for head, m in self.rows.items():
+                    found = histogram(results, point, label, m)
+                    table.add([*row, head], _cells(found))
+                    ps = (found.p_distance, found.p)
+                    tests += [(", ".join(row), head, p) for p in ps if np.isfinite(p)]
+        table.notes += _verdict(tests, self.alpha)
+        return table
+
+
+def _cells(found: Histogram) -> list[Cell]:
+    numbers = (found.distance, found.p_distance, found.p)
+    return [Cell(Estimate(x, np.nan), found.runs, 0) for x in numbers]
+
+
+def _verdict(tests: list[tuple[str, str, float]], alpha: float) -> Iterator[str]:
+    """Whose ranks are not uniform, of (filter, PIT, p-value), and whose are not seen to be otherwise."""
+    adjusted = holm(np.array([p for _, _, p in tests]))
+    bad: dict[str, dict[str, None]] = {}
+    for (label, head, _), p in zip(tests, adjusted, strict=True):
+        if p < alpha:
+            bad.setdefault(label, {})[head] = None
+    by = f"by {len(tests)} tests, {alpha:g} for all of them (Holm)"
+    if bad:
+        words = "; ".join(f"{label} ({', '.join(heads)})" for label, heads in bad.items())
+        yield f"Not calibrated {by}: {words}."
+    good = list(dict.fromkeys(label for label, _, _ in tests if label not in bad))
+    if good:
+        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(good)}."

@@ -1,0 +1,41 @@
+"""Rank histograms from a results folder, and what a key may name that asks for them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.measure import Measure
+from trackbench.evaluation.uniformity import Histogram, at_step, over_steps
+from trackbench.keys import MistakenKeyError
+from trackbench.report.results import Results
+
+
+def check_ranks(key: str, measures: Mapping[str, Measure]) -> None:
+    """Raise MistakenKeyError at what is no PIT, at one step or over all."""
+    for head, m in measures.items():
+        if m.family[0].name != "pit" or m.statistic or m.window or m.is_many or m.relation:
+            raise MistakenKeyError(
+                f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", key, head
+            )
+
+
+def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
+    """The values (M,) of a PIT at a step; none if the filter has none."""
+    return results.runs(point).get((label, str(m)), np.empty(0))
+
+
+def shares_of_runs(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
+    """Share of each run's steps in each tenth (TENTHS, M) of a PIT; no runs if the filter has none."""
+    runs = results.runs(point)
+    rows = [runs.get((label, bar), np.empty(0)) for bar in bars(m.family[1])]
+    return np.stack(rows)
+
+
+def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -> Histogram:
+    """Of a PIT at a step, or over the steps of each run; of no runs if the filter has none."""
+    if m.steps:
+        return at_step(pits(results, point, label, m))
+    return over_steps(shares_of_runs(results, point, label, m))
