@@ -1,6 +1,6 @@
 """Rank histograms from a results folder, and what a key may name that asks for them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,17 +9,24 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.measure import Measure
 from trackbench.evaluation.uniformity import Histogram, at_step, over_steps
+from trackbench.experiment.reading.definition import Point
 from trackbench.keys import MistakenKeyError
 from trackbench.report.results import Results
 
 
-def check_ranks(key: str, measures: Mapping[str, Measure]) -> None:
-    """Raise MistakenKeyError at what is no PIT, at one step or over all."""
-    for head, m in measures.items():
-        if m.family[0].name != "pit" or m.statistic or m.window or m.is_many or m.relation:
-            raise MistakenKeyError(
-                f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", key, head
-            )
+def check_rank(m: Measure, *path: str) -> None:
+    """Raise MistakenKeyError at what is no PIT, at one step or over all of a window."""
+    if m.family[0].name != "pit" or m.statistic or m.is_many or m.relation:
+        raise MistakenKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
+
+
+def steps_that_are_not(measures: Iterable[Measure], points: Sequence[Point]) -> str:
+    """Which of the measures are at a step that a point has not; nothing if there is none."""
+    for m in measures:
+        for steps in (point.scenario.steps for point in points):
+            if m.step is not None and m.step not in steps:
+                return f"{m}: the steps are {steps[0]} to {steps[-1]}"
+    return ""
 
 
 def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
@@ -30,8 +37,8 @@ def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Arr
 def shares_of_runs(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
     """Share of each run's steps in each tenth (TENTHS, M) of a PIT; no runs if the filter has none."""
     runs = results.runs(point)
-    rows = [runs.get((label, bar), np.empty(0)) for bar in bars(m.family[1])]
-    return np.stack(rows)
+    names = [m._replace(metric=bar).name for bar in bars(m.family[1])]
+    return np.stack([runs.get((label, name), np.empty(0)) for name in names])
 
 
 def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -> Histogram:

@@ -97,7 +97,7 @@ def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
         yield Asked(keys, value, role_of(hint))
         if role_of(hint) == "rank" and not value.steps:
             for bar in bars(value.family[1]):
-                yield Asked(keys, measured(bar), "per_run", named=False)
+                yield Asked(keys, value._replace(metric=bar), "per_run", named=False)
     elif is_dataclass(value):
         yield from _asked_by(value, keys)
     elif isinstance(value, dict):
@@ -144,6 +144,8 @@ def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
     kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
         return None
+    if asked.measure.family[0].name == "rank" and not asked.named:  # said of the PIT that it is of
+        return None
     if word in names.given or not (asked.named or word in names.of(role)):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
@@ -165,7 +167,7 @@ def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
     if asked.role == "base":
         return "base", m.base
     if asked.role == "rank":
-        return "per_run", m.metric
+        return "per_run", m._replace(steps=None).name
     if asked.role == "comparison" and not settings.grid:
         return "per_run", m.name
     if asked.role not in ("expression", "comparison"):

@@ -1,5 +1,6 @@
 """Figure kinds `calibration`, rank histograms, and `reliability`, coverage against level."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +10,20 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.calibration import TENTHS
 from trackbench.evaluation.measure import Measure, OfRank, measure
 from trackbench.evaluation.uniformity import Histogram, kolmogorov_band
+from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.figures.curves import Curves
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.uniform import check_ranks, histogram, pits, shares_of_runs
+from trackbench.report.uniform import (
+    check_rank,
+    histogram,
+    pits,
+    shares_of_runs,
+    steps_that_are_not,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +50,13 @@ class Calibration(FigureKind):
     """labels to draw; default: all"""
 
     def __post_init__(self) -> None:
-        check_ranks("columns", self.columns)
+        for head, m in self.columns.items():
+            check_rank(m, "columns", head)
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """Steps that there are not."""
+        what = steps_that_are_not(self.columns.values(), points)
+        return {"columns": what} if what else {}
 
     def draw(self, results: Results) -> "Figure":
         """A row of panels per filter (and point of the grid), a column per PIT."""
@@ -102,7 +116,12 @@ class Reliability(Curves):
     """label of the vertical axis"""
 
     def __post_init__(self) -> None:
-        check_ranks("metric", {"": self.metric})
+        check_rank(self.metric, "metric")
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """A step that there is not."""
+        what = steps_that_are_not([self.metric], points)
+        return {"metric": what} if what else {}
 
     def draw(self, results: Results) -> "Figure":
         """One line per filter."""

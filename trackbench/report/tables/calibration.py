@@ -1,6 +1,6 @@
 """Table kind `calibration`: are the ranks of the truth uniform?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +8,13 @@ import numpy as np
 from trackbench.evaluation.measure import OfRank
 from trackbench.evaluation.statistics import Estimate, holm
 from trackbench.evaluation.uniformity import Histogram
+from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.uniform import check_ranks, histogram
+from trackbench.report.uniform import check_rank, histogram, steps_that_are_not
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
 
@@ -38,7 +39,13 @@ class Calibration(TableKind):
     """significant digits of the values"""
 
     def __post_init__(self) -> None:
-        check_ranks("rows", self.rows)
+        for head, m in self.rows.items():
+            check_rank(m, "rows", head)
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """Steps that there are not."""
+        what = steps_that_are_not(self.rows.values(), points)
+        return {"rows": what} if what else {}
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
