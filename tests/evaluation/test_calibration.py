@@ -14,6 +14,7 @@ from trackbench.contract.playgrounds import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind, run_block
 from trackbench.evaluation.calibration import LEVELS, bars, evidence, noncredibility
+from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity import at_step, over_steps
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
@@ -86,6 +87,15 @@ def test_noncredibility_is_zero_if_consistent_and_positive_if_too_certain() -> N
     right, wrong = (kalman(1, a)["nci"].mean(axis=0) for a in (None, TENTH_OF_Q))
     assert abs(right.mean()) < 4 * right.std() / np.sqrt(RUNS)
     assert wrong.mean() > 10 * wrong.std() / np.sqrt(RUNS)
+
+
+@pytest.mark.parametrize("name", ["coverage_90", "crps_px", "nci", "pit_px"])
+def test_standard_errors_are_the_spread_of_batches(name: str) -> None:
+    """40 batches of 50 runs: their means' spread is known to 1 / sqrt(78)."""
+    values = kalman(2)[name][1:].mean(axis=0)
+    batches = values.reshape(40, 50)
+    said = np.sqrt(np.mean([mean(batch).stderr ** 2 for batch in batches]))
+    assert batches.mean(axis=1).std(ddof=1) == pytest.approx(said, rel=4 / np.sqrt(78))
 
 
 @pytest.mark.parametrize("n", range(1, 8))

@@ -61,7 +61,7 @@ class NormalPosterior(Posterior):
         return chi_square_cdf(distance(x - self.found.mean[:n], self.found.cov[:n, :n]), n)
 
     def crps(self, x: Array) -> Array:
-        """In closed form (Gneiting & Raftery 2007, eq. 21)."""
+        """In closed form (Gneiting & Raftery 2007, section 4.2)."""
         error, sd = self._error(x)
         z = _ratio(error, sd)
         spread = sd * (2.0 * normal_density(z) - 1.0 / _ROOT_PI)
@@ -94,7 +94,7 @@ class CloudPosterior(Posterior):
         return _known(np.where(own == np.inf, 1.0, weight), own)  # beyond a cloud without spread
 
     def crps(self, x: Array) -> Array:
-        """``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (Gneiting & Raftery 2007).
+        """``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (the same, eq. 21).
 
         The second term is the integral of ``F (1 - F)``, F the weight up to each particle in order.
         """
