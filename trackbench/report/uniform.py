@@ -1,13 +1,14 @@
 """Rank histograms from a results folder, and what a key may name that asks for them."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.measure import Measure
+from trackbench.evaluation.statistics import holm
 from trackbench.evaluation.uniformity import Histogram, at_step, over_steps
 from trackbench.experiment.reading.definition import Point
 from trackbench.keys import MistakenKeyError
@@ -46,3 +47,25 @@ def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -
     if m.steps:
         return at_step(pits(results, point, label, m))
     return over_steps(shares_of_runs(results, point, label, m))
+
+
+class Judged(NamedTuple):
+    """Filters with the PITs of theirs that are not uniform; others; how many tests there were."""
+
+    bad: dict[str, list[str]]
+    good: list[str]
+    tests: int
+
+
+def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Judged:
+    """By the histograms of (filter, PIT), with probability alpha of any false verdict (Holm 1979)."""
+    tests = [
+        (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
+    ]
+    bad: dict[str, dict[str, None]] = {}
+    for (label, head, _), p in zip(tests, holm(np.array([p for _, _, p in tests])), strict=True):
+        if p < alpha:
+            bad.setdefault(label, {})[head] = None
+    good = [label for label, _, _ in tests if label not in bad]
+    found_bad = {label: list(heads) for label, heads in bad.items()}
+    return Judged(found_bad, list(dict.fromkeys(good)), len(tests))

@@ -20,16 +20,18 @@ from trackbench.report.results import Results
 from trackbench.report.uniform import (
     check_rank,
     histogram,
+    judged,
     pits,
     shares_of_runs,
     steps_that_are_not,
 )
+from trackbench.report.wording import joined, named, percent, verb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LEAST_P = 1e-4
+_ALPHA, _LEAST_P = 0.01, 1e-4
 _LEVELS = 101
 _NORMAL_95 = 1.959963984540054
 
@@ -57,6 +59,23 @@ class Calibration(FigureKind):
         """Steps that there are not."""
         what = steps_that_are_not(self.columns.values(), points)
         return {"columns": what} if what else {}
+
+    def tell(self, results: Results) -> str:
+        """Whose ranks are uniform, as far as can be told, and whose are not."""
+        point = results.points()[0]
+        found = judged(
+            (
+                (label, head, histogram(results, point, label, m))
+                for label in results.chosen(self.filters)
+                for head, m in self.columns.items()
+            ),
+            _ALPHA,
+        )
+        parts = {"flat but for chance": found.good, "not flat": list(found.bad)}
+        words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
+        where = f"At {style.heading(point)}: " if point else ""
+        tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
+        return f"{where}{'; '.join(words)} {tests}." if words else ""
 
     def draw(self, results: Results) -> "Figure":
         """A row of panels per filter (and point of the grid), a column per PIT."""
@@ -123,6 +142,18 @@ class Reliability(Curves):
         what = steps_that_are_not([self.metric], points)
         return {"metric": what} if what else {}
 
+    def tell(self, results: Results) -> str:
+        """What is in the region of 90 %."""
+        point, told = results.points()[0], []
+        for label, _ in self.labels(results):
+            level, share, _, runs = _coverage(results, point, label, self.metric)
+            if runs:
+                told.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
+        where = f" at {style.heading(point)}" if point else ""
+        return (
+            f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
+        )
+
     def draw(self, results: Results) -> "Figure":
         """One line per filter."""
         figure, panels = self.panels(results)
@@ -133,7 +164,8 @@ class Reliability(Curves):
                 level, share, error, runs = _coverage(results, point, label, self.metric)
                 if runs:
                     ax.plot(level, share, label=label, **look)
-                    ax.vlines(level, share - 2 * error, share + 2 * error, color=look["color"])
+                    low, high = share - 2 * error, share + 2 * error
+                    ax.vlines(level, low, high, color=look["color"], label=f"_{label}")
                     most = max(most, runs)
             if most and self.metric.steps:
                 width = kolmogorov_band(most, self.level)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.evaluation.measure import OfRank
-from trackbench.evaluation.statistics import Estimate, holm
+from trackbench.evaluation.statistics import Estimate
 from trackbench.evaluation.uniformity import Histogram
 from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
@@ -14,7 +14,7 @@ from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.uniform import check_rank, histogram, steps_that_are_not
+from trackbench.report.uniform import Judged, check_rank, histogram, judged, steps_that_are_not
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
 
@@ -51,16 +51,15 @@ class Calibration(TableKind):
         """The table from a results folder."""
         keys = [*results.grid_heads, "Filter", "PIT"]
         table = Table(self.title, keys, _HEADS, self.digits)
-        tests: list[tuple[str, str, float]] = []
+        every: list[tuple[str, str, Histogram]] = []
         for point in results.points():
             for label in results.chosen(self.filters):
                 row = [*(str(v) for v in point.values()), label]
                 for head, m in self.rows.items():
                     found = histogram(results, point, label, m)
                     table.add([*row, head], _cells(found))
-                    ps = (found.p_distance, found.p)
-                    tests += [(", ".join(row), head, p) for p in ps if np.isfinite(p)]
-        table.notes += _verdict(tests, self.alpha)
+                    every.append((", ".join(row), head, found))
+        table.notes += _verdict(judged(every, self.alpha), self.alpha)
         return table
 
 
@@ -69,17 +68,11 @@ def _cells(found: Histogram) -> list[Cell]:
     return [Cell(Estimate(x, np.nan), found.runs, 0) for x in numbers]
 
 
-def _verdict(tests: list[tuple[str, str, float]], alpha: float) -> Iterator[str]:
-    """Whose ranks are not uniform, of (filter, PIT, p-value), and whose are not seen to be otherwise."""
-    adjusted = holm(np.array([p for _, _, p in tests]))
-    bad: dict[str, dict[str, None]] = {}
-    for (label, head, _), p in zip(tests, adjusted, strict=True):
-        if p < alpha:
-            bad.setdefault(label, {})[head] = None
-    by = f"by {len(tests)} tests, {alpha:g} for all of them (Holm)"
-    if bad:
-        words = "; ".join(f"{label} ({', '.join(heads)})" for label, heads in bad.items())
+def _verdict(found: Judged, alpha: float) -> Iterator[str]:
+    """Whose ranks are not uniform, and whose are not seen to be otherwise."""
+    by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
+    if found.bad:
+        words = "; ".join(f"{label} ({', '.join(heads)})" for label, heads in found.bad.items())
         yield f"Not calibrated {by}: {words}."
-    good = list(dict.fromkeys(label for label, _, _ in tests if label not in bad))
-    if good:
-        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(good)}."
+    if found.good:
+        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(found.good)}."
