@@ -26,7 +26,7 @@ class Metric:
     """lower, higher, nearer zero, nearer one; nothing if it only describes"""
     series: str = ""
     """head of the series of errors that it is made of; a note is its own series"""
-    over_steps: Literal["mean", "rms", "sum", ""] = "mean"
+    over_steps: Literal["mean", "rms", "sum", "last", ""] = "mean"
     """what a run's number is of the steps' values; nothing if it has none"""
     over_runs: Literal["mean", "rms", "std", ""] = "mean"
     """what a step's number is of the runs' values; nothing if it has none"""
@@ -46,7 +46,7 @@ class Metric:
     @property
     def is_family(self) -> bool:
         """Whether a quantity may follow the name."""
-        return self.unit == "quantity" or self.series in ("nees", "autocovariance", "distance")
+        return self.unit == "quantity" or self.series in _FAMILIES
 
 
 METRICS: dict[str, Metric] = {}
@@ -101,10 +101,13 @@ def unit_of(name: str) -> str:
         return ""
     if found.unit != "quantity" or not quantity:
         return found.unit.replace("quantity", "")
+    if found.series == "crps":
+        return _UNITS_OF_COMPONENTS.get(quantity[0], "")
     return _UNITS.get(quantity, "deg" if quantity.endswith("_deg") else "m")
 
 
 _UNITS = {"velocity": "m/s", "range_rate": "m/s"}
+_UNITS_OF_COMPONENTS = {"p": "m", "v": "m/s", "a": "m/s^2"}
 _OWN = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),
@@ -129,6 +132,15 @@ _OWN = [
     Metric("anis", "normalised innovation squared over the number of components", "", "one",
            "anis", over_steps=""),
     Metric("innovations", "measured components of a run", "1", "", "innovations", over_steps="sum"),
+    Metric("pit", "probability below the truth, uniform if calibrated (of a cloud its rank)", "1", "",
+           "pit"),
+    Metric("coverage", "share of truths in the region of so many percent", "1", "", "coverage"),
+    Metric("nci", "non-credibility index: log of the NEES less its mean if consistent", "dB", "zero",
+           "nci"),
+    Metric("crps", "continuous ranked probability score of a component", "quantity", "lower", "crps"),
+    Metric("evidence", "likelihood of the measurements up to the last step over the reference's", "1",
+           "one", "evidence", over_steps="last"),
+    Metric("rank", "share of truths whose rank is in that tenth", "1", "", "rank"),
     Metric("autocorrelation", "of whitened innovations, by lag", "1", "zero",
            "autocovariance", over_steps="", over_runs=""),
 ]  # fmt: skip
@@ -165,5 +177,6 @@ def _noted() -> Iterator[Metric]:
         yield Metric(name, text, unit, cast(Better, better))
 
 
+_FAMILIES = ("nees", "autocovariance", "distance", "pit", "coverage", "rank")
 METRICS.update({own.name: own for own in (*_OWN, *_noted())})
 _PACKAGE = frozenset(METRICS)

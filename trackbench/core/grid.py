@@ -17,7 +17,7 @@ from numpy.polynomial import legendre
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.core.sums import product, total
+from trackbench.core.sums import dot, product, total
 
 _AT_ONCE = 32_768  # entries of a kernel of nodes by nodes: they stay in the cache
 
@@ -126,9 +126,7 @@ def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interva
     if panel.is_point:
         return np.asarray(transition(panel.x, x_new) * panel.density)
     n = len(panel.x)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a panel without width has no mass
-        middle = 0.5 * (panel.low + panel.high)
-        start, end = (np.clip((edge - middle) / panel.half, -1.0, 1.0) for edge in origins)
+    start, end = (_within(panel, edge) for edge in origins)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
@@ -140,6 +138,55 @@ def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interva
         kernel *= np.moveaxis(weights[piece], -1, 0)
         integral[piece] = total(kernel, axis=0)
     return np.where(panel.half > 0.0, panel.half * integral, 0.0)
+
+
+def mass_below(posterior: Posterior, x: Array) -> Array:
+    """Probability (M,) below x (M,), by each panel's interpolating polynomial."""
+    return np.asarray(sum(_up_to(panel, x, panel.density) for panel in posterior))
+
+
+def distance_from(posterior: Posterior, x: Array) -> Array:
+    """``E|X - x|`` (M,) for x (M,)."""
+    return np.asarray(sum(_distance_in(panel, x) for panel in posterior))
+
+
+def half_distance_within(posterior: Posterior) -> Array:
+    """``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap.
+
+    In one panel of mass m the integral of ``F (m - F)``, F what is below; of two that of their means.
+    """
+    own = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
+    across = [abs(m * t - n * s) for i, (m, s) in enumerate(own) for n, t in own[:i]]
+    return np.asarray(sum(_half_distance_in(panel) for panel in posterior) + sum(across))
+
+
+def _distance_in(panel: Panel, x: Array) -> Array:
+    e = panel.x - x
+    return total(panel.mass * e, axis=0) - 2.0 * _up_to(panel, x, panel.density * e)
+
+
+def _half_distance_in(panel: Panel) -> Array:
+    if panel.is_point:
+        return np.zeros_like(panel.low)
+    n = len(panel.x)
+    each = np.ascontiguousarray(panel.density.T)[None]
+    below = panel.half * product(each, weights_up_to(_rule(n).nodes, n).T)[0].T
+    integrand = below * (total(panel.mass, axis=0) - below)
+    return np.asarray(panel.half * total(_rule(n).weights[:, None] * integrand, axis=0))
+
+
+def _up_to(panel: Panel, x: Array, values: Array) -> Array:
+    """Integral (M,) of values (n, M) at a panel's nodes up to x (M,)."""
+    if panel.is_point:
+        return np.where(panel.low < x, values[0], 0.0)
+    weights = weights_up_to(_within(panel, x), len(panel.x))
+    return np.where(panel.half > 0.0, panel.half * dot(weights, values.T), 0.0)
+
+
+def _within(panel: Panel, x: Array) -> Array:
+    """Where x lies in a panel, from -1 to 1, or at which end of it; NaN in one without width."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:

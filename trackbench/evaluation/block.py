@@ -7,13 +7,15 @@ same in a batch of 10 or of 10 000.
 import time
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, frozen, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import RunStreams, aside_stream, block_stream
+from trackbench.evaluation import calibration, foretelling
+from trackbench.evaluation.calibration import Calibration, evidence
 from trackbench.evaluation.checked import (
     check_axes,
     check_estimate,
@@ -22,7 +24,7 @@ from trackbench.evaluation.checked import (
     told_to_copy,
 )
 from trackbench.evaluation.derived import ConsistencySeries, observed
-from trackbench.evaluation.foretelling import Foretelling, Kind, Told
+from trackbench.evaluation.foretelling import Foretelling, Told
 from trackbench.evaluation.metrics import (
     FOUND,
     StepSums,
@@ -35,6 +37,8 @@ from trackbench.models.assumed import Assume
 from trackbench.models.base import Model, extra_std
 from trackbench.models.extended import extended
 from trackbench.scenarios.base import Scenario, Simulation
+
+Kind: TypeAlias = foretelling.Kind | calibration.Kind
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,8 @@ class BlockTask:
     assume: Assume | None = None
     """what the filter assumes that is not the scenario's"""
     foretold: tuple[Kind, ...] = ()
-    """what the filter is asked to say of measurements before it is given them"""
+    """what the filter is asked beside its estimate: of measurements before it is given them, and of
+    where in its posterior the truth lies"""
     hold_out: int | None = None
     """every so many-th measurement of a run is not given to the filter"""
     also: tuple[int, ...] = field(default=(), compare=False)
@@ -93,7 +98,8 @@ class BlockTask:
     def of_reference(self) -> "BlockTask":
         """The reference's own task."""
         assert self.reference is not None
-        return replace(self.alone, filter=self.reference, assume=None, foretold=())
+        told: tuple[Kind, ...] = ("score",) if "evidence" in self.foretold else ()
+        return replace(self.alone, filter=self.reference, assume=None, foretold=told)
 
     def shown_of(self, used: int) -> int:
         """How many of the block's first ``used`` runs are shown with their whole tracks."""
@@ -144,9 +150,12 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
         data = task.data
         result = passed(task.alone, task.shown_of(task.width) if task.keep_covariance else 0)
-        exact = None if task.reference is None else passed(task.of_reference, 0).mean
-        values = series(task.scenario, data.truth, result.mean, result.nees, exact)
+        exact = None if task.reference is None else passed(task.of_reference, 0)
+        exact_mean = None if exact is None else exact.mean
+        values = series(task.scenario, data.truth, result.mean, result.nees, exact_mean)
         values |= result.diagnostics
+        if exact is not None and "evidence" in task.foretold:
+            values |= evidence(values, exact.diagnostics)
         check_names(task.filter.counts)
         finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
@@ -236,6 +245,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     mean = np.empty((n, len(scenario.steps), task.width))
     cov, noted, others = [], [], []
     consistency, clock = ConsistencySeries(scenario, task.width), _Clock()
+    judged = Calibration(tracker, scenario.components, task.foretold if scenario.has_truth else ())
     with clock:
         state = tracker.init(model, prior, rng)
         found = tracker.estimate(state)
@@ -254,6 +264,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
         found = _own_part(found, n)
         mean[:, i] = found.mean  # copied, as the rest is: the filter may go on writing to its own
         consistency.add(mean[:, i], found.cov, data.truth[:, i])
+        judged.add(state, found, data.truth[:, i])
         others.append(observed(scenario, tracker, state, data.truth[:, i]))
         if covariances:
             each = np.broadcast_to(
@@ -262,6 +273,7 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
             cov.append(each[..., :covariances].copy())
     kept = np.stack(cov, axis=2) if cov else None
     errors = consistency.series()
+    errors |= judged.series(errors["nees"])
     if not data.prior.cov.any():
         for rows in errors.values():
             rows[0] = np.nan  # the first state is known exactly: there is nothing to judge

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.core.posteriors import distance
 from trackbench.evaluation.checked import checked_numbers
 from trackbench.filters.base import Filter, State, knows_expectations
 from trackbench.scenarios.base import Scenario
@@ -75,10 +75,7 @@ def normalised_error(found: Gaussian, truth: Array) -> Array:
 
     Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
     """
-    error = found.mean - truth
-    nees = linalg.mahalanobis(error, found.cov)
-    known = np.isfinite(error).all(axis=0) & np.isfinite(found.cov).all(axis=(0, 1))
-    return np.where(np.isnan(nees) & known, np.inf, nees)
+    return distance(found.mean - truth, found.cov)
 
 
 def sizes(scenario: Scenario) -> dict[str, int]:

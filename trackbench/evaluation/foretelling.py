@@ -71,11 +71,12 @@ class Foretelling:
         tracker: AnyFilter,
         model: Model,
         measurements: Array,
-        wanted: Sequence[Kind],
+        wanted: Sequence[str],
         hold_out: int | None,
         rng: Generator,
     ) -> None:
-        self._tracker, self._model, self._rng, self._wanted = tracker, model, rng, wanted
+        self._tracker, self._model, self._rng = tracker, model, rng
+        self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
         self._held = held_out(measurements, hold_out) if hold_out else None
         self.given = measurements

@@ -90,6 +90,8 @@ class Measure(NamedTuple):
     def base(self) -> str:
         """The metric without statistic, window and step, as the keys that keep metrics name it."""
         found, quantity = self.family
+        if found.name == "rank":  # a bar of a histogram: kept with what it is of
+            return joined("pit", quantity.rpartition("_")[0])
         return joined(found.series, quantity) if found.per_component else self.metric
 
     @property
@@ -193,6 +195,8 @@ OfRun = Annotated[Measure, "per_run"]
 """A key that names a metric of per_run.csv."""
 OfStep = Annotated[Measure, "per_step"]
 """A key that names a metric of per_step.csv."""
+OfRank = Annotated[Measure, "rank"]
+"""A key that names a PIT: at a step, as every run has it there, or over all steps of each run."""
 OfSummary = Annotated[Measure, "summary"]
 """A key that names a row of summary.csv, a time, or a filter's key."""
 Expression = Annotated[Measure, "expression"]
@@ -209,4 +213,4 @@ def role_of(hint: Any) -> str:
     )
 
 
-_ROLES = ("per_run", "per_step", "summary", "expression", "comparison")
+_ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")

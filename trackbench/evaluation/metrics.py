@@ -133,4 +133,8 @@ def _sum(rows: Array) -> Array:
     return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
 
 
-_OVER_STEPS = {"mean": _mean, "rms": _rms, "sum": _sum}
+def _last(rows: Array) -> Array:
+    return np.asarray(rows[-1])
+
+
+_OVER_STEPS = {"mean": _mean, "rms": _rms, "sum": _sum, "last": _last}

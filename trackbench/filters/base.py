@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.posteriors import Posterior
 from trackbench.hooks import Part
 from trackbench.models.base import Model, Scene
 
@@ -48,6 +49,10 @@ class Filter(Part, Generic[State]):
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
         return {}
+
+    def posterior(self, state: State) -> Posterior | None:
+        """What it holds the state for, if that is more than the Gaussian of its estimate."""
+        return None
 
     def log_likelihood(self, state: State) -> Array | None:
         """log p(z_k | z_1..k-1) (M,) of the last measurement by its own approximation, if it has one."""

@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
+from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
@@ -79,6 +80,10 @@ class ParticleFilter(Filter[Cloud]):
     def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) of functions of the state."""
         return state.weighted.expectation(g)
+
+    def posterior(self, state: Cloud) -> Posterior | None:
+        """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
+        return CloudPosterior(state.weighted) if state.P is None else None
 
     def log_likelihood(self, state: Cloud) -> Array:
         """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""

@@ -11,6 +11,8 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.core.particles import Particles, uniform
+from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import Filter
 from trackbench.models.base import DifferentiableSensor, Model
@@ -47,6 +49,10 @@ class EnsembleFilter(Filter[Ensemble]):
         m = mean(state.x)
         e = state.x - m[..., None]
         return Gaussian(m, _cross(e, e))
+
+    def posterior(self, state: Ensemble) -> Posterior:
+        """The members."""
+        return CloudPosterior(Particles(state.x, uniform(*state.x.shape[1:])))
 
     def log_likelihood(self, state: Ensemble) -> Array:
         """log N(innovation; 0, S) (M,), S by the members' covariances."""

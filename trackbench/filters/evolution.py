@@ -17,6 +17,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.evolution import Evolution, Evolved, Fitness, Selection
 from trackbench.core.particles import Particles
+from trackbench.core.posteriors import Posterior
 from trackbench.core.sums import mean, total
 from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposedCloud, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
@@ -85,12 +86,16 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
         source = after if self.estimate_from == "after" else before
         carried = Particles(evolved.x, particles.uniform(*w.shape))
         estimate, P = source.moments(), proposed.kalman.cov
-        cloud = ProposedCloud(carried, P, estimate, dead, w, mass)
+        cloud = ProposedCloud(carried, P, estimate, dead, w, mass, source)
         return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
 
     def estimate(self, state: EvolvedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.cloud.estimate
+
+    def posterior(self, state: EvolvedCloud) -> Posterior:
+        """The cloud of the estimate."""
+        return state.cloud.posterior
 
     def log_likelihood(self, state: EvolvedCloud) -> Array:
         """Logarithm (M,) of the mean weight of what was proposed, before the evolution."""

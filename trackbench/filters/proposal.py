@@ -23,6 +23,7 @@ from trackbench.core.particles import (
     WeightReading,
     read_likelihood,
 )
+from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.filters.base import Filter, State
@@ -41,7 +42,8 @@ TransitionReading = Literal["model", "increment"]
 class ProposedCloud(NamedTuple):
     """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
 
-    ``w`` (M, N) are the weights before resampling, ``mass`` what they summed to before that was one.
+    ``w`` (M, N) are the weights before resampling, ``mass`` what they summed to before that was one;
+    ``source`` is the cloud whose moments the estimate has.
     """
 
     particles: Particles
@@ -50,6 +52,12 @@ class ProposedCloud(NamedTuple):
     dead: Mask
     w: Array
     mass: Mass | None = None
+    source: Particles | None = None
+
+    @property
+    def posterior(self) -> Posterior:
+        """What the estimate is of."""
+        return CloudPosterior(self.source or self.particles)
 
     def noted(self) -> dict[str, Array]:
         """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""

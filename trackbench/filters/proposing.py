@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Particles
+from trackbench.core.posteriors import Posterior
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.filters.proposal import (
     MERWE_PROPOSAL,
@@ -55,7 +56,7 @@ class _Resampling(KalmanProposal[ProposedCloud]):
             x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source.moments(), dead, w, mass)
+        return ProposedCloud(resampled, P, source.moments(), dead, w, mass, source)
 
     def _moved(
         self,
@@ -78,6 +79,10 @@ class _Resampling(KalmanProposal[ProposedCloud]):
     def estimate(self, state: ProposedCloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.estimate
+
+    def posterior(self, state: ProposedCloud) -> Posterior:
+        """The cloud of the estimate."""
+        return state.posterior
 
     def log_likelihood(self, state: ProposedCloud) -> Array:
         """Logarithm (M,) of the mean weight lik * prior / proposal."""

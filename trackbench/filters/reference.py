@@ -10,6 +10,7 @@ from numpy.random import Generator
 from trackbench.core import elementary, grid
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.posteriors import LinePosterior, Posterior
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
 from trackbench.models.gaussian import AS_IT_IS, extended_prediction
@@ -138,6 +139,10 @@ class Grid(Filter[grid.Posterior]):
     def estimate(self, state: grid.Posterior) -> Gaussian:
         """Posterior mean and variance."""
         return grid.moments(state)
+
+    def posterior(self, state: grid.Posterior) -> Posterior:
+        """The density itself."""
+        return LinePosterior(state)
 
     def log_likelihood(self, state: grid.Posterior) -> Array:
         """log p(z_k | z_1..k-1) (M,), exact."""

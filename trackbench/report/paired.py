@@ -27,13 +27,13 @@ class Pair(NamedTuple):
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
-    """Over the whole time, without windows and steps: ``rmse`` and ``rmse_<quantity>``, log scores.
+    """Over the whole time, without windows and steps: ``rmse_<quantity>``, ``crps_...``, log scores.
 
     Of a log score more is better: a positive difference is in favour of the first filter.
     """
     found = ((name, measured(name)) for name in metrics)
     rows = ((name, m.family[0]) for name, m in found if m.is_row and not m.window)
-    return [name for name, metric in rows if metric.name == "rmse" or metric.is_score]
+    return [name for name, metric in rows if metric.name in ("rmse", "crps") or metric.is_score]
 
 
 def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator
 from itertools import chain
 
-from trackbench.evaluation.foretelling import Kind
+from trackbench.evaluation.block import Kind
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.metric_checks import asked_by_parts
@@ -25,9 +25,14 @@ def foretold(experiment: Experiment) -> tuple[Kind, ...]:
 def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
     """What has to be told for metrics of these names, without statistic and window."""
     names = set(metrics)
+    heads = {name.partition("_")[0] for name in names}
     wanted: dict[Kind, bool] = {
-        "score": not names.isdisjoint(_OF_SCORE),
+        "score": not names.isdisjoint((*_OF_SCORE, "evidence")),
         "prediction": any(map(_OF_PREDICTIONS.fullmatch, names)),
+        "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
+        "ranks": "rank" in heads,
+        "crps": "crps" in heads,
+        "evidence": "evidence" in names,
     }
     return tuple(kind for kind, is_wanted in wanted.items() if is_wanted)
 

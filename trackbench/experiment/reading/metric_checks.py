@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from typing import Any
 
+from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.measure import Measure, measured, role_of
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.experiment.problems import Problem
@@ -17,7 +18,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
 from trackbench.tuning.objective import as_expression, bad_terms
 
-_OF_TRUTH = ("squared", "error", "distance", "nees", "outside")
+_OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage", "crps", "nci")
 """Series of errors."""
 
 
@@ -94,6 +95,9 @@ def _asked_by(part: Any, keys: Keys) -> Iterator[Asked]:
 def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
     if isinstance(value, Measure):
         yield Asked(keys, value, role_of(hint))
+        if role_of(hint) == "rank" and not value.steps:
+            for bar in bars(value.family[1]):
+                yield Asked(keys, value._replace(metric=bar), "per_run", named=False)
     elif is_dataclass(value):
         yield from _asked_by(value, keys)
     elif isinstance(value, dict):
@@ -115,6 +119,8 @@ def _unknown(asked: Asked, names: Names, settings: Settings) -> str | None:
         bases = {measured(name).base for name in known}
         others = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
         return f"there is no truth to measure {word!r} by; there are: {others}"
+    if m.metric == "evidence" and settings.reference is None:
+        return "the evidence is a ratio to an exact filter's: name that under reference"
     if word in known or not asked.named or names.may_be_noted(asked.measure.metric):
         return None
     near = get_close_matches(word, sorted(known), 1, 0.5)
@@ -138,6 +144,8 @@ def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
     kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
         return None
+    if asked.measure.family[0].name == "rank" and not asked.named:  # said of the PIT that it is of
+        return None
     if word in names.given or not (asked.named or word in names.of(role)):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
@@ -158,6 +166,8 @@ def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
     m = asked.measure
     if asked.role == "base":
         return "base", m.base
+    if asked.role == "rank":
+        return "per_run", m._replace(steps=None).name
     if asked.role == "comparison" and not settings.grid:
         return "per_run", m.name
     if asked.role not in ("expression", "comparison"):

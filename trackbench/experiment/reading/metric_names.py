@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.streams import block_stream
 from trackbench.evaluation.block import prior_of, simulate
+from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.foretelling import foretold_series
 from trackbench.evaluation.measure import measured
@@ -152,7 +153,10 @@ def _numbers(tracker: AnyFilter) -> set[str]:
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """What is there for whoever asks for it."""
     scores = tracker is not None and tells_likelihood(tracker)
-    return foretold_series(scenario.true_sensor.components, scores, settings.hold_out)
+    names = foretold_series(scenario.true_sensor.components, scores, settings.hold_out)
+    if scenario.has_truth:
+        names += calibration_series(scenario.components, scores and settings.reference is not None)
+    return names
 
 
 def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -> Iterator[str]:

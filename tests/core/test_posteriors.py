@@ -1,0 +1,149 @@
+"""Where the truth is in a Gaussian, a cloud and a density, against sums by hand and quadrature."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import chi2, norm
+
+from trackbench.core import grid
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.core.particles import Particles
+from trackbench.core.posteriors import CloudPosterior, LinePosterior, NormalPosterior
+
+RNG = np.random.default_rng(7)
+
+
+def normal(shared: bool = False) -> tuple[Gaussian, Array]:
+    """Two components in five runs, and truths."""
+    A = RNG.normal(size=(2, 2, 5))
+    cov = np.einsum("ijm,kjm->ikm", A, A) + np.eye(2)[..., None]
+    return Gaussian(RNG.normal(size=(2, 5)), cov[..., 0] if shared else cov), RNG.normal(
+        size=(2, 5)
+    )
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_of_a_gaussian(shared: bool) -> None:
+    found, x = normal(shared)
+    cov = np.broadcast_to(found.cov[..., None], (2, 2, 5)) if shared else found.cov
+    posterior = NormalPosterior(found)
+    sd = np.sqrt(np.stack([cov[0, 0], cov[1, 1]]))
+    np.testing.assert_allclose(posterior.below(x), norm.cdf(x, found.mean, sd), atol=1e-14)
+    for m in range(5):
+        e = x[:, m] - found.mean[:, m]
+        nees = e @ np.linalg.solve(cov[..., m], e)
+        assert posterior.within(x)[m] == pytest.approx(chi2.cdf(nees, 2), abs=1e-12)
+        for i in range(2):
+            law = norm(found.mean[i, m], sd[i, m])
+            above = quad(lambda y, law=law: law.sf(y) ** 2, x[i, m], np.inf)[0]
+            below = quad(lambda y, law=law: law.cdf(y) ** 2, -np.inf, x[i, m])[0]
+            assert posterior.crps(x)[i, m] == pytest.approx(above + below, rel=1e-7)
+
+
+def test_of_the_first_components_only() -> None:
+    found, x = normal()
+    cloud = CloudPosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
+    for posterior in (NormalPosterior(found), cloud):
+        np.testing.assert_array_equal(posterior.below(x[:1]), posterior.below(x)[:1])
+        np.testing.assert_array_equal(posterior.crps(x[:1]), posterior.crps(x)[:1])
+        assert posterior.within(x[:1]).shape == (5,)
+
+
+def test_of_a_weighted_cloud_by_hand() -> None:
+    x, w = RNG.normal(size=(2, 3, 6)), RNG.random((3, 6))
+    x[:, :, 5] = x[:, :, 2]  # resampled ones are equal
+    w /= w.sum(axis=1, keepdims=True)
+    truth = RNG.normal(size=(2, 3))
+    truth[0, 0] = x[0, 0, 2]
+    posterior = CloudPosterior(Particles(x, w))
+    below, within, crps = posterior.below(truth), posterior.within(truth), posterior.crps(truth)
+    for m in range(3):
+        for i in range(2):
+            points, y = x[i, m], truth[i, m]
+            weight = w[m][points < y].sum() + 0.5 * w[m][points == y].sum()
+            spread = (w[m] * w[m][:, None] * np.abs(points - points[:, None])).sum()
+            score = (w[m] * np.abs(points - y)).sum() - 0.5 * spread
+            assert below[i, m] == pytest.approx(weight, abs=1e-14)
+            assert crps[i, m] == pytest.approx(score, rel=1e-12)
+        mean, cov = (w[m] * x[:, m]).sum(axis=1), np.cov(x[:, m], aweights=w[m], ddof=0)
+        far = [(e := p - mean) @ np.linalg.solve(cov, e) for p in (*x[:, m].T, truth[:, m])]
+        assert within[m] == pytest.approx(w[m][np.array(far[:-1]) < far[-1]].sum(), abs=1e-14)
+
+
+def test_ranks_of_one_among_equals_are_uniform() -> None:
+    """A truth that is one more draw has each of the N + 1 ranks equally often, one by one."""
+    draws = RNG.normal(size=8)
+    ranks = []
+    for i in range(8):
+        others = np.delete(draws, i)[None, None]
+        cloud = CloudPosterior(Particles(others, np.full((1, 7), 1 / 7)))
+        ranks.append(float(cloud.uniform(cloud.below(draws[i : i + 1, None]))[0, 0]))
+    ranks.sort()
+    np.testing.assert_allclose(ranks, (np.arange(8) + 0.5) / 8)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_of_a_cloud_without_spread(n: int) -> None:
+    """It is certain of one state: the truth is beyond all its regions, and the score is the error."""
+    cloud = CloudPosterior(Particles(np.ones((n, 1, 4)), np.full((1, 4), 0.25)))
+    truth = np.full((n, 1), 3.0)
+    certain = NormalPosterior(Gaussian(np.ones((n, 1)), np.zeros((n, n))))
+    with np.errstate(all="ignore"):
+        for posterior in (cloud, certain):
+            assert posterior.within(truth) == 1.0
+            np.testing.assert_array_equal(posterior.below(truth), np.ones((n, 1)))
+            np.testing.assert_array_equal(posterior.crps(truth), np.full((n, 1), 2.0))
+
+
+def test_of_nothing_known() -> None:
+    found, x = normal()
+    cloud = CloudPosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
+    x[:, 1] = np.nan
+    for posterior in (NormalPosterior(found), cloud):
+        for values in (posterior.below(x), posterior.crps(x), posterior.within(x)[None]):
+            assert np.isnan(values[:, 1]).all()
+            assert np.isfinite(np.delete(values, 1, axis=1)).all()
+
+
+@pytest.mark.parametrize("m", [0, 1])
+def test_of_a_density(m: int) -> None:
+    """Two pieces of a skew density, in one run with a gap between them and in one without."""
+    support = np.array([-9.0, -9.0]), np.array([9.0, 9.0])
+    low, high = (np.array([-3.0, -4.0]), np.array([-2.0, -1.0]))
+    ends = (np.array([1.0, -1.0]), np.array([4.0, 5.0])), (low, high)
+
+    def density(x: Array) -> Array:
+        return np.exp(-0.5 * x) * (1.0 + np.sin(x) ** 2)
+
+    panels = grid.nodes_between(ends, support, 40)
+    mass = sum(p._replace(density=density(p.x)).mass.sum(axis=0) for p in panels)
+    posterior = LinePosterior(tuple(p._replace(density=density(p.x) / mass) for p in panels))
+    x = np.array([[1.7, -0.3]])
+    at = x[0, m]
+
+    def integral(f: Callable[[float], float], end: float) -> float:
+        cut = [(a[m], min(b[m], end)) for a, b in ends]
+        return sum(quad(lambda y: f(y) * density(y), a, b)[0] for a, b in cut if a < b) / mass[m]
+
+    def below(y: float) -> float:
+        return integral(lambda _: 1.0, y)
+
+    mean = integral(lambda y: y, 9.0)
+    reach = abs(at - mean)
+    assert posterior.below(x)[0, m] == pytest.approx(below(at), abs=1e-9)
+    within = below(mean + reach) - below(mean - reach)
+    assert posterior.within(x)[m] == pytest.approx(within, abs=1e-9)
+    edges = sorted({-9.0, 9.0, at, *(float(e[m]) for pair in ends for e in pair)})
+    square = [quad(lambda y: (below(y) - (y > at)) ** 2, *cell)[0] for cell in pairwise(edges)]
+    assert posterior.crps(x)[0, m] == pytest.approx(sum(square), rel=1e-6)
+
+
+def test_of_one_known_value() -> None:
+    posterior = LinePosterior(grid.known(np.array([[2.0, 2.0]])))
+    x = np.array([[3.0, 0.5]])
+    np.testing.assert_array_equal(posterior.below(x), [[1.0, 0.0]])
+    np.testing.assert_array_equal(posterior.crps(x), [[1.0, 1.5]])

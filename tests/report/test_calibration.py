@@ -1,0 +1,126 @@
+"""Rank histograms and reliability from a results folder, and what is said of keys that are mistaken."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+
+from trackbench import api
+from trackbench.evaluation.measure import measure
+from trackbench.evaluation.uniformity import kolmogorov, kolmogorov_band
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
+from trackbench.report.figures.calibration import Reliability
+from trackbench.report.results import Results
+
+CONFIG = """
+name: calibrated
+runs: 300
+seed: 2
+scenario:
+  kind: tracking
+  last: 8
+  target: {kind: driven, motion: {kind: cwna, q: 1}}
+  sensor: {kind: position, sigma: 5}
+  start: {kind: gaussian, sigma: [10, 3, 10, 3]}
+  score: {windows: [{name: late, first: 5}]}
+reference: KF
+filters:
+  KF: {kind: kf}
+  Sure: {kind: kf, assume: {sensor: {kind: position, sigma: 2}}}
+  Cloud: {kind: enkf, N: 99}
+metrics: [pit_px, pit_nees, coverage_90]
+per_step: []
+tables:
+  ranks: {kind: calibration, rows: {X: pit_px, State: pit_nees@8, Late: "pit_nees[late]"}}
+figures:
+  ranks: {kind: calibration, columns: {X: pit_px, State: pit_nees@last}}
+  one: {kind: reliability}
+  all: {kind: reliability, metric: pit_px}
+  late: {kind: reliability, metric: "pit_nees[late]"}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("calibration")
+    (path / "c.yaml").write_text(CONFIG)
+    api.run(path / "c.yaml", out=path / "out", workers=1, quiet=True, formats=("svg",))
+    return path / "out"
+
+
+def test_the_table_says_who_is_calibrated(folder: Path) -> None:
+    table = Results(folder).tables["ranks"]
+    assert table.keys[:3] == [["KF", "X"], ["KF", "State"], ["KF", "Late"]]
+    found = {tuple(keys): cells for keys, cells in zip(table.keys, table.cells, strict=True)}
+    values = Results(folder).runs({})["KF", "pit_nees@8"]
+    assert found["KF", "State"][0].estimate.value == pytest.approx(kolmogorov(values))
+    assert np.isnan(found["KF", "X"][1].estimate.value)  # steps are not independent
+    assert found["Sure", "X"][2].estimate.value < 1e-6
+    by = "by 12 tests, 0.01 for all of them (Holm)"
+    assert table.notes[0].startswith(f"Not calibrated {by}: Sure (X, State, Late)")
+    assert "KF" in table.notes[1]
+
+
+def test_only_what_is_asked_for_is_kept(folder: Path) -> None:
+    metrics = {metric for _, metric in Results(folder).runs({})}
+    assert {"pit_px", "rank_px_10", "rank_nees_1[late]", "pit_nees@8"} <= metrics
+    assert {m.partition("_")[0] for m in metrics} == {"lost", "pit", "rank", "coverage"}
+    assert not any("vx" in m for m in metrics)
+
+
+def test_every_figure_is_drawn_and_the_same_again(folder: Path) -> None:
+    before = {p.name: p.read_bytes() for p in (folder / "figures").glob("*.svg")}
+    assert sorted(before) == ["all.svg", "late.svg", "one.svg", "ranks.svg"]
+    api.plot(folder, ["svg"])
+    assert {p.name: p.read_bytes() for p in (folder / "figures").glob("*.svg")} == before
+
+
+def test_reliability_is_the_distribution_of_the_ranks(folder: Path) -> None:
+    results = Results(folder)
+    lines = _lines(Reliability(metric=measure("pit_nees@8")), results)
+    values = results.runs({})["Sure", "pit_nees@8"]
+    level, share = lines["Sure"]
+    np.testing.assert_allclose(share, [(values <= p).mean() for p in level])
+    level, share = lines["KF"]
+    assert np.abs(share - level).max() < kolmogorov_band(300, 0.999)
+    over = _lines(Reliability(metric=measure("pit_px")), results)
+    level, share = over["KF"]
+    np.testing.assert_allclose(level, np.arange(6) / 5)
+    middle = sum(results.runs({})["KF", f"rank_px_{b}"].mean() for b in (4, 5, 6, 7))
+    assert share[2] == pytest.approx(middle)
+
+
+def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
+    drawn = figure.draw(results)
+    found = {str(line.get_label()): line.get_data() for line in drawn.axes[0].lines}
+    plt.close(drawn)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("metrics: [pit_px, ", "metrics: [", ["tables.ranks.rows.X: 'pit_px' is not kept"]),
+        ("X: pit_px, State: pit_nees@8", "X: pit_q", ["rows.X: 'pit_q' is no metric here"]),
+        ("X: pit_px, State: pit_nees@8", "X: anees@3", ["rows.X: 'anees@3' is no PIT, such as"]),
+        ("pit_nees@8", "pit_nees@9", ["tables.ranks.rows: pit_nees@9: the steps are 0 to 8"]),
+        ("pit_nees@last", "pit_nees@1..last", ["columns.State: 'pit_nees@1..last' is no PIT"]),
+        ("{kind: reliability}", "{kind: reliability, metric: pit_px@0..3}", ["is no PIT"]),
+        ("{kind: reliability}", "{kind: reliability, metric: pit_px@10}", ["figures.one.metric"]),
+        ("[pit_px,", "[pit_px, coverage_95,", ["did you mean coverage_9"]),
+        ("reference: KF", "medians: [evidence]", ["ratio to an exact filter's: name that under"]),
+    ],
+)
+def test_mistakes(tmp_path: Path, old: str, new: str, said: list[str]) -> None:
+    path = tmp_path / "c.yaml"
+    assert old in CONFIG
+    path.write_text(CONFIG.replace(old, new))
+    with pytest.raises(UserError) as raised:
+        load(path)
+    lines = str(raised.value).splitlines()
+    assert all(line.startswith(f"{path}:") for line in lines)
+    for words in said:
+        assert any(words in line for line in lines), lines

@@ -1,0 +1,120 @@
+"""How well a filter's distribution of the state tells where the truth is: series beside its errors.
+
+Series (T + 1, M), for whoever asks for them (`core.posteriors` says how each is had of a Gaussian, a
+cloud, a density):
+
+``pit_<component>``   probability below the truth, uniform on (0, 1) if calibrated; of a cloud the rank
+``pit_nees``          probability of what is nearer to the mean than the truth, in Mahalanobis distance:
+                      of a Gaussian the chi-square distribution function of the NEES
+``coverage_<p>``      whether the truth is within that region of p percent
+``nci``               log of the NEES over what it is in the mean, dB (Li, Zhao & Jilkov 2002, eqs. 4, 6)
+``rank_<of>_<b>``     whether ``pit_<of>`` is in the b-th tenth: the rank histogram's bars
+``crps_<component>``  continuous ranked probability score
+``evidence``          likelihood of the measurements so far over the reference's
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import exp, log
+from trackbench.core.posteriors import NormalPosterior
+from trackbench.filters.base import AnyFilter
+
+Kind = Literal["calibration", "ranks", "crps", "evidence"]
+"""What is wanted: pit, coverage and nci; with these the tenths; the others by their names."""
+LEVELS = (50, 90, 99)
+"""Percent of the regions."""
+TENTHS = 10
+_NEES, _SCORE = "nees", "log_likelihood"
+_DB = 10.0 / float(log(10.0))
+_ROUNDING = 1e-9  # of a sum of weights
+_EULER = 0.5772156649015329
+
+
+def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
+    """Names of all series that may be asked for; ``exact``: there is a reference's likelihood."""
+    quantities = (*components, _NEES)
+    out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
+    out += [f"crps_{c}" for c in components]
+    out += [bar for q in quantities for bar in bars(q)]
+    return out + (["evidence"] if exact else [])
+
+
+def bars(quantity: str) -> list[str]:
+    """Metrics of the share of steps at which a quantity's rank is in each tenth."""
+    return [f"rank_{quantity}_{b}" for b in range(1, TENTHS + 1)]
+
+
+class Calibration:
+    """The series of one filter over one block, step by step."""
+
+    def __init__(
+        self, tracker: AnyFilter, components: Sequence[str], wanted: Sequence[str]
+    ) -> None:
+        self._tracker, self._components = tracker, components
+        self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
+        self._rows: dict[str, list[Array]] = {}
+
+    def add(self, state: Any, found: Gaussian, truth: Array) -> None:
+        """The next step's state, estimate of the truth's components, and truth (n_x, M)."""
+        if not self._wanted:
+            return
+        posterior = self._tracker.posterior(state) or NormalPosterior(found)
+        if "calibration" in self._wanted:
+            within = posterior.within(truth)
+            self._note("pit", self._components, posterior.uniform(posterior.below(truth)))
+            self._note("pit", [_NEES], posterior.uniform(within)[None])
+            self._note("coverage", map(str, LEVELS), [_covered(within, p / 100.0) for p in LEVELS])
+        if "crps" in self._wanted:
+            self._note("crps", self._components, posterior.crps(truth))
+
+    def series(self, nees: Array) -> dict[str, Array]:
+        """Values (T + 1, M) by the name of their series; ``nees`` is that of the whole state."""
+        rows = {name: np.stack(values) for name, values in self._rows.items()}
+        pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
+        if "calibration" in self._wanted:
+            rows["nci"] = noncredibility(nees, len(self._components))
+        for name, row in pits if "ranks" in self._wanted else ():
+            rows |= dict(_tenths(name.removeprefix("pit_"), row))
+        return rows
+
+    def _note(self, head: str, quantities: Iterable[str], values: Iterable[Array]) -> None:
+        for quantity, row in zip(quantities, values, strict=True):
+            self._rows.setdefault(f"{head}_{quantity}", []).append(row)
+
+
+def evidence(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
+    """Ratio (T + 1, M) of likelihoods of all measurements so far, from both filters' series of each.
+
+    A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
+    section 7.4.2); what weighs or moves particles otherwise is not. Nothing if either has no likelihood.
+    """
+    if _SCORE not in own or _SCORE not in exact:
+        return {}
+    a, b = own[_SCORE], exact[_SCORE]
+    ratio = exp(np.add.accumulate(np.where(np.isnan(a) & np.isnan(b), 0.0, a - b), axis=0))
+    ratio[0] = np.nan
+    return {"evidence": ratio}
+
+
+def noncredibility(nees: Array, n: int) -> Array:
+    """``10 log10 NEES`` less its mean for Gaussian errors of n components; positive: too certain."""
+    digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
+    for i in range(n % 2 or 2, n, 2):
+        digamma += 2.0 / i
+    return _DB * (log(nees) - float(log(2.0)) - digamma)
+
+
+def _covered(within: Array, level: float) -> Array:
+    return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
+
+
+def _tenths(quantity: str, pit: Array) -> Iterator[tuple[str, Array]]:
+    """Whether each is in a tenth, by the name of the tenth."""
+    which = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+    for b, name in enumerate(bars(quantity)):
+        yield name, np.where(np.isnan(pit), np.nan, which == b)

@@ -1,0 +1,202 @@
+"""Figure kinds `calibration`, rank histograms, and `reliability`, coverage against level."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.calibration import TENTHS
+from trackbench.evaluation.measure import Measure, OfRank, measure
+from trackbench.evaluation.uniformity import Histogram, kolmogorov_band
+from trackbench.experiment.reading.definition import Point
+from trackbench.keys import OpenShare
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.figures.curves import Curves
+from trackbench.report.kinds import FigureKind
+from trackbench.report.results import Results
+from trackbench.report.uniform import (
+    check_rank,
+    histogram,
+    judged,
+    pits,
+    shares_of_runs,
+    steps_that_are_not,
+)
+from trackbench.report.wording import joined, named, percent, verb
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ALPHA, _LEAST_P = 0.01, 1e-4
+_LEVELS = 101
+_NORMAL_95 = 1.959963984540054
+
+
+@register("figures", "calibration")
+@dataclass(frozen=True, kw_only=True)
+class Calibration(FigureKind):
+    """Rank histograms: in which tenth of a filter's distribution the truth is; flat if calibrated.
+
+    A filter that is too certain has a U, one that is not certain enough a hump, one with a bias a slope
+    (Talts et al. 2018, section 4.2). The grey band has 95 % of the bars of a calibrated filter, each by
+    itself: binomial at a step, by the spread of the runs' own histograms over all steps.
+    """
+
+    columns: dict[str, OfRank]
+    """heading: pit_nees (the whole state), pit_<component>; with @20 or @last at a step"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+
+    def __post_init__(self) -> None:
+        for head, m in self.columns.items():
+            check_rank(m, "columns", head)
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """Steps that there are not."""
+        what = steps_that_are_not(self.columns.values(), points)
+        return {"columns": what} if what else {}
+
+    def tell(self, results: Results) -> str:
+        """Whose ranks are uniform, as far as can be told, and whose are not."""
+        point = results.points()[0]
+        found = judged(
+            (
+                (label, head, histogram(results, point, label, m))
+                for label in results.chosen(self.filters)
+                for head, m in self.columns.items()
+            ),
+            _ALPHA,
+        )
+        parts = {"flat but for chance": found.good, "not flat": list(found.bad)}
+        words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
+        where = f"At {style.heading(point)}: " if point else ""
+        tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
+        return f"{where}{'; '.join(words)} {tests}." if words else ""
+
+    def draw(self, results: Results) -> "Figure":
+        """A row of panels per filter (and point of the grid), a column per PIT."""
+        every = [(p, b) for p in results.points() for b in results.chosen(self.filters)]
+        rows = every[: style.MOST_PANELS]
+        figure, axes = style.subplots(
+            len(rows), len(self.columns), 1.25 * len(rows) + 0.6, sharex=True, squeeze=False
+        )
+        for line, (point, label) in zip(axes, rows, strict=True):
+            for ax, m in zip(line, self.columns.values(), strict=True):
+                found = histogram(results, point, label, m)
+                if not found.runs:
+                    ax.set_axis_off()
+                else:
+                    _bars(ax, found, results.look(label)["color"], over_steps=not m.steps)
+            head = ", ".join(filter(None, [label, style.heading(point)]))
+            line[0].set_ylabel(style.words(head, 16))
+        for ax, head in zip(axes[0], self.columns, strict=True):
+            ax.set_title(f"{head}\n{ax.get_title()}".strip())
+        for ax in axes[-1]:
+            ax.set_xlabel("Rank of the truth")
+        style.title(figure, self.title, len(rows), len(every))
+        return figure
+
+
+def _bars(ax: "Axes", found: Histogram, colour: str, over_steps: bool) -> None:
+    """Ten bars about their common expectation, the band, the p-value."""
+    edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
+    at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
+    width = _NORMAL_95 * (found.stderr if over_steps else at_step)
+    ax.bar(edges[:-1], found.shares, 1.0 / TENTHS, align="edge", color=colour, alpha=0.6, lw=0)
+    low, high = (np.append(level + s * width, level + s * width[-1]) for s in (-1.0, 1.0))
+    ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
+    ax.axhline(level, color="black", linewidth=0.6, zorder=3)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_ylim(0.0, max(2.0 * level, 1.1 * float(found.shares.max())))
+    ax.set_title(f"p = {found.p:.2g}" if found.p > _LEAST_P else f"p < {_LEAST_P:g}")
+
+
+@register("figures", "reliability")
+@dataclass(frozen=True, kw_only=True)
+class Reliability(Curves):
+    """Share of truths within the regions of each level; on the diagonal if calibrated.
+
+    Of `pit_nees` regions of the whole state, of a component its central intervals. The grey band holds
+    the whole line of a calibrated filter in 95 % (Kolmogorov's distance, Stephens 1970); over all steps,
+    where there is no such band, bars are two standard errors by the runs.
+    """
+
+    metric: OfRank = measure("pit_nees@last")
+    """pit_nees (the whole state) or pit_<component>; with @20 or @last at a step"""
+    level: OpenShare = 0.95
+    """probability of the band"""
+    x_label: str = "Level of the region"
+    """label of the horizontal axis"""
+    y_label: str = "Share of truths in it"
+    """label of the vertical axis"""
+
+    def __post_init__(self) -> None:
+        check_rank(self.metric, "metric")
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """A step that there is not."""
+        what = steps_that_are_not([self.metric], points)
+        return {"metric": what} if what else {}
+
+    def tell(self, results: Results) -> str:
+        """What is in the region of 90 %."""
+        point, told = results.points()[0], []
+        for label, _ in self.labels(results):
+            level, share, _, runs = _coverage(results, point, label, self.metric)
+            if runs:
+                told.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
+        where = f" at {style.heading(point)}" if point else ""
+        return (
+            f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
+        )
+
+    def draw(self, results: Results) -> "Figure":
+        """One line per filter."""
+        figure, panels = self.panels(results)
+        for (ax,), point in panels:
+            ax.plot([0, 1], [0, 1], color="black", linewidth=0.6)
+            most = 0
+            for label, look in self.labels(results):
+                level, share, error, runs = _coverage(results, point, label, self.metric)
+                if runs:
+                    ax.plot(level, share, label=label, **look)
+                    low, high = share - 2 * error, share + 2 * error
+                    ax.vlines(level, low, high, color=look["color"], label=f"_{label}")
+                    most = max(most, runs)
+            if most and self.metric.steps:
+                width = kolmogorov_band(most, self.level)
+                name = f"{100 * self.level:g} % band"
+                ends = np.array([0.0, 1.0])
+                ax.fill_between(
+                    ends, ends - width, ends + width, color="black", alpha=0.15, lw=0, label=name
+                )
+            ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+        style.legend_outside(figure, figure.axes)
+        return figure
+
+
+def _coverage(
+    results: Results, point: dict[str, Any], label: str, m: Measure
+) -> tuple[Array, Array, Array, int]:
+    """Levels, shares of the truths within, standard errors (zero at a step), number of runs."""
+    central = m.family[1] != "nees"
+    if m.steps:
+        values = pits(results, point, label, m)
+        values = values[~np.isnan(values)]
+        within = np.sort(np.abs(2.0 * values - 1.0) if central else values)
+        level = np.linspace(0.0, 1.0, _LEVELS)
+        share = np.searchsorted(within, level, side="right") / max(len(within), 1)
+        return level, share, np.zeros(_LEVELS), len(within)
+    shares = shares_of_runs(results, point, label, m)
+    if central:  # the two tenths in the middle, and ever more on either side
+        shares = shares[TENTHS // 2 - 1 :: -1] + shares[TENTHS // 2 :]
+    shares = shares[:, ~np.isnan(shares).any(axis=0)]
+    inside = np.vstack([np.zeros_like(shares[:1]), np.cumsum(shares, axis=0)])
+    runs = shares.shape[1]
+    error = inside.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.zeros(len(inside))
+    level = np.linspace(0.0, 1.0, len(inside))
+    return level, inside.mean(axis=1) if runs else np.zeros(len(inside)), error, runs
