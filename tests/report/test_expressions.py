@@ -7,6 +7,11 @@ import pandas as pd
 import pytest
 
 from trackbench.evaluation import statistics as st
+from trackbench.evaluation.differences import (
+    Sides,
+    interval_of_difference,
+    studentised_difference,
+)
 from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.storing.given import Given
@@ -81,6 +86,24 @@ def test_a_statistic_and_its_z(folder):
     assert term.z(0.002) == studentised(term.value - 0.002, st.influence("variance", x))
     low, high = term.interval()
     assert (low, high) == st.interval("variance", x)
+
+
+def test_a_difference_of_variances_has_the_limits_of_both(folder):
+    e, names = Expressions(folder, {}), (("A", "rmse"), ("B", "rmse"))
+    term = e.term(measure("minus(variance(rmse), B)").of("A"))
+    common = ~np.isnan(sum(folder.values[name] for name in names))
+    x, y = (folder.values[name][common] for name in names)
+    value = st.variance(x).value - st.variance(y).value
+    sides = Sides(st.influence("variance", x), st.influence("variance", y))
+    assert term.value == pytest.approx(value)
+    assert term.z() == pytest.approx(studentised_difference(value, sides))
+    assert term.interval() == pytest.approx(interval_of_difference(value, sides))
+    assert term.z() != studentised(value, sides.of_difference)
+    assert term.stderr == st.mean(sides.of_difference).stderr
+    assert all(
+        batch.term(measure("minus(variance(rmse), B)").of("A")).sides for batch in e.batches(4)
+    )
+    assert e.term(measure("minus(mean(rmse), B)").of("A")).sides is None
 
 
 def test_shares_and_consistency_have_influences(folder):
