@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.evaluation.block import BlockTask, run_block
-from trackbench.evaluation.foretelling import Kind
+from trackbench.evaluation.block import BlockTask, Kind, run_block
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds
@@ -41,7 +40,7 @@ PER_AXIS = "a sensor of planar positions, as it works axis by axis (try imm, or 
 SCANS = "a start from two scans of a radar at the origin"
 READING = "a sensor of range and azimuth"
 SCALAR = ("grid", "inversion")
-TOLD: tuple[Kind, ...] = ("score", "prediction")
+TOLD: tuple[Kind, ...] = ("score", "prediction", "calibration", "crps")
 SCORELESS = ("prior-mean", "conversion")  # one looks at no measurement, one has no prediction
 OF_POSITIONS = ("adaptive-kf", "alpha-beta", "input-estimation", "vdf")
 OF_SCANS = ("conversion", "los-rbpf", "mpf")
@@ -139,6 +138,9 @@ def test_it_runs_or_is_refused(problem: str, kind: str, tmp_path: Path) -> None:
     assert ("log_score" in found) is (kind not in SCORELESS)
     for metric in {"log_score", "anis"} & found.keys() if kind not in SCORELESS else ():
         assert np.isfinite(found[metric]).all(), metric
+    for metric in ("pit_px", "pit_nees", "coverage_90"):
+        assert ((found[metric] >= 0.0) & (found[metric] <= 1.0)).all(), metric
+    assert (found["crps_px"] > 0.0).all()
 
 
 @pytest.mark.parametrize("problem", [p for p in PROBLEMS if p != "range-azimuth-elevation"])

@@ -18,6 +18,7 @@ _AFTER_BLOCKS = {
     "shares.py",
     "statistics.py",
     "summary.py",
+    "uniformity.py",
 }
 """Files of evaluation/ that only see finished blocks."""
 

@@ -111,7 +111,8 @@ def _bars(ax: "Axes", found: Histogram, colour: str, over_steps: bool) -> None:
     ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
     ax.axhline(level, color="black", linewidth=0.6, zorder=3)
     ax.set_xlim(0.0, 1.0)
-    ax.set_ylim(0.0, max(2.0 * level, 1.1 * float(found.shares.max())))
+    highest = max(float(found.shares.max()), float(high.max()))
+    ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
     ax.set_title(f"p = {found.p:.2g}" if found.p > _LEAST_P else f"p < {_LEAST_P:g}")
 
 

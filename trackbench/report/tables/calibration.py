@@ -72,7 +72,7 @@ def _verdict(found: Judged, alpha: float) -> Iterator[str]:
     """Whose ranks are not uniform, and whose are not seen to be otherwise."""
     by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
     if found.bad:
-        words = "; ".join(f"{label} ({', '.join(heads)})" for label, heads in found.bad.items())
-        yield f"Not calibrated {by}: {words}."
+        words = "; ".join(f"{label}: {', '.join(heads)}" for label, heads in found.bad.items())
+        yield f"Not calibrated {by}. {words}."
     if found.good:
         yield f"Not seen to be otherwise than calibrated {by}: {', '.join(found.good)}."
