@@ -189,6 +189,7 @@ GOOD = "run,step,z\n0,2,1.0\n0,3,1.1\n1,2,0.9\n"
             "time,z\n2020-01-01T10:00,1\n2020-01-01 25:00,2\n",
             "3:1: scenario: time: '2020-01-01 25:00' is not a time in ISO 8601",
         ),
+        ("time,z\n0,1\n1.7e18,2\n", "3:1: scenario: time: 1.7e+18 s is no time; say its unit"),
         ("step,z\n1,1\n200000,2\n", "1:1: scenario: gives 200001 steps, more than 100000"),
         ("\0\1\2", "1:1: scenario: no"),
         (b"\xff\xfe\x00", "1:1: scenario: is not a text file in UTF-8"),

@@ -84,6 +84,11 @@ def as_expression(word: str) -> str:
     return f"mean({word})" if word.partition("[")[0] in _LARGER_IS_BETTER else word
 
 
+def made_small(word: str) -> str:
+    """The term as it is added up: what is made large has a minus."""
+    return f"-{word}" if word.partition("[")[0] in _LARGER_IS_BETTER else word
+
+
 def _parts(word: str) -> tuple[str, str]:
     """Statistic, and name of the values per run."""
     match = _STATISTIC.fullmatch(word)

@@ -14,7 +14,7 @@ from trackbench.report import style
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.tuning.objective import Objective, Score
+from trackbench.tuning.objective import Objective, Score, made_small
 from trackbench.tuning.record import Record
 from trackbench.tuning.settings import tuned
 
@@ -63,10 +63,10 @@ def _trained_on(config: dict[str, Any]) -> str:
 
 
 def words_of(metric: str | dict[str, float]) -> str:
-    """The metric as one writes a sum."""
+    """What is made small, as one writes a sum."""
     if isinstance(metric, str):
-        return metric
-    return " + ".join(f"{weight:g} {word}" for word, weight in metric.items())
+        return made_small(metric)
+    return " + ".join(f"{weight:g} {made_small(word)}" for word, weight in metric.items())
 
 
 def _score(

@@ -32,7 +32,7 @@ _CALLED = {
 _WRITTEN = {
     **{
         unit: unit
-        for unit in ("m", "km", "ft", "nmi", "deg", "rad", "mrad", "kn", "s", "ms", "us", "h")
+        for unit in ("m", "km", "ft", "nmi", "deg", "rad", "mrad", "kn", "s", "ms", "us", "ns", "h")
     },
     **{"feet": "ft", "nm": "nmi", "degrees": "deg", "knots": "kn", "kts": "kn", "kmh": "km/h"},
     **{"seconds": "s", "millis": "ms", "mps": "m/s", "meters": "m", "metres": "m"},
@@ -166,7 +166,6 @@ def config_parts(guess: Guess) -> dict[str, str]:
         "@START@": f"  start: {{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess",
         "@Q@": f"{q:g}",
         "@FILTERS@": "\n".join(lines),
-        "@SIZE@": "4" if guess.moves else "2",
         "@SHOWN@": f"{each[0].upper()}, IMM",
     }
 

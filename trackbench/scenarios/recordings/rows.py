@@ -15,6 +15,8 @@ from trackbench.scenarios.recordings.tables import Table
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
+_LATEST = 1e12
+"""s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
 Numbers = NDArray[np.integer[Any]]
 
@@ -70,7 +72,14 @@ class Gathered:
         time = table.columns[clock]
         if self.dated:
             return (time - self.since) / 1e6
-        return time if stepped else time * self.naming.scale("time")
+        if not stepped:
+            time = time * self.naming.scale("time")
+            late = np.flatnonzero(np.abs(time) > _LATEST)[:_MOST_MISTAKES].tolist()
+            if late:
+                what = "{}: {:.3g} s is no time; say its unit (`units: {{time: ns}}`)"
+                places = ((int(table.lines[i]), what.format(clock, time[i])) for i in late)
+                raise DataError(*(Place(columns.path, line, 1, text) for line, text in places))
+        return time
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
         """The runs' numbers."""
