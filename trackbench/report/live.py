@@ -86,6 +86,11 @@ def _shapes(ax: "Axes") -> Iterator[tuple["Artist", str]]:
         yield artist, str(artist.get_label()).removeprefix("_")
 
 
+def _is_called_zero(ax: "Axes", tick: float) -> bool:
+    """Whether a logarithmic axis says that zero is here."""
+    return ax.xaxis.get_major_formatter()(tick, None) == "0"
+
+
 def _told(figure: "Figure", ax: "Axes") -> dict[str, Any]:
     """Left, top, right and bottom in the SVG's points; ends, scale and sharers of both axes."""
     width, height = figure.get_size_inches() * _POINTS
@@ -100,5 +105,8 @@ def _told(figure: "Figure", ax: "Axes") -> dict[str, Any]:
         first = min(every.index(other) for other in (ax, *alike.get_siblings(ax)))
         axis = [float(f"{end:.9g}") for end in ends]
         told[name] = {"ends": axis, "log": scale == "log", "group": f"{name}{first}"}
+    zeros = [float(t) for t in ax.get_xticks() if told["x"]["log"] and _is_called_zero(ax, t)]
+    if zeros:
+        told["x"]["zero"] = zeros[0]
     told["equal"] = ax.get_aspect() != "auto"
     return told

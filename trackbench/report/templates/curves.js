@@ -44,8 +44,10 @@
       this.shapes = [];
       for (const element of this.root.querySelectorAll("[clip-path]")) {
         if (element.closest('[id*="tick_"]')) continue;
-        for (const shape of element.localName === "g" ? element.querySelectorAll("path, use, image") : [element]) this.keep(shape);
+        for (const shape of element.localName === "g" ? element.querySelectorAll("path, use") : [element]) this.keep(shape);
       }
+      const clip = this.shapes[0]?.element.getAttribute("clip-path") ?? this.shapes[0]?.element.parentNode.getAttribute("clip-path");
+      for (const image of this.root.querySelectorAll("image")) this.keepImage(image, clip);
       this.curves = [];
       for (const shape of this.shapes) {
         const owner = shape.element.closest("[data-of]");
@@ -62,11 +64,16 @@
         if (!element.closest("defs")) this.shapes.push({ element, d: element.getAttribute("d"), path: parse(element.getAttribute("d") || "") });
       } else if (element.localName === "use") {
         this.shapes.push({ element, at: [number("x"), number("y")] });
-      } else {
-        this.fixed = true;  // pixels cannot be stretched as a logarithm does
-        const matrix = element.transform.baseVal.consolidate()?.matrix;
-        if (matrix) this.shapes.push({ element, image: element.getAttribute("transform"), matrix });
       }
+    }
+    // matplotlib draws pixels upside down, y upwards: from -y to height - y, and not clipped.
+    keepImage(element, clip) {
+      const [x, y, width, height] = ["x", "y", "width", "height"].map((name) => parseFloat(element.getAttribute(name)));
+      const frame = node("g", clip ? { "clip-path": clip } : {});
+      element.replaceWith(frame);
+      frame.append(element);
+      element.setAttribute("preserveAspectRatio", "none");
+      this.shapes.push({ element, image: [[x, -y], [x + width, height - y]] });
     }
     axes() {
       const { views } = this.figure;
@@ -98,8 +105,9 @@
           element.setAttribute("x", x);
           element.setAttribute("y", y);
         } else if (shape.image) {
-          const { a, d, e, f } = shape.matrix, [x0, y0] = this.moved([e, f]), [x1, y1] = this.moved([e + a, f + d]);
-          element.setAttribute("transform", original ? shape.image : `matrix(${x1 - x0} 0 0 ${y1 - y0} ${x0} ${y0})`);
+          const [[x, y], [right, bottom]] = original ? shape.image : shape.image.map((corner) => this.moved(corner));
+          for (const [name, value] of Object.entries({ x, y: -y, width: right - x, height: bottom - y })) element.setAttribute(name, value);
+          element.setAttribute("transform", `scale(1 -1) translate(0 ${y - bottom})`);
         }
       }
       this.ticks(original);
@@ -268,7 +276,6 @@
       if (!panel || event.button || event.target.closest("[data-key]")) return;
       if (event.pointerType === "touch") return this.read(panel, at);
       event.preventDefault();
-      this.svg.focus({ preventScroll: true });
       this.svg.setPointerCapture(event.pointerId);
       this.drag = { panel, from: at };
     }
@@ -334,6 +341,7 @@
       if (!rows.length) return;
       const [left, top, right, bottom] = panel.box, x = rows[0].at[0], digits = (v) => String(+v.toPrecision(3));
       this.last = { panel, x };
+      const { zero } = panel.told.x, first = rows[0].value[0];
       this.cursor = node("g", { "pointer-events": "none" }, this.svg);
       if (panel.single) node("line", { x1: x, x2: x, y1: top, y2: bottom, class: "cursor" }, this.cursor);
       for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.colour }, this.cursor);
@@ -345,7 +353,7 @@
         return line;
       });
       const head = document.createElement("div");
-      head.textContent = panel.single ? `at ${digits(rows[0].value[0])}` : "nearest point";
+      head.textContent = panel.single ? `at ${zero && Math.abs(first / zero - 1) < 0.01 ? 0 : digits(first)}` : "nearest point";
       this.note.replaceChildren(head, ...lines);
       const home = this.element.getBoundingClientRect(), corner = new DOMPoint(x, Math.max(at[1], top)).matrixTransform(this.svg.getScreenCTM());
       const room = home.width - this.note.offsetWidth - 4, beside = corner.x - home.left + 14;
