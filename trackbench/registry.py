@@ -62,7 +62,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
         whole = on_base(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
-        if _is_plugin(cls.__module__):
+        if is_plugin(cls.__module__):
             _of_plugins.setdefault(cls.__module__, []).append((group, kind, whole))
         return cast(T, whole)
 
@@ -96,10 +96,11 @@ def forget(module: str) -> None:
 def _origin(cls: type) -> str:
     """The module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
-    return module.rpartition("_")[0] if _is_plugin(module) else module
+    return module.rpartition("_")[0] if is_plugin(module) else module
 
 
-def _is_plugin(module: str) -> bool:
+def is_plugin(module: str) -> bool:
+    """Whether the module is a file that a config names."""
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 

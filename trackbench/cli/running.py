@@ -55,6 +55,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
+    _begin(engine, workers, dry_run)
     execute("run", configs, dry_run, api_options(locals()), json)
 
 
@@ -78,7 +79,17 @@ def sweep(
     json: Json = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
+    _begin(engine, workers, dry_run)
     execute("sweep", [config], dry_run, api_options(locals()), json)
+
+
+def _begin(engine: str, workers: int | None, dry_run: bool) -> None:
+    """Let processes import what they need while this one imports and reads, which takes as long."""
+    from trackbench.experiment.computing.engines import begin
+    from trackbench.report import DRAWER
+
+    if not dry_run:
+        begin(engine, workers, DRAWER)
 
 
 def execute(
