@@ -12,7 +12,7 @@ import pytest
 
 import trackbench
 from tests.conftest import ROOT
-from trackbench.registry import Group, kinds
+from trackbench.registry import GROUPS, Group, _homes, kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 FLOORS = {
@@ -118,7 +118,7 @@ def test_the_design_names_every_module_of_the_house() -> None:
         (["-m", "trackbench", "list"], {"numpy", "scipy", "pandas", "matplotlib", "yaml", "tqdm"}),
         (
             ["-m", "trackbench", "check", "experiments/hdepf.yaml"],
-            {"scipy", "pandas", "matplotlib.pyplot"},
+            {"scipy", "pandas", "matplotlib.pyplot", "trackbench.filters.adaptive"},
         ),
         (
             ["-c", "import trackbench.experiment.computing.worker"],
@@ -154,3 +154,9 @@ def test_a_listing_reads_what_an_import_finds(group: Group) -> None:
     found = {kind: inspect.cleandoc(doc) for kind, doc in ast.literal_eval(read).items()}
     own = {k: c for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")}
     assert found == {kind: inspect.getdoc(cls) for kind, cls in own.items()}
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_the_home_of_every_kind_is_known_without_importing_it(group: Group) -> None:
+    own = {k: c.__module__ for k, c in kinds(group).items() if c.__module__[:11] == "trackbench."}
+    assert _homes(group) == own

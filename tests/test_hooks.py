@@ -19,7 +19,7 @@ from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.validate import help_texts
 from trackbench.filters.base import Filter
 from trackbench.filters.kalman import KF
-from trackbench.hooks import MistakenHookError, hooks, on_base
+from trackbench.hooks import MistakenHookError, hooks, mistakes, on_base
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 
 
@@ -40,6 +40,14 @@ def test_every_hook_has_a_text_and_is_told(group: Group) -> None:
 @pytest.mark.parametrize("group", GROUPS)
 def test_every_kind_stands_on_its_base(group: Group) -> None:
     assert all(issubclass(cls, base_of(group)) for cls in kinds(group).values())
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_our_own_kinds_have_no_mistaken_hook(group: Group) -> None:
+    """They are not looked through when the program starts."""
+    own = [cls for cls in kinds(group).values() if cls.__module__.startswith("trackbench.")]
+    assert own
+    assert [found for cls in own for found in mistakes(cls, base_of(group))] == []
 
 
 def test_no_hook_is_looked_up_by_its_name() -> None:

@@ -49,6 +49,25 @@ def test_describe() -> None:
     assert [line["group"] for line in lines("describe", "recorded")] == named
 
 
+def test_what_is_measured_has_fields() -> None:
+    (found,) = lines("describe", "rmse_position")
+    assert (found["group"], found["kind"], found["unit"]) == ("metrics", "rmse_position", "m")
+    assert (found["better"], found["text"]) == ("lower", "root mean square length of the error")
+    (found,) = lines("describe", "median")
+    assert (found["group"], found["text"]) == ("statistics", "median over the runs")
+    named = {line["kind"]: line for line in lines("list", "metrics")}
+    assert named["nees"].keys() == {"group", "kind", "text", "unit", "better"}
+    assert [line["kind"] for line in lines("list", "statistics")][:2] == ["mean", "variance"]
+
+
+def test_the_metrics_of_a_config() -> None:
+    found = lines("list", "metrics", "adaptive-kf")
+    metrics = {line["kind"]: line for line in found if line["group"] == "metrics"}
+    assert metrics["rmse_position"]["per_step"] is metrics["rmse_position"]["kept"] is True
+    assert metrics["rmse_velocity"]["kept"] is metrics["missed"]["per_step"] is False
+    assert {"leg 1", "cpu_s_per_run"} <= {line["kind"] for line in found}
+
+
 def test_check_and_mistakes() -> None:
     (found,) = lines("check", "radar-turns")
     assert found["good"] is True

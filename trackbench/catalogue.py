@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args
 
-from trackbench.glossary import described
+from trackbench.glossary import described, facts, statistics_known
 from trackbench.hooks import hooks, offered
 from trackbench.keys import part_group
 from trackbench.metrics import METRICS
@@ -47,11 +47,8 @@ def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
 
     for group in groups:
         if group in ("metrics", "statistics"):
-            from trackbench.evaluation.statistics import STATISTICS
-
-            names = [*METRICS] if group == "metrics" else [*STATISTICS]
-            yield from (
-                {"group": group, "kind": name, "text": described(name) or ""} for name in names
+            yield from filter(
+                None, map(facts, METRICS if group == "metrics" else statistics_known())
             )
             continue
         if group == "experiments":
@@ -93,9 +90,9 @@ def entries(kind: str) -> Iterator[dict[str, Any]]:
             "keys": keys,
             "presets": cls.presets if group == "filters" else {},
         }
-    measured = described(kind)
+    measured = facts(kind)
     if measured:
-        yield {"group": "metrics", "kind": kind, "text": measured, "keys": [], "presets": {}}
+        yield {**measured, "keys": [], "presets": {}}
 
 
 def _found(kind: str) -> list[tuple[Group, type[Any]]]:

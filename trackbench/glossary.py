@@ -1,7 +1,10 @@
 """What can be measured, for people: metrics, statistics, and what an experiment has of them."""
 
+import sys
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from trackbench.metrics import METRICS, Metric, metric_of, unit_of
 
@@ -22,27 +25,62 @@ def metrics() -> str:
 
 def statistics() -> str:
     """Every statistic, and how one writes what is measured."""
-    rows = _columns((name, "", text) for name, text in _statistics().items())
+    rows = _columns((name, "", text) for name, text in statistics_known().items())
     return "\n".join(["statistics:", *rows, "", WRITTEN])
 
 
 def described(word: str) -> str | None:
     """A metric or a statistic; None if there is none of this name."""
-    if word in _statistics():
-        return f"{word} (statistic)\n\n{_statistics()[word]}\n\n{WRITTEN}"
+    if word in statistics_known():
+        return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
     found, _ = metric_of(word)
     if not found.help:
         return None
     return f"{word} (metric)\n\n{found.help}\n{_facts(found, unit_of(word) or found.unit)}".rstrip()
 
 
+def facts(word: str) -> dict[str, str] | None:
+    """A metric or a statistic as data; None if there is none of this name."""
+    if word in statistics_known():
+        return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
+    found, _ = metric_of(word)
+    if not found.help:
+        return None
+    about = {"unit": unit_of(word) or found.unit, "better": found.better}
+    return {"group": "metrics", "kind": word, "text": found.help, **about}
+
+
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     """Metrics, windows and numbers that tables and figures of an experiment may name."""
+    found = list(rows_of_config(path, allow_plugins))
+    named = {
+        group: [row["kind"] for row in found if row["group"] == group]
+        for group in ("windows", "statistics", "numbers")
+    }
+    rows = []
+    for row in (row for row in found if row["group"] == "metrics"):
+        files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
+        about = _facts(metric_of(row["kind"])[0], row["unit"])
+        rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
+    parts = [
+        f"metrics of {path}, per run or per step:",
+        *_columns(rows),
+        f"\nwindows of steps: {', '.join(named['windows']) or 'none but the whole'}",
+        f"statistics: {', '.join(named['statistics'])}",
+        f"numbers beside them: {', '.join(named['numbers'])}\n",
+        WRITTEN,
+    ]
+    return "\n".join(parts)
+
+
+def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
+    """The same as data: metrics, then windows, statistics and numbers."""
     from trackbench.evaluation.measure import measured
     from trackbench.experiment.reading.config import load
     from trackbench.experiment.reading.metric_names import kept_metrics, names_of
+    from trackbench.experiment.reading.shipped import located
 
-    experiment = load(path, allow_plugins=allow_plugins)
+    experiment = load(located(path, partial(print, file=sys.stderr)), allow_plugins=allow_plugins)
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, noted=True)
     kept = kept_metrics(settings, "summary.csv")
@@ -50,25 +88,27 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
         {m.metric for m in map(measured, there) if m.is_row}
         for there in (names.per_run, names.per_step)
     )
-    rows = []
     for name in sorted(per_run | per_step):
-        files = [word for word, there in (("run", per_run), ("step", per_step)) if name in there]
-        files = files if kept is None or measured(name).base in kept else ["not kept"]
         found, _ = metric_of(name)
-        rows.append((name, ", ".join(files), _facts(found, unit_of(name)), found.help))
-    own = sorted(name for name in names.windows if name)
-    parts = [
-        f"metrics of {path}, per run or per step:",
-        *_columns(rows),
-        f"\nwindows of steps: {', '.join(own) or 'none but the whole'}",
-        f"statistics: {', '.join(_statistics())}",
-        f"numbers beside them: {', '.join(sorted(names.given))}\n",
-        WRITTEN,
-    ]
-    return "\n".join(parts)
+        yield {
+            "group": "metrics",
+            "kind": name,
+            "text": found.help,
+            "unit": unit_of(name),
+            "better": found.better,
+            "per_run": name in per_run,
+            "per_step": name in per_step,
+            "kept": kept is None or measured(name).base in kept,
+        }
+    yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
+    yield from (
+        {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
+    )
+    yield from ({"group": "numbers", "kind": name} for name in sorted(names.given))
 
 
-def _statistics() -> dict[str, str]:
+def statistics_known() -> dict[str, str]:
+    """Every statistic, and what it is."""
     from trackbench.evaluation.measure import TIME_MEAN
     from trackbench.evaluation.statistics import STATISTICS
 

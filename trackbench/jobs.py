@@ -148,6 +148,11 @@ def most_workers(options: Options) -> int:
     return options.workers or cpu_count()
 
 
+def most_drawers(options: Options) -> int:
+    """Processes that may draw figures: as many as compute, where those are this machine's."""
+    return most_workers(options) if options.engine == "processes" else 1
+
+
 def say(text: str, options: Options) -> None:
     """A line for the user, unless quiet is wanted."""
     if not options.quiet:

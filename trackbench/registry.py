@@ -7,9 +7,11 @@ entry point of an installed package, or as a plugin file. A YAML never names an 
 import ast
 import importlib
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
+from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -62,7 +64,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
         whole = on_base(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
-        if _is_plugin(cls.__module__):
+        if is_plugin(cls.__module__):
             _of_plugins.setdefault(cls.__module__, []).append((group, kind, whole))
         return cast(T, whole)
 
@@ -96,11 +98,19 @@ def forget(module: str) -> None:
 def _origin(cls: type) -> str:
     """The module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
-    return module.rpartition("_")[0] if _is_plugin(module) else module
+    return module.rpartition("_")[0] if is_plugin(module) else module
 
 
-def _is_plugin(module: str) -> bool:
+def is_plugin(module: str) -> bool:
+    """Whether the module is a file that a config names."""
     return hasattr(sys.modules[module], "__plugin_digest__")
+
+
+def of_kind(group: Group, kind: str) -> type[Any] | None:
+    """The class of a kind; of the package's own only the file that has it is imported."""
+    if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
+        importlib.import_module(_homes(group)[kind])
+    return _kinds[group].get(kind) or kinds(group).get(kind)
 
 
 def kinds(group: Group) -> dict[str, type[Any]]:
@@ -113,15 +123,29 @@ def kinds(group: Group) -> dict[str, type[Any]]:
     return dict(sorted(_kinds[group].items()))
 
 
+@cache
+def _homes(group: Group) -> dict[str, str]:
+    """The modules of the package that register kinds of a group, by kind."""
+    mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
+    files = {file.stem: file.read_text(encoding="utf-8") for file in _files(group)}
+    return {
+        k: f"{_PACKAGES[group]}.{name}" for name, text in files.items() for k in mark.findall(text)
+    }
+
+
 def documentation(group: Group) -> dict[str, str]:
     """The docstring of every kind of a group, sorted; the package's own are read, not imported."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
+    return dict(sorted(found for file in _files(group) for found in _documented(file)))
+
+
+def _files(group: Group) -> list[Path]:
+    """The source files of a group's package."""
     spec = find_spec(_PACKAGES[group])
     assert spec is not None
     folders = spec.submodule_search_locations or ()
-    files = [file for folder in folders for file in Path(folder).glob("*.py")]
-    return dict(sorted(found for file in files for found in _documented(file)))
+    return [file for folder in folders for file in Path(folder).glob("*.py")]
 
 
 def _documented(file: Path) -> Iterator[tuple[str, str]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
-from trackbench.experiment.computing.engines import engine
+from trackbench.experiment.computing.engines import begin, engine
 from trackbench.experiment.computing.growing import grown, said
 from trackbench.experiment.computing.runner import Outcome, execute
 from trackbench.experiment.files import touched
@@ -23,7 +23,17 @@ from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.storing.lock import locked
 from trackbench.experiment.storing.outputs import seal
 from trackbench.experiment.storing.store import Losses, write_results
-from trackbench.jobs import Job, Options, jobs_of, most_workers, plan_of, say, with_tuned
+from trackbench.jobs import (
+    Job,
+    Options,
+    jobs_of,
+    most_drawers,
+    most_workers,
+    plan_of,
+    say,
+    with_tuned,
+)
+from trackbench.report import DRAWER
 from trackbench.report.comparison import summary_lines
 from trackbench.report.notebook import results_html
 from trackbench.report.page import write_report
@@ -107,6 +117,7 @@ def run_each(
     configs: Sequence[Config], options: Options, also: Also | None = None
 ) -> Generator[Report]:
     """The same, with more files that ``also`` makes of each one's results."""
+    begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
@@ -154,7 +165,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
-        tables, comparison = render(results, options.formats)
+        tables, comparison = render(results, options.formats, most_drawers(options))
         best = also(results, options.formats) if also else []
         write_report(results, comparison)
     seal(job.folder, facts, paths)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from trackbench.report import style
+from trackbench.report.drawers import drawn
 from trackbench.report.figures.curves import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.heatmap import HeatMap
-from trackbench.report.render import drawn
 from trackbench.report.results import Results
 from trackbench.report.svg import compact, outline
 from trackbench.report.thumbnail import thumbnail

@@ -95,7 +95,7 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
     module = "report.render" if where == "write_figures" else "running"
     kill = (
         f"import os, signal, trackbench.{module} as m\n"
-        f"m.{where} = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"m.{where} = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)\n"
         "from trackbench.cli import main; main()"
     )
     command = [sys.executable, "-c", kill, "run", config, "--workers", "1", "--out", folder]

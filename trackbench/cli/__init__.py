@@ -9,8 +9,8 @@ import typer
 
 from trackbench import __version__
 from trackbench.cli.checking import cache, check
-from trackbench.cli.lines import echo_line, mistakes
-from trackbench.cli.running import run, sweep, this_command
+from trackbench.cli.lines import tell
+from trackbench.cli.running import run, sweep
 from trackbench.cli.shipped import copy, show
 from trackbench.cli.stored import compare, plot, report, verify
 from trackbench.cli.tuning import tune
@@ -55,12 +55,5 @@ def main() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app()
-    except UserError as error:
-        if "--json" in sys.argv:
-            echo_line(mistakes(error.problems))
-        typer.echo(str(error), err=True)
-        sys.exit(2)
-    except RunError as error:
-        typer.echo(f"error: {error}", err=True)
-        typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
-        sys.exit(1)
+    except (UserError, RunError) as error:
+        sys.exit(tell(error))

@@ -94,11 +94,11 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     from trackbench.experiment.reading.validate import hints_of
     from trackbench.keys import part_group
     from trackbench.models.assumed import Assume
-    from trackbench.registry import Group, kinds
+    from trackbench.registry import Group, of_kind
 
     known: dict[str, Any] = {}
     if group is not None and isinstance(part, dict) and "kind" in part:
-        cls = kinds(cast(Group, group))[part["kind"]]
+        cls = cast(type[Any], of_kind(cast(Group, group), part["kind"]))
         known = {field.name: hints_of(cls)[field.name] for field in fields(cls)}
         known |= {"preset": str} if group == "filters" and cls.presets else {}
     if group == "filters":

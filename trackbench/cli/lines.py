@@ -1,6 +1,8 @@
-"""JSON on stdout, an object a line, for programs."""
+"""What is said: JSON on stdout, an object a line, for programs, and what went wrong for people."""
 
 import json
+import shlex
+import sys
 from collections.abc import Iterable
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any
@@ -9,13 +11,32 @@ import typer
 
 if TYPE_CHECKING:
     from trackbench.api import Report
-    from trackbench.experiment.problems import Problem
+    from trackbench.experiment.problems import Problem, RunError, UserError
     from trackbench.report.table import Table
 
 
 def echo_line(line: dict[str, Any]) -> None:
     """Print an object. What is no number is null; infinite is a word, since JSON has no such number."""
     typer.echo(json.dumps(_plain(line), ensure_ascii=False, allow_nan=False))
+
+
+def tell(error: "UserError | RunError") -> int:
+    """Say what went wrong; the exit code."""
+    from trackbench.experiment.problems import UserError
+
+    if isinstance(error, UserError):
+        if "--json" in sys.argv:
+            echo_line(mistakes(error.problems))
+        typer.echo(str(error), err=True)
+        return 2
+    typer.echo(f"error: {error}", err=True)
+    typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
+    return 1
+
+
+def this_command() -> str:
+    """The command line as it may be typed again."""
+    return shlex.join(["trackbench", *sys.argv[1:]])
 
 
 def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:

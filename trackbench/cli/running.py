@@ -1,15 +1,13 @@
 """The commands that run an experiment, once or over a grid."""
 
-import shlex
 import signal
-import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackbench.cli.lines import echo_line, reported
+from trackbench.cli.lines import echo_line, reported, tell, this_command
 from trackbench.cli.options import (
     AllowPlugins,
     Config,
@@ -53,9 +51,13 @@ def run(
     format_: Format = "png,svg",
     allow_plugins: AllowPlugins = False,
     json: Json = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
+    ] = False,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
-    execute("run", configs, dry_run, api_options(locals()), json)
+    _begin(engine, workers, dry_run)
+    execute("run", configs, dry_run, api_options(locals()), json, watch)
 
 
 def sweep(
@@ -78,11 +80,26 @@ def sweep(
     json: Json = False,
 ) -> None:
     """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
+    _begin(engine, workers, dry_run)
     execute("sweep", [config], dry_run, api_options(locals()), json)
 
 
+def _begin(engine: str, workers: int | None, dry_run: bool) -> None:
+    """Let processes import what they need while this one imports and reads, which takes as long."""
+    from trackbench.experiment.computing.engines import begin
+    from trackbench.report import DRAWER
+
+    if not dry_run:
+        begin(engine, workers, DRAWER)
+
+
 def execute(
-    command: str, configs: list[Path], dry_run: bool, options: "Options", json: bool
+    command: str,
+    configs: list[Path],
+    dry_run: bool,
+    options: "Options",
+    json: bool,
+    watched: bool = False,
 ) -> None:
     """Do what `run`, `sweep` or `tune` asks for, print what came out, and exit."""
     from trackbench import api
@@ -98,19 +115,48 @@ def execute(
                 typer.echo(line)
         return
     signal.signal(signal.SIGTERM, interrupt)
+    if watched:
+        _watch(configs, options, json)
+    elif not _run(command, configs, options, json):
+        raise typer.Exit(1)
+
+
+def _run(command: str, configs: list[Path], options: "Options", json: bool) -> bool:
+    """Run and print; whether all filters worked."""
+    from trackbench import api
+
     sweeps = (api.sweep(config, options) for config in configs)
     reports = sweeps if command == "sweep" else api.run_all(configs, options)
-    failed = False
+    good = True
     try:
         with closing(reports):
             for report in reports:
                 _print(report, json)
-                failed |= bool(report.failed)
+                good &= not report.failed
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
         raise typer.Exit(130) from None
-    if failed:
-        raise typer.Exit(1)
+    return good
+
+
+def _watch(configs: list[Path], options: "Options", json: bool) -> None:
+    """Run one config again and again, whatever is wrong with it; Ctrl-C between runs ends it well."""
+    from trackbench.cli.watching import watch
+    from trackbench.experiment.problems import Mark, Problem, RunError, UserError
+    from trackbench.jobs import file_of
+
+    if len(configs) > 1 or str(configs[0]) == "-":
+        raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
+    config = file_of(configs[0], options)
+
+    def go() -> None:
+        try:
+            _run("run", [config], options, json)
+        except (UserError, RunError) as error:
+            tell(error)
+
+    with suppress(KeyboardInterrupt):
+        watch(config, go)
 
 
 def _print(report: "Report", json: bool) -> None:
@@ -126,8 +172,3 @@ def _print(report: "Report", json: bool) -> None:
     for failure in report.failed:
         typer.echo(f"error: {failure}", err=True)
     typer.echo(f"results in {report.folder}/", err=True)
-
-
-def this_command() -> str:
-    """The command line as it may be typed again."""
-    return shlex.join(["trackbench", *sys.argv[1:]])

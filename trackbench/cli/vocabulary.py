@@ -36,7 +36,9 @@ def list_(
     known = (*GROUPS, "experiments", "metrics", "statistics")
     word = None if group is None else one_of("list", group, known)
     if json:
-        for row in rows((*GROUPS, "experiments") if word is None else (word,)):
+        every = (*GROUPS, "experiments") if word is None else (word,)
+        asked = config if word == "metrics" else None
+        for row in glossary.rows_of_config(asked, allow_plugins) if asked else rows(every):
             echo_line(row)
     elif word == "statistics":
         typer.echo(glossary.statistics())

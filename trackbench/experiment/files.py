@@ -5,6 +5,8 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from io import StringIO
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,6 +14,7 @@ from trackbench.experiment.problems import WriteError
 
 Row = Iterable[Any]
 
+_AT_ONCE = 4096  # rows
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
 
@@ -23,9 +26,15 @@ def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
         writer.writerows(rows)
 
 
-def csv_writer(file: IO[bytes]) -> Any:
+def csv_writer(file: IO[bytes]) -> "_Rows":
     """A writer of rows as they come, without holding them."""
-    return csv.writer(_Text(file), lineterminator="\n")
+    return _Rows(file)
+
+
+def shortened(numbers: Iterable[float], digits: int) -> list[str]:
+    """Numbers of so many significant digits as `csv` writes them, in half its time."""
+    texts = map(f"{{:.{digits}g}}".format, numbers)
+    return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
 
 
 def write_text(path: Path, text: str) -> None:
@@ -101,8 +110,18 @@ def remove_partial(folder: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-class _Text:
-    """Encodes what ``csv.writer`` writes."""
+class _Rows:
+    """Writes rows as `csv.writer` does, thousands at a time."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        self.write = lambda text: file.write(text.encode())
+        self._file = file
+
+    def writerow(self, row: Row) -> None:
+        self.writerows([row])
+
+    def writerows(self, rows: Iterable[Row]) -> None:
+        left = iter(rows)
+        while some := list(islice(left, _AT_ONCE)):
+            text = StringIO()
+            csv.writer(text, lineterminator="\n").writerows(some)
+            self._file.write(text.getvalue().encode())

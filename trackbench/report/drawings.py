@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.measure import measured
+from trackbench.report.drawers import drawn
 from trackbench.report.kinds import FigureKind
-from trackbench.report.render import drawn
 from trackbench.report.results import Results
 from trackbench.report.style import MOST_PANELS
 from trackbench.report.svg import inline

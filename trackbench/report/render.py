@@ -9,20 +9,23 @@ from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired
-from trackbench.report.kinds import FigureKind
-from trackbench.report.paper import SHEETS, Style, drawing_for, is_crowded
+from trackbench.report.drawers import Draw, drawing, drawn
+from trackbench.report.paper import SHEETS, Style, drawing_for
 from trackbench.report.results import Results
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison, compare
 
 
-def render(results: Results, formats: Collection[str]) -> tuple[dict[str, Table], Comparison]:
-    """Write all of it; returns the tables by name and the verdicts."""
-    tables = write_tables(results, tex="tex" in formats)
-    write_figures(results, formats)
-    write_paired(results)
-    comparison = compare(results)
-    write_comparison(results, comparison)
+def render(
+    results: Results, formats: Collection[str], processes: int = 1
+) -> tuple[dict[str, Table], Comparison]:
+    """Write all of it, with so many processes; returns the tables by name and the verdicts."""
+    with drawing(results, style.forms(formats), processes) as draw:
+        tables = write_tables(results, tex="tex" in formats)
+        write_paired(results)
+        comparison = compare(results)
+        write_comparison(results, comparison)
+        write_figures(results, formats, draw=draw)
     return tables, comparison
 
 
@@ -39,40 +42,30 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
 
 
 def write_figures(
-    results: Results, formats: Iterable[str], only: Collection[str] = (), look: Style = "screen"
+    results: Results,
+    formats: Iterable[str],
+    only: Collection[str] = (),
+    look: Style = "screen",
+    draw: Draw | None = None,
 ) -> list[Path]:
-    """Draw ``figures/`` in each format; ``only`` picks figures by name or kind.
+    """Write ``figures/`` in each format; ``only`` picks figures by name or kind.
 
-    For a paper each is drawn as wide as a column, if its panels have room there, and as wide as a page.
+    They are drawn here, or by ``draw``. For a paper each is drawn as wide as a column, if its panels
+    have room there, and as wide as a page.
     """
-    figures = results.parts("figures")
+    figures, written = results.parts("figures"), []
     for name in only:
         known = [*figures, *{spec.kind for spec in figures.values()}]
         if name not in known:
             raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
-    written = []
     forms = style.forms(formats)
     wanted = [n for n, spec in figures.items() if not only or n in only or spec.kind in only]
     for name, page in product(wanted if forms else (), SHEETS[look]):
         with drawing_for(page):
-            contents = drawn(figures[name], results, forms)
+            spec = figures[name]
+            contents = draw(name, spec) if draw else drawn(spec, results, forms)
         for form, content in contents:
             path = made(results.folder / "figures") / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
     return written
-
-
-def drawn(spec: FigureKind, results: Results, formats: Iterable[str]) -> list[tuple[str, bytes]]:
-    """A figure as the content of a file, for each format; none of tracks if every filter failed."""
-    if spec.shown_runs and not results.shown:
-        return []
-    with style.house():
-        figure = spec.draw(results)
-        if is_crowded(figure):
-            return []
-        # Each drawing moves the layout by a rounding: the SVG comes first, always the same.
-        first = sorted(formats, key=lambda form: form != "svg")
-        contents = [(form, style.content(figure, form)) for form in first]
-    style.close(figure)
-    return contents

@@ -1,6 +1,5 @@
 """One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
 
-import io
 import sys
 import textwrap
 import warnings
@@ -12,6 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.experiment.reading.points import single_paths
 from trackbench.report import live
 from trackbench.report.paper import sheet
+from trackbench.report.saving import saved, spell_out
 from trackbench.report.svg import compact
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "lin
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
-FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-"""Formats of a figure and what a file leaves unsaid, so that equal figures are equal files."""
 
 SPREAD = "± 2 standard errors"
 _MOST_BANDS = 3
@@ -233,36 +231,18 @@ def forms(formats: Iterable[str]) -> list[str]:
 
 
 def content(figure: "Figure", form: str) -> bytes:
-    """The figure as a file's content in one of the `FORMATS`."""
-    out = io.BytesIO()
-    _spell_out(figure)
-    # An SVG holds rasterised parts inside it; a screen needs no more than this of them.
-    dpi = 150 if form == "svg" else None
-    labels = live.mark(figure) if form == "svg" else []
-    figure.savefig(out, format=form, metadata=FORMATS[form], dpi=dpi)
+    """The figure as a file's content in one of the `saving.FORMATS`."""
     if form != "svg":
-        return out.getvalue()
-    return live.marked(compact(out.getvalue().decode()), figure, labels).encode()
+        return saved(figure, form)
+    labels = live.mark(figure)
+    return live.marked(compact(saved(figure, form).decode()), figure, labels).encode()
 
 
 def settled(figure: "Figure") -> "Figure":
     """The figure, laid out here and now: what is left for later would be in the user's style."""
-    _spell_out(figure)
+    spell_out(figure)
     figure.draw_without_rendering()
     return figure
-
-
-def _spell_out(figure: "Figure") -> None:
-    """Let a text with dollars that is no formula stand as it is written."""
-    from matplotlib.mathtext import MathTextParser
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        if isinstance(text, Text) and "$" in text.get_text():
-            try:
-                MathTextParser("path").parse(text.get_text())
-            except ValueError:
-                text.set_parse_math(False)
 
 
 def close(figure: "Figure") -> None:

@@ -1,13 +1,13 @@
 """Where blocks are computed: an engine is a ``concurrent.futures.Executor``, nothing home-made."""
 
-import multiprocessing
 import os
 import re
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Literal, TypeVar, get_args
 
+from trackbench.experiment.computing import processes
 from trackbench.experiment.problems import UserError
 
 Engine = Literal["serial", "processes", "dask"]
@@ -16,7 +16,6 @@ OpenEngine = Callable[[], AbstractContextManager[Executor]]
 """Opens the engine, again after it broke."""
 T = TypeVar("T")
 
-_BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
@@ -38,46 +37,29 @@ def cpu_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def begin(name: str, workers: int | None, *modules: str) -> None:
+    """Begin early with what the engine's processes need, these modules as well, if it has any."""
+    if name == "processes" and (workers or cpu_count()) > 1:
+        processes.begin(*modules)
+
+
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
     """How to open an engine; raises UserError if it is not installed or cannot be reached."""
     if name == "dask":
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
         return _serial
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
+    if processes.is_beginning():
         raise RuntimeError(
             "a script that runs an experiment on several processes is imported by each of them: "
             'put the call under `if __name__ == "__main__":`, or use engine="serial"'
         )
-    return lambda: _processes(workers)
+    return lambda: processes.pool(workers)
 
 
 @contextmanager
 def _serial() -> Iterator[Executor]:
     yield SerialExecutor()
-
-
-@contextmanager
-def _processes(workers: int) -> Iterator[Executor]:
-    """Local worker processes with one BLAS thread each: blocks are what runs side by side."""
-    from trackbench.experiment.computing.worker import start_local_worker
-
-    for name in _BLAS:
-        os.environ.setdefault(name, "1")
-    posix = "forkserver" in multiprocessing.get_all_start_methods()
-    context = multiprocessing.get_context("forkserver" if posix else "spawn")
-    if posix:
-        context.set_forkserver_preload(["trackbench.experiment.computing.worker"])
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_local_worker)
-    try:
-        yield pool
-    except BaseException:
-        # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
-        for process in list((pool._processes or {}).values()):
-            process.terminate()  # a block that is being computed is not waited for
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager

@@ -1,10 +1,6 @@
 """What runs in a worker process: one block, from bytes to its results."""
 
-import multiprocessing
-import os
 import pickle
-import signal
-import threading
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,18 +57,3 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
             return run_whole_block(block)
     except Exception as error:
         raise FilterError(blamed(error, block.filter, block.scenario, block.reference)) from None
-
-
-def start_local_worker() -> None:
-    """Leave Ctrl-C to the parent, and end when the parent is gone, even by kill -9."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_follow, args=(parent,), daemon=True).start()
-
-
-def _follow(parent: "multiprocessing.process.BaseProcess") -> None:
-    # The pool's pipes do not tell: every worker holds both of their ends.
-    parent.join()
-    os._exit(1)

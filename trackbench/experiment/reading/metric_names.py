@@ -19,7 +19,7 @@ from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.filters.base import AnyFilter, Filter, knows_expectations, tells_likelihood
 from trackbench.metrics import METRICS, is_reserved, joined
-from trackbench.registry import kinds
+from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
 
 Made: TypeAlias = AnyFilter | None
@@ -135,7 +135,7 @@ def names_of(
 
 def _kind(settings: Settings, label: str) -> type:
     kind = settings.filters[label].get("kind")
-    return kinds("filters").get(kind if isinstance(kind, str) else "", Settings)
+    return (of_kind("filters", kind) if isinstance(kind, str) else None) or Settings
 
 
 def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:

@@ -12,7 +12,7 @@ from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
 from trackbench.keys import part_group
-from trackbench.registry import Group, kinds
+from trackbench.registry import Group, kinds, of_kind
 
 T = TypeVar("T")
 
@@ -31,14 +31,13 @@ def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]
         what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
         problems.append(Problem(source.mark(keys), dotted(keys), what))
         return None
-    known = kinds(group)
     kind = data["kind"]
-    if not isinstance(kind, str) or kind not in known:
-        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(known))}"
+    cls = of_kind(group, kind) if isinstance(kind, str) else None
+    if cls is None:
+        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
         what = _GONE.get((group, kind), what) if isinstance(kind, str) else what
         problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
         return None
-    cls = known[kind]
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
     also = ["preset"] if cls.presets else []
     if group == "filters":  # of every filter: see `trackbench.experiment.reading.assuming`

@@ -79,7 +79,7 @@ def copied(name: str, target: Path) -> list[Path]:
     A file that is there already with the same content is left alone; raises UserError, before anything
     is written, for every one with another content.
     """
-    home, wanted = folder(), sorted(_with_parts(named(name)))
+    home, wanted = folder(), sorted(part for part in with_parts(named(name)) if part.is_file())
     content = {target / path.relative_to(home): path.read_bytes() for path in wanted}
     there = {path for path in content if path.exists()}
     other = [p for p in sorted(there) if not p.is_file() or p.read_bytes() != content[p]]
@@ -92,16 +92,18 @@ def copied(name: str, target: Path) -> list[Path]:
     return sorted(content.keys() - there)
 
 
-def _with_parts(file: Path) -> set[Path]:
-    """A YAML file and every file that it names, and that those name."""
+def with_parts(file: Path, found: frozenset[Path] = frozenset()) -> frozenset[Path]:
+    """A YAML file and every file that it names, and that those name, whether it is there or not.
+
+    Raises UserError if one of them is no YAML.
+    """
     from trackbench.experiment.reading.source import read
 
-    found = {file}
-    if file.suffix == ".yaml":
-        for word in _words(read(file).data):
-            part = file.parent / word
-            if part.suffix in (".yaml", ".csv", ".py") and part.is_file():
-                found |= _with_parts(part)
+    found |= {file}
+    if file.suffix in (".yaml", ".yml") and file.is_file():
+        parts = {file.parent / word for word in _words(read(file).data)}
+        for part in sorted(part for part in parts - found if part.suffix):
+            found = with_parts(part, found)
     return found
 
 

@@ -24,7 +24,7 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.experiment.computing.runner import Outcome
-from trackbench.experiment.files import csv_writer, made, replacing, write_text
+from trackbench.experiment.files import csv_writer, made, replacing, shortened, write_text
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.metric_names import kept_metrics
@@ -164,12 +164,11 @@ def _run_rows(
     prefix: list[Any], result: FilterResult, wanted: Collection[str] | None
 ) -> Iterator[Row]:
     """Rows of per_run.csv, a metric at a time, since there are hundreds of thousands."""
-    digits = f".{DIGITS['per_run.csv']}g"
     for metric, values in result.per_run.items():
         if wanted is None or measured(metric).base in wanted:
             plain = values.tolist()
             if values.dtype.kind == "f":
-                plain = [float(format(value, digits)) for value in plain]
+                plain = shortened(plain, DIGITS["per_run.csv"])
             yield from zip(*map(repeat, prefix), range(len(plain)), repeat(metric), plain)
 
 

@@ -1,0 +1,15 @@
+"""What a process that draws figures imports, so that it is there when it is asked for one."""
+
+import gc
+
+import matplotlib.backends.backend_agg
+import matplotlib.backends.backend_svg
+import matplotlib.pyplot
+import pandas
+
+from trackbench.registry import kinds
+from trackbench.report import paired, render, verdicts
+
+__all__ = ["matplotlib", "paired", "pandas", "render", "verdicts"]
+gc.set_threshold(50_000)  # as in `__main__`
+kinds("figures")

@@ -1,0 +1,65 @@
+"""Figures drawn side by side: by processes of their own, while their parent writes all the rest."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from trackbench.experiment.computing.processes import pool
+from trackbench.registry import is_plugin
+from trackbench.report import style
+from trackbench.report.kinds import FigureKind
+from trackbench.report.paper import is_crowded
+from trackbench.report.results import Results
+
+Files: TypeAlias = list[tuple[str, bytes]]
+"""Format and content."""
+
+
+def drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
+    """A figure as the content of a file, for each format; none of tracks if every filter failed."""
+    if spec.shown_runs and not results.shown:
+        return []
+    with style.house():
+        figure = spec.draw(results)
+        forms = () if is_crowded(figure) else formats
+        contents = [(form, style.content(figure, form)) for form in forms]
+    style.close(figure)
+    return contents
+
+
+Draw: TypeAlias = Callable[[str, FigureKind], Files]
+"""A figure's files, by its name and what it is."""
+
+
+@contextmanager
+def drawing(results: Results, formats: Sequence[str], processes: int = 1) -> Iterator[Draw]:
+    """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here."""
+    figures = results.parts("figures") if processes > 1 and formats else {}
+    sent = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
+    begun: dict[str, Future[Files]] = {}
+
+    def draw(name: str, spec: FigureKind) -> Files:
+        try:
+            return begun[name].result()
+        except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
+            return drawn(spec, results, formats)
+
+    with ExitStack() as stack:
+        if sent:
+            begin = (_open, results.folder, results.facts)
+            drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
+            begun |= {name: drawers.submit(_draw, spec, formats) for name, spec in sent.items()}
+        yield draw
+
+
+_opened: list[Results] = []
+
+
+def _open(folder: Path, facts: dict[str, Any]) -> None:
+    _opened[:] = [Results(folder, facts)]
+
+
+def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
+    return drawn(spec, _opened[0], formats)
