@@ -143,11 +143,12 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
     """Run one config again and again, whatever is wrong with it; Ctrl-C between runs ends it well."""
     from trackbench.cli.watching import watch
     from trackbench.experiment.problems import Mark, Problem, RunError, UserError
-    from trackbench.jobs import file_of
+    from trackbench.experiment.reading.shipped import located
+    from trackbench.jobs import say
 
     if len(configs) > 1 or str(configs[0]) == "-":
         raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
-    config = file_of(configs[0], options)
+    config = located(configs[0], lambda line: say(line, options))
 
     def go() -> None:
         try:
