@@ -38,9 +38,9 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	touch $@ $(VENV)/.run
 
 # Lists at last which verdicts and which numbers of experiments/README.md are other ones now, and writes the
-# times of `trackbench list experiments`.
+# times of `trackbench list experiments`. Figures as in the report: git keeps no others.
 reproduce-tables: $(VENV)/.run
-	@$(BIN)/trackbench run $(EXPERIMENTS)
+	@$(BIN)/trackbench run $(EXPERIMENTS) --format svg
 	@$(BIN)/trackbench report results
 	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
 	@$(BIN)/python -m tests.times
