@@ -6,6 +6,7 @@ selection by the Metropolis criterion of simulated annealing (the hdepf paper, s
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -111,15 +112,20 @@ def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
     """Flat indices r1, r2 (M, N), uniform over pairs with r1, r2 and i all different; N >= 3."""
-    i = np.arange(N)
     u = rng.random((2, runs, N))
-    step1 = 1 + (u[0] * (N - 1)).astype(np.intp)  # r1 = i + step1, 1 <= step1 <= N - 1
-    step2 = 1 + (u[1] * (N - 2)).astype(np.intp)
-    step2 += step2 >= step1  # the N - 2 steps that are neither 0 nor step1
-    start = np.arange(runs)[:, None] * N
-    return start + _wrapped(i + step1, N), start + _wrapped(i + step2, N)
+    u[0] *= N - 1
+    u[1] *= N - 2
+    steps = u.astype(np.intp)
+    steps += 1  # r1 = i + steps[0], 1 <= steps[0] <= N - 1
+    steps[1] += steps[1] >= steps[0]  # the N - 2 steps that are neither 0 nor steps[0]
+    around, start = _rounds(runs, N)
+    steps += start
+    r1, r2 = around.take(steps, mode="clip")
+    return r1, r2
 
 
-def _wrapped(i: Index, N: int) -> Index:
-    """``i % N`` for 0 <= i < 2 N, without the division."""
-    return i - N * (i >= N)
+@lru_cache(maxsize=8)
+def _rounds(runs: int, N: int) -> tuple[Index, Index]:
+    """Flat indices of each run's particles twice over (2 M N,), and where in them each stands (M, N)."""
+    i, run = np.arange(N), np.arange(runs)[:, None]
+    return (run * N + np.concatenate([i, i])).ravel(), run * (2 * N) + i
