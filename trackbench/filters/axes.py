@@ -13,7 +13,6 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.sums import total
 from trackbench.models.base import Model
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import Axis
@@ -83,7 +82,8 @@ def _position(n: int) -> Array:
 
 def over_axes(values: Array) -> Array:
     """Sum over the axes (2, M): of NIS, or of log-likelihoods, zero where nothing was measured."""
-    return total(np.where(np.isnan(values), 0.0, values), axis=0)
+    x, y = np.where(np.isnan(values), 0.0, values)
+    return np.asarray(x + y)
 
 
 def choose(where: Mask, a: Gaussian, b: Gaussian) -> Gaussian:
