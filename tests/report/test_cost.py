@@ -15,6 +15,7 @@ from trackbench.evaluation.statistics import influence, mean
 from trackbench.experiment.problems import UserError
 from trackbench.report.costs import Curve, Spot, beside, curves, front
 from trackbench.report.expressions import Expressions
+from trackbench.report.grids import own_values
 from trackbench.report.results import Results
 from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.terms import Term
@@ -152,6 +153,13 @@ def test_each_path_takes_its_own_value(results):
     assert sizes == [(f"[{a}, {b}]", g) for a, b in ((10, 5), (40, 8), (160, 12)) for g in (1, 3)]
     given = results.given(results.points()[-1]).filters
     assert (given["PF"]["N"], given["HDEPF"]["N"], given["HDEPF"]["G"]) == (160, 12, 3)
+
+
+def test_a_sentence_has_a_filters_own_value(results):
+    point = results.points()[-1]
+    assert own_values(results, point, "PF") == {"filters.PF.N": 160}
+    assert own_values(results, point, "HDEPF") == {"filters.HDEPF.N": 12, "filters.HDEPF.G": 3}
+    assert own_values(results, point, "UKF") == {}
 
 
 def test_every_form_of_a_filter_is_a_curve_of_its_own(results):

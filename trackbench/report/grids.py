@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.points import single_paths, values_of
 from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.results import Results
@@ -32,6 +32,18 @@ def scenes(results: Results) -> list[dict[str, Any]]:
 def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
     """The points of the grid with this scenario."""
     return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+
+
+def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str, Any]:
+    """What a point gives a filter, by single path."""
+    place = results.place(point)
+    values = point if place is None else results.every_point[place]  # lists, where files have words
+    singles = (
+        pair
+        for path, value in values.items()
+        for pair in zip(single_paths(path), values_of(path, value), strict=True)
+    )
+    return {path: value for path, value in singles if path.startswith(f"filters.{label}.")}
 
 
 def named(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:

@@ -15,6 +15,7 @@ from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import Estimate, holm, mean
 from trackbench.experiment.reading.points import single_paths
 from trackbench.report import style
+from trackbench.report.grids import own_values
 from trackbench.report.lost import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
 from trackbench.report.results import Results
@@ -166,17 +167,13 @@ def _settings(
         seen = set()
         for point in points:
             runs = results.runs(point)
-            own = {path: point[path] for path in point if _varies(path, label)}
+            own = own_values(results, point, label)
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
                 name = named(f"{label} at {style.heading(own)}" if own else label)
                 yield Candidate(name, label, point, lost, values)
-
-
-def _varies(path: str, label: str) -> bool:
-    return any(single.startswith(f"filters.{label}.") for single in single_paths(path))
 
 
 def _best_settings(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
