@@ -60,7 +60,7 @@ def test_the_table_says_who_is_calibrated(folder: Path) -> None:
     assert np.isnan(found["KF", "X"][1].estimate.value)  # steps are not independent
     assert found["Sure", "X"][2].estimate.value < 1e-6
     by = "by 12 tests, 0.01 for all of them (Holm)"
-    assert table.notes[0].startswith(f"Not calibrated {by}. Sure: X, State, Late")
+    assert table.notes[0].startswith(f"Not calibrated {by}: Sure in X, State and Late")
     assert "KF" in table.notes[1]
 
 

@@ -15,6 +15,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.report.uniform import Judged, check_rank, histogram, judged, steps_that_are_not
+from trackbench.report.wording import joined
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
 
@@ -72,7 +73,7 @@ def _verdict(found: Judged, alpha: float) -> Iterator[str]:
     """Whose ranks are not uniform, and whose are not seen to be otherwise."""
     by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
     if found.bad:
-        words = "; ".join(f"{label}: {', '.join(heads)}" for label, heads in found.bad.items())
-        yield f"Not calibrated {by}. {words}."
+        words = "; ".join(f"{label} in {joined(heads)}" for label, heads in found.bad.items())
+        yield f"Not calibrated {by}: {words}."
     if found.good:
         yield f"Not seen to be otherwise than calibrated {by}: {', '.join(found.good)}."
