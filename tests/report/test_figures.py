@@ -181,6 +181,7 @@ def test_a_ranking_knows_which_way_is_better():
     assert ranking(values, "zero", "X").startswith("X, nearest zero: “b, c” (0.5), a (-2)")
     assert ranking(values, "one", "X").startswith("X, nearest one: “b, c” (0.5), e (30)")
     assert ranking(values, "", "X") == ""
+    assert ranking({"a": 111.1, "b": 111.2}, "lower", "X") == "X, all have 111."
 
 
 def test_the_report_begins_with_the_key_figure(folder):

@@ -3,12 +3,15 @@
 import json
 import shutil
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
 from trackbench import api
 from trackbench.report.results import Results
 from trackbench.report.svg import inline
+
+RESULTS = Path(__file__).parents[2] / "results"
 
 
 class Page(HTMLParser):
@@ -87,6 +90,12 @@ def test_the_line_to_run_it_again_may_be_typed(made, tmp_path, monkeypatch):
 def test_it_says_how_to_run_it_again(page):
     assert "trackbench run out/config.yaml" in page.text  # of an absolute folder only the end
     assert "numpy" in page.text
+
+
+def test_pages_of_the_shipped_results_are_small():
+    pages = [*RESULTS.glob("*.html"), *RESULTS.glob("*/report.html")]
+    assert pages
+    assert max(page.stat().st_size for page in pages) < 2_000_000
 
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")

@@ -54,9 +54,9 @@ def ran(folder: Path, more: str) -> Results:
 
 
 def estimates(results: Results) -> list[tuple[str, float]]:
-    """Heading and last estimate of each panel."""
+    """Heading and last estimate of each panel; the panels of errors below have no heading."""
     figure = results.parts("figures")["f"].draw(results)
-    lines = [(ax.get_title(), line) for ax in figure.axes for line in ax.lines]
+    lines = [(ax.get_title(), line) for ax in figure.axes if ax.get_title() for line in ax.lines]
     found = [(title, line.get_ydata()[-1]) for title, line in lines if line.get_label() == "A"]
     style.close(figure)
     return found

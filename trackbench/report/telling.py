@@ -23,6 +23,8 @@ def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
     there = {label: value for label, value in values.items() if isfinite(value)}
     if not better or len(there) < 2:
         return ""
+    if len(alike := {three_digits(value) for value in there.values()}) == 1:
+        return f"{what}, all have {alike.pop()}."
     order = sorted(there, key=lambda label: _far(there[label], better))
     first, last = _BEST[better]
     told = [f"{named(label)} ({three_digits(there[label])})" for label in order]
