@@ -80,6 +80,23 @@ def test_a_difference_has_to_show_in_every_batch():
     assert of_claim(-9.0, [-4.0, -3.1]).word == "fails"
 
 
+@pytest.mark.parametrize("B", [4, 2, 1])
+def test_what_is_decided_and_not_close_is_decided_at_another_seed(B: int, rng):
+    """Also just beyond the edge, where 95 % are held to; one that is close may well turn."""
+    means = rng.uniform(2.0, 9.0, 20_000)
+    first, second = (means[:, None] + rng.standard_normal((len(means), B)) for _ in range(2))
+    again, close = [], []
+    for one, other in zip(first, second, strict=True):
+        found, new = (of_claim(z.mean(), z if B > 1 else ()) for z in (one, other))
+        if found.word == "holds":
+            (close if found.is_close else again).append((one.mean(), new.word == "holds"))
+    edge = min(z for z, _ in again)
+    at_edge = [held for z, held in again if z < edge + 0.3]
+    assert np.mean(at_edge) > 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / len(at_edge))
+    assert np.mean([held for _, held in again]) > 0.99
+    assert np.mean([held for _, held in close]) < 0.8
+
+
 def test_an_agreement_is_shown_by_all_runs_and_contradicted_by_none():
     whole, wide = Term(1.0, 0.02, None, 400), Term(1.0, 0.04, None, 100)
     published = number(1.0, runs=10_000)

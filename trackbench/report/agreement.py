@@ -6,7 +6,7 @@ batch may contradict.
 """
 
 from collections.abc import Sequence
-from math import inf, isfinite, isnan, log, nan, sqrt
+from math import fsum, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.reading.published import PublishedNumber
@@ -29,11 +29,30 @@ _CONTRADICTS = {
 
 
 class Verdict(NamedTuple):
-    """The word, z over all runs, z of each batch."""
+    """The word, z over all runs, z of each batch; ``shown``: those that had to be beyond `SURE`.
+
+    None had to where the test is exact and not normal.
+    """
 
     word: str
     z: float
     batches: tuple[float, ...] = ()
+    shown: tuple[float, ...] = ()
+
+    @property
+    def is_close(self) -> bool:
+        """Whether as many runs of another seed could well leave undecided what is decided here.
+
+        Their B values of z are normal about the same mean, which is known to 1 / sqrt(B): that one of
+        them is below `SURE` has a probability of at most 5 % if the mean is beyond this (Bonferroni).
+        """
+        from scipy.special import ndtri
+
+        B = len(self.shown)
+        if self.word not in _TO_BE_SHOWN_BY_EACH or not B:
+            return False
+        room = float(ndtri(1.0 - 0.05 / B)) * sqrt(1.0 + 1.0 / B)
+        return abs(fsum(self.shown)) / B < SURE + room
 
 
 def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> Verdict:
@@ -46,7 +65,8 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
         word = "agrees" if word == number.value else "differs"
     if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
         word = "chosen"
-    return Verdict(word, z, tuple(z for _, z in found))
+    zs = tuple(z for _, z in found)
+    return Verdict(word, z, zs, zs or (z,))
 
 
 def of_claim(
@@ -57,12 +77,11 @@ def of_claim(
     To be ``equal`` is shown by all runs together; and anything is whose test is ``exact``, as that of a
     share is: a batch of 200 could not show 0.99. No batch may contradict that.
     """
-    word, found = _claimed(z), [_claimed(b) for b in batches]
+    word, found, zs = _claimed(z), [_claimed(b) for b in batches], tuple(batches)
     if exact or (equal and word == "holds"):
         word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
-    else:
-        word = settled(word, found)
-    return Verdict(word, z, tuple(batches))
+        return Verdict(word, z, zs, () if exact else (z,))
+    return Verdict(settled(word, found), z, zs, zs or (z,))
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:

@@ -43,7 +43,7 @@ def judge(claim: Claim, evidence: Evidence | None) -> Judged:
     losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED)
-    fragile = any(score.off.term.fragile for score in found)
+    fragile = verdict.is_close or any(score.off.term.fragile for score in found)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = joined(*losing, _why(evidence.whole, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.splits, fragile, note)

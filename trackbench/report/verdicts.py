@@ -137,7 +137,8 @@ def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Co
         measured, of_batches = evidence.of(partial(_term, number.expression.of(label)))
         verdict = agreement.of_number(number, measured, of_batches)
         note = joined(measured.losses, number.chosen, number.note)
-        yield Compared(number, label, measured, verdict, measured.fragile, note)
+        fragile = measured.fragile or verdict.is_close
+        yield Compared(number, label, measured, verdict, fragile, note)
 
 
 def _term(m: Measure, expressions: Expressions) -> Term:
