@@ -154,6 +154,9 @@ def test_evidence_of_a_particle_filter_is_unbiased() -> None:
     of_pf = ratio("pf", 1000, N=100)
     assert abs(of_pf.mean() - 1) < 4 * of_pf.std() / np.sqrt(1000)
     assert of_pf.std() > 0.1
+    batches = of_pf.reshape(20, 50)
+    said = np.sqrt(np.mean([mean(batch).stderr ** 2 for batch in batches]))
+    assert batches.mean(axis=1).std(ddof=1) == pytest.approx(said, rel=4 / np.sqrt(38))
     np.testing.assert_allclose(ratio("kf", 20), 1.0)
 
 
