@@ -11,5 +11,6 @@ from trackbench.registry import kinds
 from trackbench.report import paired, render, verdicts
 
 __all__ = ["matplotlib", "paired", "pandas", "render", "verdicts"]
-gc.set_threshold(50_000)  # as in `__main__`
 kinds("figures")
+gc.set_threshold(50_000)  # as in `__main__`
+gc.freeze()  # a process that is forked from here need not look it through, and so copy its pages
