@@ -4,9 +4,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from subprocess import DEVNULL
+from types import MappingProxyType
 
 from benchmarks.harness import Entrant, Outcome
 
@@ -17,18 +18,22 @@ FRESH = ("--fresh",)  # compute what the store may keep
 ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
 
 
-def command(*arguments: str) -> Entrant:
-    """``trackbench`` with these arguments, in the repository's root."""
-    return processes([(PROGRAM, *arguments)])
+def command(*arguments: str, cache: str | None = None) -> Entrant:
+    """``trackbench`` with these arguments, in the repository's root; blocks are kept in ``cache``."""
+    return processes([(PROGRAM, *arguments)], {"TRACKBENCH_CACHE": cache} if cache else {})
 
 
-def processes(commands: Sequence[tuple[str, ...]]) -> Entrant:
-    """Processes side by side, until the last has ended."""
+def processes(
+    commands: Sequence[tuple[str, ...]], also: Mapping[str, str] = MappingProxyType({})
+) -> Entrant:
+    """Processes side by side, until the last has ended, with these in their environment."""
 
     def entrant() -> Outcome:
         started = time.perf_counter()
         running = [
-            subprocess.Popen(words, cwd=ROOT, env=ENVIRONMENT, stdout=DEVNULL, stderr=DEVNULL)
+            subprocess.Popen(
+                words, cwd=ROOT, env={**ENVIRONMENT, **also}, stdout=DEVNULL, stderr=DEVNULL
+            )
             for words in commands
         ]
         for process in running:

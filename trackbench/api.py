@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.experiment.files import touched
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.storing.outputs import seal
 from trackbench.jobs import Options, file_of, prepare
@@ -134,12 +134,18 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     """
     folder = Path(folder)
     if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name
+        _check_writable(folder)
         return write_overview(folder)
     if _is_read_only(folder):
         here = Path(f"{folder.resolve().name}-report.html")
         return [write_report(open_with_notes(folder, allow_plugins), path=here)]
     with _written_again(folder, allow_plugins) as (results, _):
         return [write_report(results)]
+
+
+def _check_writable(folder: Path | str) -> None:
+    if _is_read_only(folder):
+        raise UserError(Problem(Mark(f"{folder}/"), "", "may not be written in"))
 
 
 def _is_read_only(folder: Path | str) -> bool:
@@ -154,6 +160,7 @@ def _written_again(
 
     What else was changed since the run is said, and stays in the manifest as it was.
     """
+    _check_writable(folder)
     results = open_with_notes(Path(folder), allow_plugins)
     with touched() as paths:
         try:

@@ -213,6 +213,16 @@ def test_all_mistakes_at_once(tmp_path: Path) -> None:
     assert [line.split(":")[0] for line in found] == ["2", "3", "7", "8"]
 
 
+@pytest.mark.parametrize(("key", "hides"), [("bogus", False), ("titel", False), ("refrence", True)])
+def test_an_unknown_key_hides_other_mistakes_if_they_may_hang_on_it(
+    tmp_path: Path, key: str, hides: bool
+) -> None:
+    text = f"{GOOD}\n{key}: PF\ntables: {{t: {{kind: metrics, columns: {{X: mean(rsme)}}}}}}\n"
+    found = mistakes(tmp_path, text)
+    assert any(f"{key}: unknown key" in line for line in found)
+    assert any("'rsme' is no metric here" in line for line in found) is not hides
+
+
 def test_a_mistake_in_a_used_file_names_that_file(tmp_path: Path) -> None:
     part = tmp_path / "part.yaml"
     part.write_text("kind: pf\nN: -3\n")

@@ -30,7 +30,8 @@ def tell(error: "UserError | RunError") -> int:
         typer.echo(str(error), err=True)
         return 2
     typer.echo(f"error: {error}", err=True)
-    typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
+    if sys.argv[1:2] and sys.argv[1] in ("run", "sweep", "tune"):
+        typer.echo(f"finished blocks are kept; to go on: {this_command()}", err=True)
     return 1
 
 

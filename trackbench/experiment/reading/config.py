@@ -7,6 +7,8 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,7 @@ from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_defaults
 from trackbench.tuning.entries import Values, add_tuned
 
+_ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
     *("name", "title", "seed", "runs", "verdict_seeds", "block"),
     *("medians", "metrics", "per_step", "published"),
@@ -156,7 +159,10 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
 def _without_mistakes(source: Source, problems: list[Problem]) -> Settings | None:
     """The settings without their mistakes, if no other part of the file hangs on those keys."""
     mistaken = {p.path.partition(".")[0] for p in problems}
-    if not mistaken <= _ALONE:
+    known = [key.name for key in fields(Settings)]
+    # A key that nobody knows is left out, unless it may be one of those that others hang on.
+    meant = {near for key in mistaken for near in get_close_matches(key, known, 1, _ALIKE)}
+    if not meant <= _ALONE:
         return None
     data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
     return build(Settings, Source(data, source.marks, source.key_marks), (), [])
