@@ -74,8 +74,11 @@ lint: $(VENV)/.dev
 types: $(VENV)/.dev
 	$(BIN)/mypy
 
+# A file's tests share what they compute, so a worker takes a file whole.
+PYTEST := pytest -n auto --dist loadfile
+
 unit: $(VENV)/.dev
-	$(BIN)/pytest
+	$(BIN)/$(PYTEST)
 
 # The tests with the lowest versions that pyproject.toml allows, in an environment of their own.
 lowest:
@@ -84,7 +87,7 @@ lowest:
 .PHONY: unit-lowest
 unit-lowest: $(BIN)/python
 	$(PIP) -c requirements/lowest.txt -e '.[dev]'
-	$(BIN)/pytest
+	$(BIN)/$(PYTEST)
 
 wheel: $(VENV)/.dev
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
