@@ -1,5 +1,6 @@
 """Rank histograms and reliability from a results folder, and what is said of keys that are mistaken."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.report.figures.calibration import Reliability
 from trackbench.report.results import Results
+from trackbench.verification import verify
 
 CONFIG = """
 name: calibrated
@@ -31,8 +33,8 @@ filters:
   KF: {kind: kf}
   Sure: {kind: kf, assume: {sensor: {kind: position, sigma: 2}}}
   Cloud: {kind: enkf, N: 99}
-metrics: [pit_px, pit_nees, coverage_90]
-per_step: []
+metrics: [pit_px, pit_nees, coverage_90, evidence]
+per_step: [evidence, coverage_90]
 tables:
   ranks: {kind: calibration, rows: {X: pit_px, State: pit_nees@8, Late: "pit_nees[late]"}}
 figures:
@@ -67,8 +69,14 @@ def test_the_table_says_who_is_calibrated(folder: Path) -> None:
 def test_only_what_is_asked_for_is_kept(folder: Path) -> None:
     metrics = {metric for _, metric in Results(folder).runs({})}
     assert {"pit_px", "rank_px_10", "rank_nees_1[late]", "pit_nees@8"} <= metrics
-    assert {m.partition("_")[0] for m in metrics} == {"lost", "pit", "rank", "coverage"}
+    heads = {re.split(r"[_[]", metric)[0] for metric in metrics}
+    assert heads == {"lost", "pit", "rank", "coverage", "evidence"}
     assert not any("vx" in m for m in metrics)
+
+
+def test_it_comes_out_again(folder: Path) -> None:
+    """A run's evidence is that of its last step, its coverage the mean over the steps."""
+    assert verify(folder, runs=5) == []
 
 
 def test_every_figure_is_drawn_and_the_same_again(folder: Path) -> None:

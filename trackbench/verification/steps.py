@@ -84,11 +84,11 @@ def _is_time_mean(rows: "pd.DataFrame", stored: SummaryRow, shared: bool) -> boo
 
 @np.errstate(all="ignore")
 def _agree(how: str, steps: Array, runs: Array) -> bool:
-    """Whether values per step (T,) and per run (M,) have one average: root mean square, sum or mean."""
+    """Whether values per step (T,) and per run (M,) have one rms, sum, last value or mean."""
     if how == "rms":
         a, b = (float(np.sqrt(np.square(x).mean())) for x in (steps, runs))
     else:
-        a = float(steps.sum() if how == "sum" else steps.mean())
-        b = float(runs.mean())
+        of_steps = {"sum": steps.sum(), "last": steps[-1]}
+        a, b = float(of_steps.get(how, steps.mean())), float(runs.mean())
     room = HALF["per_step.csv"] * np.abs(steps).mean() * (len(steps) if how == "sum" else 1)
     return near(a, b, room + HALF["per_run.csv"] * np.abs(runs).mean(), "per_step.csv")
