@@ -4,7 +4,9 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
@@ -136,6 +138,8 @@ def run_each(
         jobs[i] = jobs[i]._replace(experiment=bigger, plan=plan)
         return plan
 
+    if most_drawers(options) > 1:
+        Thread(target=_import_ahead).start()
     with ExitStack() as stack:
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
             stack.enter_context(locked(folder, lambda line: say(line, options)))
@@ -151,6 +155,12 @@ def run_each(
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
             yield _reported(jobs[i], outcome, options, also)
+
+
+def _import_ahead() -> None:
+    """What tables and verdicts need, while this process waits for blocks."""
+    for name in ("pandas", "scipy.special"):
+        import_module(name)
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
