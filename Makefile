@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
 .PHONY: install reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit \
-  lowest wheel lock bench clean
+  lowest wheel lock docs bench clean
 
 install: $(VENV)/.run
 
@@ -99,6 +99,10 @@ lock:
 	echo hatchling | $(HASHED) -o requirements/run.txt >/dev/null
 	echo hatchling | $(HASHED) --extra dev -c requirements/run.txt -o requirements/dev.txt >/dev/null
 	$(COMPILE) --resolution lowest-direct --upgrade -o requirements/lowest.txt >/dev/null
+
+# The site, in build/site/; opened as files it needs no server and no net.
+docs: $(VENV)/.dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet -f docs/mkdocs.yml
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks

@@ -80,19 +80,35 @@ def entries(kind: str) -> Iterator[dict[str, Any]]:
             yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
         return
     for group, cls in _found(kind):
-        keys = [
-            dict(zip(("key", "default", "text"), row, strict=True)) for row in _rows(group, cls)
-        ]
         yield {
             "group": group,
             "kind": kind,
             "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
-            "keys": keys,
+            "keys": _as_data(_rows(group, cls)),
             "presets": cls.presets if group == "filters" else {},
+            "notes": [*_notes(group, cls)],
         }
     measured = facts(kind)
     if measured:
-        yield {**measured, "keys": [], "presets": {}}
+        yield {**measured, "keys": [], "presets": {}, "notes": []}
+
+
+def experiment_keys() -> list[dict[str, str]]:
+    """Key, default and text of the top level of an experiment's file."""
+    from trackbench.experiment.reading.definition import Settings
+
+    return _as_data(list(_key_rows(Settings, "")))
+
+
+def assume_keys() -> list[dict[str, str]]:
+    """The same of what every filter may assume."""
+    from trackbench.models.assumed import Assume
+
+    return _as_data(list(_key_rows(Assume, "assume.")))
+
+
+def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
+    return [dict(zip(("key", "default", "text"), row, strict=True)) for row in rows]
 
 
 def _found(kind: str) -> list[tuple[Group, type[Any]]]:
@@ -142,27 +158,26 @@ def _described(kind: str, group: Group, cls: type[Any]) -> str:
     for name, keys in cls.presets.items():
         given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {given}")
-    if group == "scenarios":
-        lines += _component_rows(cls)
-    if group == "targets" and "windows" in vars(cls):
-        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
-        lines.append(f"\n  windows of metrics: {words}")
-    if group == "sensors":
-        lines.append(f"\n  components of the measurement: {','.join(cls.components)}")
-    own = offered(cls, base_of(group))
-    if own:
-        lines.append(f"\n  hooks (see `trackbench describe {group}`): {', '.join(own)}")
+    lines += [f"\n  {note}" for note in _notes(group, cls)]
     if cls.explain():
         lines.append("\n" + cls.explain())
     return "\n".join(lines)
 
 
-def _component_rows(cls: type[Any]) -> Iterator[str]:
-    """Components of state and measurement with all keys at their defaults, if all have one."""
-    if "required" not in map(_default, dataclasses.fields(cls)):
+def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
+    """What else there is to know of a kind, a line each."""
+    if group == "scenarios" and "required" not in map(_default, dataclasses.fields(cls)):
         model = cls().model
-        yield f"\n  components of the state:       {','.join(model.motion.components)}"
-        yield f"  components of the measurement: {','.join(model.sensor.components)}"
+        yield f"components of the state: {','.join(model.motion.components)}"
+        yield f"components of the measurement: {','.join(model.sensor.components)}"
+    if group == "targets" and "windows" in vars(cls):
+        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        yield f"windows of metrics: {words}"
+    if group == "sensors":
+        yield f"components of the measurement: {','.join(cls.components)}"
+    own = offered(cls, base_of(group))
+    if own:
+        yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
 
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:

@@ -29,19 +29,33 @@ class Options:
     """How to run an experiment; only set, only, runs, seed and grid change a number in a CSV."""
 
     set: Sequence[str] = ()
+    """overrides of keys, `PATH=VALUE` as on the command line"""
     only: Sequence[str] = ()
+    """labels of the filters to be run"""
     runs: int | None = None
+    """Monte Carlo runs"""
     seed: int | None = None
+    """seed of every random number"""
     grid: Sequence[str] = ()
+    """grids, `PATH=V1,V2,...`, `a..b:n` or `log:a..b:n`"""
     out: Path | str | None = None
+    """results folder; of several configs the one that holds theirs; default: results/NAME"""
     engine: Engine = "processes"
+    """processes, serial or dask"""
     workers: int | None = None
+    """worker processes; default: all processors"""
     scheduler: str | None = None
+    """address of a dask cluster, tcp://host:port"""
     fresh: bool = False
+    """compute again what is kept from before"""
     save_tracks: bool = False
+    """write every run's track to tracks.npz"""
     formats: Sequence[str] = ("png", "svg")
+    """of figures and tables: png, svg, pdf, tex"""
     allow_plugins: bool = False
+    """run the code of the config's plugins"""
     quiet: bool = False
+    """say nothing of the progress"""
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:

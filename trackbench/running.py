@@ -34,6 +34,7 @@ from trackbench.jobs import (
     with_tuned,
 )
 from trackbench.report import DRAWER
+from trackbench.report.answer import answer
 from trackbench.report.comparison import summary_lines
 from trackbench.report.notebook import results_html
 from trackbench.report.page import write_report
@@ -70,7 +71,8 @@ class Report:
         return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
 
     def _repr_html_(self) -> str:
-        lines = [f"{self.folder}/", *self.failed, *summary_lines(self.comparison)]
+        lines = [f"{self.folder}/", *self.failed, *answer(self.results)]
+        lines += summary_lines(self.comparison)
         tables = (table.texts() for table in self.tables.values())
         return results_html(self.results.title, lines, tables, self._repr_png_())
 

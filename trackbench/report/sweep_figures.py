@@ -23,12 +23,13 @@ def render_sweep(results: Results, formats: Iterable[str]) -> list[Best]:
     """Write ``sweep.csv`` and ``figures/sweep-<metric>``; returns each filter's best point."""
     sweep, figures = Sweep(results), made(results.folder / "figures")
     write_sweep(sweep)
-    for metric in sweep.metrics:
+    forms = style.forms(formats)
+    for metric in sweep.metrics if forms else ():
         with style.house():
             figure = _drawn(sweep, metric)
             if figure is None:
                 continue
-            for form in style.forms(formats):
+            for form in forms:
                 path = figures / f"{file_name(metric)}.{form}"
                 write_bytes(path, style.content(figure, form))
         style.close(figure)

@@ -1,0 +1,140 @@
+"""The gallery: each shipped experiment with its picture, its verdicts and its config."""
+
+import html
+from collections.abc import Iterator
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from docs.site.pages import ROOT
+from trackbench.experiment.reading import shipped
+
+
+class Experiment(NamedTuple):
+    """A shipped experiment, and what its results folder holds."""
+
+    name: str
+    title: str
+    paper: str
+    cpu_s: float | None
+    folder: Path
+    config: dict[str, Any]
+
+    @property
+    def figures(self) -> list[Path]:
+        """Its figures, in the config's order, the key figure first."""
+        asked = [*(self.config.get("figures") or {}), "default"]
+        key = self.config.get("key_figure")
+        names = sorted(asked, key=lambda name: name != key) if key else asked
+        found = {path.stem: path for path in self.folder.glob("figures/*.svg")}
+        return [found.pop(name) for name in names if name in found] + sorted(found.values())
+
+    @property
+    def verdict(self) -> list[str]:
+        """How many published numbers and claims reproduce, in lines; none if nothing is published."""
+        path = self.folder / "comparison.md"
+        lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+        return [line.removeprefix("- ") for line in lines if line.startswith("- ")]
+
+    @property
+    def table(self) -> str:
+        """Its first table, as Markdown."""
+        for name in self.config.get("tables") or ["default"]:
+            path = self.folder / "tables" / f"{name}.md"
+            if path.is_file():
+                return path.read_text(encoding="utf-8")
+        return ""
+
+
+@cache
+def experiments() -> list[Experiment]:
+    """Every shipped experiment that has results, by paper, those of none last."""
+    found = []
+    for one in shipped.listed():
+        folder = ROOT / "results" / one.name
+        if (folder / "config.yaml").is_file():
+            text = (folder / "config.yaml").read_text(encoding="utf-8")
+            config = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            found.append(Experiment(*one, folder, config))
+    return sorted(found, key=lambda e: (not e.paper, e.paper, e.name))
+
+
+def pages() -> dict[str, str]:
+    """Every page by its place on the site."""
+    found = experiments()
+    return {"gallery/index.md": _index(found)} | {f"gallery/{e.name}.md": _page(e) for e in found}
+
+
+def files() -> dict[str, Path]:
+    """Pictures and reports, by their places on the site."""
+    found: dict[str, Path] = {}
+    for e in experiments():
+        found |= {f"gallery/{e.name}/{path.name}": path for path in e.figures}
+        if (e.folder / "report.html").is_file():
+            found[f"gallery/{e.name}/report.html"] = e.folder / "report.html"
+    return found
+
+
+def _index(found: list[Experiment]) -> str:
+    parts = [
+        "# Gallery",
+        "Every experiment that comes with the package, with its results as `make reproduce-tables` "
+        "wrote them. Each runs by its name, from any folder.",
+    ]
+    for paper, several in groupby(found, key=lambda e: e.paper):
+        parts.append(f"## {paper or 'Beyond the papers'}")
+        cards = "\n".join(map(_card, several))
+        parts.append(f'<div class="gallery" markdown="0">\n{cards}\n</div>')
+    return "\n\n".join(parts) + "\n"
+
+
+def _card(e: Experiment) -> str:
+    picture = "tables only"
+    if e.figures:
+        picture = f'<img loading="lazy" alt="" src="{e.name}/{e.figures[0].name}">'
+    verdict = "<br>".join(map(html.escape, e.verdict))
+    return (
+        f'<a class="card" href="{e.name}.html"><span class="frame">{picture}</span>'
+        f"<strong>{e.name}</strong><span>{html.escape(e.title)}</span><small>{verdict}</small></a>"
+    )
+
+
+def _page(e: Experiment) -> str:
+    return "\n\n".join(_parts(e)) + "\n"
+
+
+def _parts(e: Experiment) -> Iterator[str]:
+    yield f"# {e.name}"
+    yield f"{e.title}."
+    if e.paper:
+        yield f"Of the paper: {e.paper} ([findings](../findings.md))."
+    yield "\n".join(f"- {line}" for line in e.verdict)
+    for path in e.figures[:1]:
+        yield _picture(e, path)
+    yield e.table
+    takes = f" takes {_time(e.cpu_s)} of one processor" if e.cpu_s else " runs it"
+    yield f"```sh\ntrackbench run {e.name}\n```"
+    report = f"[the report]({e.name}/report.html)"
+    yield f"That{takes}; `--quick` a fraction. All tables, figures and verdicts: {report}."
+    for path in e.figures[1:]:
+        yield _picture(e, path)
+    yield "## Config"
+    yield f"`trackbench copy {e.name}` puts it and its parts into the working folder."
+    text = (shipped.folder() / f"{e.name}.yaml").read_text(encoding="utf-8")
+    yield f"```yaml\n{text.rstrip()}\n```"
+
+
+def _picture(e: Experiment, path: Path) -> str:
+    title = str((e.config.get("figures") or {}).get(path.stem, {}).get("title") or path.stem)
+    words = html.escape(title.replace("{runs}", str(e.config["runs"])))
+    return (
+        f'<figure markdown="0"><img loading="lazy" alt="{words}" src="{e.name}/{path.name}">'
+        f"<figcaption>{words}</figcaption></figure>"
+    )
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

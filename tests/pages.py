@@ -1,0 +1,232 @@
+"""The commands, configs and programs of a page, run in a folder of their own, with few runs.
+
+What would take long is only validated (`LONG`), and what cannot be run here, such as a cluster's address
+or a word that stands for another, is only held to the commands and options that there are (`known`).
+"""
+
+import glob
+import re
+import shlex
+import shutil
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from docs.site.blocks import Block, blocks
+from tests.conftest import ROOT
+from trackbench import api, running
+from trackbench.__main__ import main
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.definition import Settings
+from trackbench.experiment.reading.source import parse
+from trackbench.scenarios.tracking import Tracking
+
+RUNS = 6
+BARE = ("figures={}", "key_figure=null")
+"""Draws nothing, which takes longest."""
+LONG = {
+    "experiments/*.yaml": "every experiment",
+    "adaptive-kf-tuned": "tunes eight filters",
+    "sweep hdepf": "13 filters at each of 12 points",
+    "sweep experiments/hdepf.yaml": "13 filters at each of 15 points",
+    "solent_ais.yaml": "an hour of radio",
+    "tune c.yaml": "three filters, 1700 steps",
+    "experiments/ais.yaml": "an hour of radio",
+    "experiments/uav-radar.yaml": "900 steps of seven filters",
+}
+"""What is validated and not run, and why."""
+_DONE: set[str] = set()
+"""Experiments that were run by their names: again, for another page, they are validated."""
+_NOWHERE = re.compile(
+    r"\.\.\.|--watch|--\w+-completion|tcp://|\bCONFIG\b|\bDIR\b|\bNAME\b|\bKIND\b"
+)
+_DATA = {
+    "m.csv": "run,time,x,y\n" + "".join(f"1,{k * 2},{k * 20},{k * 5}\n" for k in range(12)),
+    "reference.csv": "run,time,px,py\n"
+    + "".join(f"1,{k * 2},{k * 20},{k * 5}\n" for k in range(12)),
+    "radar.csv": "run,step,range,azimuth\n"
+    + "".join(f"1,{k},{1 + k / 50},{k}\n" for k in range(12)),
+    "gps.csv": "run,step,x,y\n" + "".join(f"1,{k},{1000 + k * 20},{k * 5}\n" for k in range(12)),
+}
+
+
+@contextmanager
+def quickly(*keys: str) -> Iterator[None]:
+    """Let every run have few runs, in this process, with these keys, such as `BARE`."""
+    original = running.run_each
+
+    def run_each(configs: Any, options: Any, also: Any = None) -> Any:
+        recorded = any("measured" in str(config) for config in configs)
+        few = replace(options, set=("block=fit", *keys, *options.set))
+        few = replace(few, runs=None if recorded else RUNS)
+        yield from original(configs, replace(few, engine="serial", workers=1, formats=()), also)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (running, api):
+            patch.setattr(module, "run_each", run_each)
+        yield
+
+
+class Sandbox:
+    """A folder in which a page is followed from its top to its end."""
+
+    def __init__(self, folder: Path, stored: Path, page: str) -> None:
+        self.folder = folder
+        self.base = TURN
+        self.names: dict[str, Any] = {"__name__": "__main__"}
+        (folder / "experiments").symlink_to(ROOT / "experiments")
+        shutil.copytree(stored, folder / "results")
+        for place in ("m.csv", "reference.csv", "radar.csv", "gps.csv"):
+            (folder / place).write_text(_DATA[place])
+        (folder / "data").mkdir()
+        (folder / "data" / "measurements.csv").write_text(_DATA["m.csv"])
+        (folder / "data" / "truth.csv").write_text(_DATA["reference.csv"])
+        self.blocks = blocks(page)
+        for block in self.blocks:
+            if _file(block.title) and "at the end" not in block.title:
+                (folder / str(_file(block.title))).write_text(block.text)
+
+    def follow(self, block: Block) -> None:
+        """Do what a block says."""
+        file = _file(block.title)
+        if file is not None and "at the end" in block.title:
+            with (self.folder / file).open("a") as out:
+                out.write(block.text)
+        if block.language == "sh":
+            for command in block.commands:
+                for one in command.split(" && "):
+                    self.command(one)
+        elif block.language == "yaml":
+            self.config(block.text, file)
+        elif block.language == "python":
+            program = compile(block.text, block.title or "page", "exec")
+            if not block.title:
+                with quickly(*(BARE if "report" in self.names else [])):
+                    exec(program, self.names)
+
+    def command(self, line: str) -> None:
+        """Run a command, or hold it to what there is."""
+        words = shlex.split(line.partition(" > ")[0], comments=True)
+        if words[0] != "trackbench" or _NOWHERE.search(line):
+            known(words)
+            return
+        for path in [w for w in words if w.endswith(".yaml") and not glob.glob(w)]:
+            Path(path).write_text(self.base)
+        name = " ".join(words[1:3])
+        long = name in _DONE or any(what in line for what in LONG)
+        if words[1] == "run" and not words[2].endswith(".yaml"):
+            _DONE.add(name)
+        words = [path for word in words for path in (sorted(glob.glob(word))[:2] or [word])]
+        if words[1] == "verify":
+            assert name in _DONE or _exit_code(words) == 0, line
+            _DONE.add(name)
+            return
+        with quickly(*BARE):
+            words += ["--dry-run"] if long else []
+            words += ["--only", "HDEPF"] if long and words[1] == "sweep" else []
+            assert _exit_code(words) == 0, line
+
+    def config(self, text: str, file: str | None) -> None:
+        """Validate a config, or a part of one in a whole."""
+        part = parse(text, "page").data
+        problems = []
+        for base in (self.base, TURN, TUNED, MERWE):
+            data = _whole(part, parse(base, "base").data)
+            try:
+                load(data, allow_plugins=True)
+                break
+            except UserError as error:
+                problems.append(error)
+        else:
+            raise problems[0]
+        if {"scenario", "tune"} & part.keys():
+            self.base = yaml.safe_dump(data)
+
+
+TURN = next(
+    block.text
+    for block in blocks((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
+    if block.title == "turn.yaml"
+)
+
+
+MERWE = """
+name: c
+scenario: experiments/scenarios/merwe.yaml
+filters: {PF: {kind: pf}, HDEPF: {kind: hdepf}, Exact: {kind: grid}}
+"""
+TUNED = """
+name: c
+runs: 4
+scenario: experiments/scenarios/maneuver.yaml
+filters:
+  KF: {kind: kf, assume: {motion: {kind: cv, q: 0.1}}}
+  eta = 20: experiments/filters/adaptive-eta20.yaml
+  EKF: {kind: ekf}
+"""
+
+
+def _whole(part: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
+    """A whole config of which the part is one: keys of the top level, or of the scenario."""
+    if {"scenario", "filters"} <= part.keys():
+        return part
+    whole = {k: v for k, v in base.items() if k not in ("tables", "figures", "published", "tune")}
+    if "scenario" in part and "filters" not in part and len(part) == 1:
+        return whole | part | {"filters": {"UKF": {"kind": "ukf"}}, "runs": 1}
+    fields = set(Tracking.__dataclass_fields__)
+    inner = {key: value for key, value in part.items() if key in fields}
+    top = {key: value for key, value in part.items() if key not in fields}
+    assert top.keys() <= Settings.__dataclass_fields__.keys(), top
+    if inner.get("target", {}).get("kind") == "measured":
+        sensor = inner.get("sensor", {"kind": "position", "sigma": 5})
+        start = {"kind": "one-scan", "sigma_velocity": 10}
+        assume = {"motion": {"kind": "cwna", "q": 1}}
+        whole["scenario"] = {"kind": "tracking", "sensor": sensor, "start": start, "assume": assume}
+        whole |= {"filters": {"UKF": {"kind": "ukf"}}, "runs": 1}
+        whole["scenario"] |= {"T": 2} if isinstance(sensor, list) else {}
+    scenario = {"scenario": whole["scenario"] | inner} if inner else {}
+    return whole | top | scenario
+
+
+def known(words: list[str]) -> None:
+    """Hold a command that is not run to what there is: commands, options, targets, extras, files."""
+    if words[0] == "make":
+        assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
+    elif words[0] == "pip":
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        for extra in re.findall(r"trackbench\[(\w+)\]", " ".join(words)):
+            assert extra in extras["optional-dependencies"], words
+        for after, file in pairwise(words):
+            assert after != "-r" or (ROOT / file).is_file(), words
+    elif words[0] == "trackbench" and not words[1].startswith("--"):
+        from trackbench.cli import app
+
+        command = typer.main.get_command(app).commands[words[1]]
+        there = {option for param in command.params for option in param.opts}
+        assert {word for word in words if word.startswith("--")} <= there, words
+
+
+def _exit_code(words: list[str]) -> int:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", words)
+        try:
+            main()
+        except SystemExit as done:
+            return int(done.code or 0)
+    return 0
+
+
+def _file(title: str) -> str | None:
+    """The file that a block's title names."""
+    found = re.match(r"[\w-]+\.(yaml|csv|py)\b", title)
+    return found[0] if found else None

@@ -1,0 +1,102 @@
+"""The site: everything is on it, it is built without a warning, and it asks nothing of the net."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import trackbench
+from docs.site import gallery, reference
+from docs.site.pages import pages, rewritten
+from tests.conftest import ROOT
+from tests.test_shipped import NAMES
+from trackbench import catalogue
+from trackbench.metrics import METRICS
+from trackbench.registry import GROUPS, kinds
+
+REFERENCE = reference.pages()
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
+    page = REFERENCE[f"reference/{group}.md"]
+    own = [k for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")]
+    sections = dict(re.findall(r"^## (\S+) \{.*?\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
+    assert sections.keys() == {*own}
+    for kind in own:
+        (entry,) = (e for e in catalogue.entries(kind) if e["group"] == group)
+        rows = dict(re.findall(r"^\| `(\S+)` \| ([^|]*) \|", sections[kind], re.M))
+        for key in entry["keys"]:
+            if not key["key"].startswith("assume."):
+                assert key["key"] in rows
+        assert all(f"preset: {name}" in sections[kind] for name in entry["presets"])
+        first = entry["text"].split()[0].strip("`")
+        assert first in sections[kind]
+
+
+def test_every_metric_statistic_key_and_command() -> None:
+    metrics = REFERENCE["reference/metrics.md"]
+    for name in METRICS:
+        assert f"| `{name}" in metrics
+    for row in catalogue.rows(("statistics",)):
+        assert f"| `{row['kind']}` |" in metrics
+    for key in catalogue.experiment_keys():
+        assert f"| `{key['key']}` |" in REFERENCE["reference/config.md"]
+    for command in ("run", "sweep", "tune", "compare", "plot", "report", "verify", "describe"):
+        assert f"\n## {command}\n" in REFERENCE["reference/commands.md"]
+    assert "`--quick`" in REFERENCE["reference/commands.md"]
+    for name in trackbench.__all__:
+        assert f"\n## {name}" in REFERENCE["reference/python.md"]
+    for word in ("figure(name)", "frame", "per\\_run", "best"):
+        assert word.replace("\\", "") in REFERENCE["reference/python.md"].replace("\\", "")
+
+
+def test_the_gallery_has_every_experiment() -> None:
+    found, files = gallery.pages(), gallery.files()
+    assert {name for name in NAMES if (ROOT / "results" / name).is_dir()} == {
+        e.name for e in gallery.experiments()
+    }
+    for e in gallery.experiments():
+        page = found[f"gallery/{e.name}.md"]
+        assert f"trackbench run {e.name}" in page
+        assert (ROOT / "experiments" / f"{e.name}.yaml").read_text().strip() in page
+        assert all(line in page for line in e.verdict)
+        for picture in re.findall(r'src="([^"]+)"', page + found["gallery/index.md"]):
+            assert f"gallery/{picture}" in files
+    assert all(path.is_file() for path in files.values())
+
+
+def test_links_are_those_of_the_site() -> None:
+    known = pages() | {"results/hdepf/": "gallery/hdepf.md"}
+    text = '[a](../results/hdepf/ "PF; mean(rmse)") [`b`](design.md#verdicts) [c](../LICENSE)'
+    found = rewritten(text, "docs/running.md", "running.md", known)
+    assert '[a](gallery/hdepf.md "PF; mean(rmse)") [`b`](design.md#verdicts) c' in found
+    assert rewritten("[e](../docs/tuning.md)", "experiments/README.md", "findings.md", known) == (
+        "[e](tuning.md)"
+    )
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("material", reason="builds the site; `make docs` installs what it needs")
+    out = tmp_path_factory.mktemp("site")
+    words = ("build", "--quiet", "--strict", "-f", "docs/mkdocs.yml", "-d", str(out))
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", *words], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out
+
+
+def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
+    for uri in [*pages().values(), *REFERENCE, *gallery.pages()]:
+        page = (site / uri).with_suffix(".html").read_text(encoding="utf-8")
+        assert not re.search(
+            r'(<script|<img|<link(?! rel="canonical"))[^>]*(src|href)="https?:', page
+        )
+        for picture in re.findall(r'<img[^>]* src="([^"]+)"', page):
+            assert ((site / uri).parent / picture).is_file(), f"{uri}: {picture}"
+    style = "".join(p.read_text(encoding="utf-8") for p in site.rglob("*.css"))
+    assert not re.search(r"url\(['\"]?https?:", style)
