@@ -76,6 +76,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
     """The same as data: metrics, then windows, statistics and numbers."""
     from trackbench.evaluation.measure import measured
+    from trackbench.experiment.reading.config import load
     from trackbench.experiment.reading.metric_names import kept_metrics, names_of
     from trackbench.experiment.reading.shipped import located
 
