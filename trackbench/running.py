@@ -65,6 +65,8 @@ class Report:
     failed: list[str] = field(default_factory=list)
     best: list[Best] = field(default_factory=list)
     """of a sweep: each filter's best point"""
+    answer: list[str] = field(default_factory=list)
+    """what was found, in sentences"""
 
     def __repr__(self) -> str:
         failed = f"; {len(self.failed)} failed" if self.failed else ""
@@ -173,7 +175,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -
     seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
     failed = list(_failed(job.experiment, outcome, losses))
-    return Report(job.folder, tables, comparison, notes, failed, best)
+    return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
 
 
 def _what_happened(outcome: Outcome) -> Iterator[str]:

@@ -168,6 +168,8 @@ def _print(report: "Report", json: bool) -> None:
             typer.echo(table.markdown())
         for best in report.best:
             typer.echo(f"best: {best}")
+        for line in report.answer:
+            typer.echo(line)
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:

@@ -5,6 +5,8 @@ correction over all pairs. A filter that loses significantly more runs than anot
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -25,7 +27,8 @@ LEVEL = 0.05
 """Probability of a false word on any pair."""
 
 
-class Candidate(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Candidate:
     """A filter with the values that the grid gives it, and the point at which it has them."""
 
     name: str
@@ -37,12 +40,12 @@ class Candidate(NamedTuple):
     values: Array
     """the metric of each run (M,), NaN where it is lost"""
 
-    @property
+    @cached_property
     def mean(self) -> Estimate:
         """Over the runs that are not lost."""
         return mean(self.values[np.isfinite(self.values)])
 
-    @property
+    @cached_property
     def losses(self) -> int:
         """Number of runs that are lost."""
         return int(np.count_nonzero(self.lost))
@@ -119,26 +122,31 @@ def _standing(
     results: Results, points: Sequence[dict[str, Any]], metric: str, times: int
 ) -> Standing:
     """At the points of one scenario, of which there are so many."""
+    settings = list(_settings(results, points, metric))
+    found = standing_of(settings, metric, results.config.get("reference"), times)
+    return found._replace(where=_of_scenario(points[0]))
+
+
+def standing_of(
+    settings: Sequence[Candidate], metric: str, reference: str | None = None, times: int = 1
+) -> Standing:
+    """Of filters with values that they have in one scenario of so many."""
     measure = measured(metric)
     sign = -1.0 if measure.family[0].more_is_better else 1.0
-    settings = list(_settings(results, points, metric))
-    reference = next((c for c in settings if c.label == results.config.get("reference")), None)
-    tried = [c for c in settings if c.label != results.config.get("reference")]
+    floor = next((c for c in settings if c.label == reference), None)
+    tried = [c for c in settings if c.label != reference]
     ranked = _best_settings(tried, sign)
     losing = _losing(ranked)
     rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
-    chosen = len(tried) > len(ranked)
-    runs = max((len(c.lost) for c in ranked), default=0)
-    found = Standing(
-        _of_scenario(points[0]), measure, None, [], [], losing, reference, chosen, runs
-    )
+    chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
+    found = Standing({}, measure, None, [], [], losing, floor, chosen, runs)
     if not rivals or not isfinite(rivals[0].mean.stderr):
         return found
     # Values that were tried and not taken were compared as well.
     factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
-    there = [*ranked, *([reference] if reference else [])]
-    pairs = _to_the_best(rivals[0], there, metric, factor)
+    others = [c for c in (*ranked, floor) if c is not None and c is not rivals[0]]
+    pairs = _to_the_best(rivals[0], others, metric, factor)
     return _compared(found, rivals[0], [(c, pairs.get(c.name)) for c in rivals[1:]], sign)
 
 
@@ -184,36 +192,29 @@ def _best_settings(settings: Sequence[Candidate], sign: float) -> list[Candidate
         return not isfinite(value), sign * value if isfinite(value) else 0.0
 
     first: dict[str, Candidate] = {}
-    for candidate in sorted(settings, key=rank):
-        first.setdefault(candidate.label, candidate)
-    return list(first.values())
+    for label in dict.fromkeys(c.label for c in settings):
+        own = [c for c in settings if c.label == label]
+        losing = _losing(own)
+        first[label] = min([c for c in own if c not in losing] or own, key=rank)
+    return sorted(first.values(), key=rank)
 
 
-def _losing(ranked: Sequence[Candidate]) -> list[Candidate]:
+def _losing(found: Sequence[Candidate]) -> list[Candidate]:
     """Those that lose more of the same runs than another: sign tests, Holm over all of them."""
-    tests = [(a, b) for a in ranked for b in ranked if a is not b and len(a.lost) == len(b.lost)]
-    if not tests:
+    tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
+    if not any(c.losses for c in found):
         return []
-    p = holm(np.array([chance_of_losing_more(a.lost, b.lost) for a, b in tests]))
-    losing = {a.name for (a, _), chance in zip(tests, p, strict=True) if chance < LEVEL}
-    return [c for c in ranked if c.name in losing]
+    p = [chance_of_losing_more(a.lost, b.lost) if a.losses else 1.0 for a, b in tests]
+    losing = {a for (a, _), chance in zip(tests, holm(np.array(p)), strict=True) if chance < LEVEL}
+    return [c for c in found if c in losing]
 
 
 def _to_the_best(
-    best: Candidate, there: Sequence[Candidate], metric: str, factor: float
+    best: Candidate, others: Sequence[Candidate], metric: str, factor: float
 ) -> dict[str, Pair]:
-    """Each filter minus the best by name; corrected over all pairs, and by the factor."""
-    known = {c.name: c.values for c in there if np.isfinite(c.values).any()}
-    found = {}
-    for pair in pairs_of(metric, list(known), known):
-        other, turned = pair.filter_a, pair.filter_b != best.name
-        if best.name in (pair.filter_a, pair.filter_b):
-            sign, other = (-1.0, pair.filter_b) if turned else (1.0, pair.filter_a)
-            found[other] = pair._replace(
-                filter_a=other,
-                filter_b=best.name,
-                difference=sign * pair.difference,
-                z=sign * pair.z,
-                p_holm=min(pair.p_holm * factor, 1.0),
-            )
-    return found
+    """Each filter minus the best by name; corrected over all pairs of both, and by the factor."""
+    known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
+    found = {p.filter_a: p for p in pairs_of(metric, list(known), known) if p.filter_b == best.name}
+    return {
+        name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()
+    }
