@@ -1,11 +1,11 @@
 """From configs to results folders: what is run, on which workers, and what is said of it."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
@@ -40,7 +40,7 @@ from trackbench.report.notebook import results_html
 from trackbench.report.page import write_report
 from trackbench.report.render import render
 from trackbench.report.results import Results
-from trackbench.report.sweep import Best
+from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
@@ -48,10 +48,6 @@ from trackbench.tuning.record import write_tuning
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-
-Also: TypeAlias = Callable[[Results, Sequence[str]], list[Best]]
-"""Writes more files of results, with figures in these formats; returns the best points."""
 
 
 @dataclass(repr=False)
@@ -64,7 +60,7 @@ class Report:
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     best: list[Best] = field(default_factory=list)
-    """of a sweep: each filter's best point"""
+    """of a sweep: each filter's best values"""
     answer: list[str] = field(default_factory=list)
     """what was found, in sentences"""
 
@@ -117,10 +113,8 @@ def run_all(
     yield from run_each(configs, replace(options or Options(), **changes))
 
 
-def run_each(
-    configs: Sequence[Config], options: Options, also: Also | None = None
-) -> Generator[Report]:
-    """The same, with more files that ``also`` makes of each one's results."""
+def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
+    """The same, with what a ``sweep`` writes and says besides."""
     begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
@@ -152,7 +146,7 @@ def run_each(
             more=more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            yield _reported(jobs[i], outcome, options, also)
+            yield _reported(jobs[i], outcome, options, sweep)
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
@@ -160,7 +154,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
     return [job.line for job in jobs_of(configs, options)]
 
 
-def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -> Report:
+def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
     for line in [*_what_happened(outcome), *said(job.experiment, job.most, outcome)]:
         say(line, options)
@@ -170,11 +164,13 @@ def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -
             write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options))
-        best = also(results, options.formats) if also else []
         write_report(results, comparison)
+        if sweep:
+            write_sweep(results)
     seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
     failed = list(_failed(job.experiment, outcome, losses))
+    best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
 
 

@@ -20,6 +20,7 @@ from trackbench.cli.options import (
     Json,
     Only,
     Out,
+    Product,
     Quick,
     Runs,
     SaveTracks,
@@ -32,6 +33,9 @@ from trackbench.cli.options import (
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
+
+_SWEEP_ROWS = 20
+"""Longer tables of a sweep, of every filter at every point, are not printed."""
 
 
 def run(
@@ -63,6 +67,7 @@ def run(
 def sweep(
     config: Config,
     grid: Grid,
+    product: Product = False,
     set_: Set = None,
     only: Only = None,
     runs: Runs = None,
@@ -79,7 +84,7 @@ def sweep(
     allow_plugins: AllowPlugins = False,
     json: Json = False,
 ) -> None:
-    """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
+    """Run the grids' values; also writes sweep.csv, figures over them and each filter's best values."""
     _begin(engine, workers, dry_run)
     execute("sweep", [config], dry_run, api_options(locals()), json)
 
@@ -131,7 +136,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
     try:
         with closing(reports):
             for report in reports:
-                _print(report, json)
+                _print(report, json, most_rows=_SWEEP_ROWS if command == "sweep" else None)
                 good &= not report.failed
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
@@ -160,12 +165,15 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
         watch(config, go)
 
 
-def _print(report: "Report", json: bool) -> None:
+def _print(report: "Report", json: bool, most_rows: int | None) -> None:
     if json:
         echo_line(reported(report))
     else:
-        for table in report.tables.values():
-            typer.echo(table.markdown())
+        for name, table in report.tables.items():
+            if most_rows is None or len(table.keys) <= most_rows:
+                typer.echo(table.markdown())
+            else:
+                typer.echo(f"{len(table.keys)} rows: {report.folder}/tables/{name}.md", err=True)
         for best in report.best:
             typer.echo(f"best: {best}")
         for line in report.answer:

@@ -4,8 +4,8 @@ Decided as paired.csv has it: differences of the metric's mean per run on common
 correction over all pairs. A filter that loses significantly more runs than another is never the best.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
@@ -15,9 +15,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import Estimate, holm, mean
-from trackbench.experiment.reading.points import single_paths
 from trackbench.report import style
-from trackbench.report.grids import own_values
+from trackbench.report.grids import own_values, points_of, scenes
 from trackbench.report.lost import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
 from trackbench.report.results import Results
@@ -31,14 +30,25 @@ LEVEL = 0.05
 class Candidate:
     """A filter with the values that the grid gives it, and the point at which it has them."""
 
-    name: str
-    """as it stands in a sentence"""
     label: str
     point: dict[str, Any]
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
     values: Array
     """the metric of each run (M,), NaN where it is lost"""
+    own: dict[str, Any] = field(default_factory=dict)
+    """what the grid gives the filter, by path"""
+
+    @cached_property
+    def name(self) -> str:
+        """As it stands in a sentence, with what the grid gives it."""
+        return f"{named(self.label)} at {self.setting}" if self.own else named(self.label)
+
+    @property
+    def setting(self) -> str:
+        """What the grid gives it; in parentheses if it is several values."""
+        text = style.heading(self.own)
+        return f"({text})" if len(self.own) > 1 else text
 
     @cached_property
     def mean(self) -> Estimate:
@@ -80,6 +90,11 @@ class Standing(NamedTuple):
         return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
 
     @property
+    def nearest(self) -> tuple[Candidate, Pair] | None:
+        """Of those that are worse the nearest to the best."""
+        return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
+
+    @property
     def names_of_worse(self) -> list[str]:
         """Of those that are worse than the best."""
         return [c.name for c, _ in self.worse]
@@ -93,10 +108,26 @@ class Standing(NamedTuple):
 def standings(results: Results, metric: str = "") -> list[Standing]:
     """One for each scenario of the grid, by the first metric of `metrics_of` or a given one."""
     metric = metric or next(iter(metrics_of(results)), "")
-    wheres: dict[str, list[dict[str, Any]]] = {}
-    for point in results.points() if metric else []:
-        wheres.setdefault(str(_of_scenario(point)), []).append(point)
-    return [_standing(results, points, metric, len(wheres)) for points in wheres.values()]
+    places = scenes(results) if metric else []
+    return [_standing(results, where, metric, len(places)) for where in places]
+
+
+def best_settings(results: Results) -> list[Standing]:
+    """Of each filter to which the grid gives several values: which of them are best, by scenario."""
+    metric = next(iter(metrics_of(results)), "")
+    found: list[list[Candidate]] = []
+    wheres: list[dict[str, Any]] = []
+    for where in scenes(results) if metric else []:
+        settings = list(_settings(results, points_of(results, where), metric))
+        for label in dict.fromkeys(c.label for c in settings if c.own):
+            mine = [c for c in settings if c.label == label]
+            if len(mine) > 1:
+                found.append(mine)
+                wheres.append(where)
+    return [
+        standing_of(settings, metric, times=len(found), apart=True)._replace(where=where)
+        for settings, where in zip(found, wheres, strict=True)
+    ]
 
 
 def metrics_of(results: Results) -> list[str]:
@@ -109,33 +140,29 @@ def metrics_of(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _of_scenario(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What a point gives the scenario."""
-    return {
-        path: value
-        for path, value in point.items()
-        if any(single.startswith("scenario.") for single in single_paths(path))
-    }
-
-
-def _standing(
-    results: Results, points: Sequence[dict[str, Any]], metric: str, times: int
-) -> Standing:
-    """At the points of one scenario, of which there are so many."""
-    settings = list(_settings(results, points, metric))
+def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Standing:
+    """In one scenario, of which there are so many."""
+    settings = list(_settings(results, points_of(results, where), metric))
     found = standing_of(settings, metric, results.config.get("reference"), times)
-    return found._replace(where=_of_scenario(points[0]))
+    return found._replace(where=where)
 
 
 def standing_of(
-    settings: Sequence[Candidate], metric: str, reference: str | None = None, times: int = 1
+    settings: Sequence[Candidate],
+    metric: str,
+    reference: str | None = None,
+    times: int = 1,
+    apart: bool = False,
 ) -> Standing:
-    """Of filters with values that they have in one scenario of so many."""
+    """Of filters, each with the best of its values, in one scenario of so many.
+
+    ``apart``: of the values themselves.
+    """
     measure = measured(metric)
     sign = -1.0 if measure.family[0].more_is_better else 1.0
     floor = next((c for c in settings if c.label == reference), None)
     tried = [c for c in settings if c.label != reference]
-    ranked = _best_settings(tried, sign)
+    ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
     losing = _losing(ranked)
     rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
@@ -174,29 +201,27 @@ def _settings(
     for label in results.filters:
         seen = set()
         for point in points:
-            runs = results.runs(point)
-            own = own_values(results, point, label)
+            runs, own = results.runs(point), own_values(results, point, label)
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
-                name = named(f"{label} at {style.heading(own)}" if own else label)
-                yield Candidate(name, label, point, lost, values)
+                yield Candidate(label, point, lost, values, own)
 
 
-def _best_settings(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Each filter's best values, the best filter first; of equal ones the first in the config."""
+def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
+    value = candidate.mean.value
+    return not isfinite(value), sign * value if isfinite(value) else 0.0
 
-    def rank(c: Candidate) -> tuple[bool, float]:
-        value = c.mean.value
-        return not isfinite(value), sign * value if isfinite(value) else 0.0
 
-    first: dict[str, Candidate] = {}
+def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
+    """Each filter at its best values, of which those with which it loses more runs are none."""
+    best = []
     for label in dict.fromkeys(c.label for c in settings):
-        own = [c for c in settings if c.label == label]
-        losing = _losing(own)
-        first[label] = min([c for c in own if c not in losing] or own, key=rank)
-    return sorted(first.values(), key=rank)
+        mine = [c for c in settings if c.label == label]
+        losing = _losing(mine)
+        best.append(min([c for c in mine if c not in losing] or mine, key=lambda c: _rank(c, sign)))
+    return best
 
 
 def _losing(found: Sequence[Candidate]) -> list[Candidate]:
