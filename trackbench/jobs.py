@@ -21,7 +21,7 @@ from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.reading.shipped import located
 from trackbench.report.sweep import as_sweep
 from trackbench.tuning.entries import Values
-from trackbench.tuning.tuned import Tuned
+from trackbench.tuning.record import Record
 from trackbench.tuning.tuner import tune
 
 
@@ -98,7 +98,7 @@ class Job(NamedTuple):
     line: str
     most: int
     """runs at most"""
-    tuning: Mapping[str, Tuned] = MappingProxyType({})
+    tuning: Mapping[str, Record] = MappingProxyType({})
     """what tuning tried, by label"""
 
 
@@ -155,7 +155,7 @@ def with_tuned(job: Job, options: Options) -> Job:
     workers, store = most_workers(options), BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
     tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
-    found = {label: tried.found for label, tried in tuning.items()}
+    found = {label: record.best.values for label, record in tuning.items()}
     experiment = begun(prepare(job.config, options, found))
     plan = plan_of(experiment, job.most, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)

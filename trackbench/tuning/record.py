@@ -10,13 +10,14 @@ from typing import Any, NamedTuple, TextIO
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.source import scalar
 from trackbench.tuning.axes import Axis, read_axis
+from trackbench.tuning.objective import Score
 from trackbench.tuning.search import looked_around
-from trackbench.tuning.tuned import Tuned
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7
 _FLAT = 0.9  # share of an axis: what lies within a standard error on so much of it hangs on nothing
 _END = 0.005  # share of an axis next to its end
+_FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
 
 
 class Trial(NamedTuple):
@@ -26,6 +27,13 @@ class Trial(NamedTuple):
     objective: float
     stderr: float
     lost: int
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], score: Score | None) -> "Trial":
+        """What came of these values; no score if the filter failed."""
+        if score is None:
+            return cls(values, nan, nan, _FAILED)
+        return cls(values, score.value, score.stderr, score.lost)
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -102,20 +110,18 @@ class Record:
                 yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
-def write_tuning(path: Path, found: Mapping[str, Tuned]) -> None:
+def write_tuning(path: Path, found: Mapping[str, Record]) -> None:
     """Write tuning.csv."""
     write_csv(path, HEADER, _rows(found))
 
 
-def _rows(found: Mapping[str, Tuned]) -> Iterator[list[Any]]:
-    for label, tuned in found.items():
-        for n, trial in enumerate(tuned.evaluations):
-            score = trial.score
-            numbers: list[Any] = [nan, nan, ""]
-            if score is not None:
-                numbers = [_rounded(score.value), _rounded(score.stderr), score.lost]
-            for axis, value in zip(tuned.axes, trial.values, strict=True):
-                yield [label, n, axis.key, value, *numbers]
+def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
+    for label, record in found.items():
+        for n, trial in enumerate(record.trials):
+            lost = "" if trial.lost == _FAILED else trial.lost
+            numbers = [_rounded(trial.objective), _rounded(trial.stderr), lost]
+            for axis in record.axes:
+                yield [label, n, axis.key, trial.values[axis.key], *numbers]
 
 
 def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
@@ -135,7 +141,7 @@ def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str
 def _trial(rows: list[dict[str, str]]) -> Trial:
     first = rows[0]
     values = {row["key"]: scalar(row["value"]) for row in rows}
-    lost = int(first["lost"]) if first["lost"] else 1 << 30
+    lost = int(first["lost"]) if first["lost"] else _FAILED
     return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
 
 
