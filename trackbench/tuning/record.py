@@ -35,6 +35,10 @@ class Trial(NamedTuple):
             return cls(values, nan, nan, _FAILED)
         return cls(values, score.value, score.stderr, score.lost)
 
+    def rounded(self) -> "Trial":
+        """As tuning.csv has it."""
+        return self._replace(objective=_rounded(self.objective), stderr=_rounded(self.stderr))
+
     @property
     def rank(self) -> tuple[int, float]:
         """What orders trials."""
@@ -118,8 +122,8 @@ def write_tuning(path: Path, found: Mapping[str, Record]) -> None:
 def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
     for label, record in found.items():
         for n, trial in enumerate(record.trials):
-            lost = "" if trial.lost == _FAILED else trial.lost
-            numbers = [_rounded(trial.objective), _rounded(trial.stderr), lost]
+            _, objective, stderr, lost = trial.rounded()
+            numbers = [objective, stderr, "" if lost == _FAILED else lost]
             for axis in record.axes:
                 yield [label, n, axis.key, trial.values[axis.key], *numbers]
 
