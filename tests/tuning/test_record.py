@@ -67,3 +67,13 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert np.isnan(record.trials[1].objective)
     assert record.trials[1].rank == tuned.trials[1].rank > good.rank
     assert record.best is record.trials[0]
+
+
+def test_of_objectives_that_are_equal_as_stored_the_one_that_was_taken_is_the_best() -> None:
+    text = (
+        "filter,trial,key,value,objective,stderr,lost\nA,0,q,1.0,2.0,0.1,0\nA,1,q,3.0,2.0,0.1,0\n"
+    )
+    tune = {"A": {"q": "0..10"}}
+    assert read_tuning(io.StringIO(text), tune)["A"].best.values == {"q": 1.0}
+    taken = read_tuning(io.StringIO(text), tune, {"A": {"q": 3.0}})["A"]
+    assert taken.best.values == {"q": 3.0}

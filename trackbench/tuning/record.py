@@ -3,8 +3,10 @@
 import csv
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import starmap
 from math import inf, isfinite, nan
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
 from trackbench.experiment.files import write_csv
@@ -51,11 +53,16 @@ class Record:
 
     axes: tuple[Axis, ...]
     trials: list[Trial] = field(default_factory=list)
+    taken: Mapping[str, Any] | None = None
+    """values of the tuned filter in the config, where that is known"""
 
     @property
     def best(self) -> Trial:
-        """The trial of the smallest rank; of equal ones the first."""
-        return min(self.trials, key=lambda trial: trial.rank)
+        """The trial of the smallest rank; of equal ones that which was taken, or the first.
+
+        Read back, objectives may be equal that were not.
+        """
+        return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
         """Ends of a key's range, or choices, that are no more than one standard error worse.
@@ -128,13 +135,20 @@ def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
                 yield [label, n, axis.key, trial.values[axis.key], *numbers]
 
 
-def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
-    """What `write_tuning` wrote, of the filters that a config tunes, by label."""
+def read_tuning(
+    file: TextIO,
+    tune: Mapping[str, Mapping[str, Any]],
+    taken: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Record]:
+    """What `write_tuning` wrote, of the filters that a config tunes, by label.
+
+    ``taken`` are the values of these keys that the config's tuned filters have.
+    """
     trials: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in csv.DictReader(file):
         trials.setdefault((row["filter"], row["trial"]), []).append(row)
     out = {
-        label: Record(tuple(read_axis(key, written) for key, written in keys.items()))
+        label: Record(tuple(starmap(read_axis, keys.items())), taken=taken.get(label))
         for label, keys in tune.items()
     }
     for (label, _), rows in trials.items():
