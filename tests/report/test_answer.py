@@ -225,7 +225,8 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path) -> None:
         runs = pd.read_csv(file, keep_default_na=False, na_values={"value": ["nan"]})
     mine = runs[runs["metric"] == metric].groupby("filter")["value"].mean()
     others = [c.label for c in (*(c for c, _ in found.ties), *(c for c, _ in found.worse))]
-    assert mine[best] == mine[[best, *others]].min()
+    sign = -1.0 if found.more_is_better else 1.0
+    assert sign * mine[best] == (sign * mine[[best, *others]]).min()
     pairs = pd.read_csv(path / "paired.csv", keep_default_na=False)
     pairs = pairs[pairs["metric"] == metric]
     for other, _ in found.worse:
@@ -234,7 +235,7 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path) -> None:
             | ((pairs["filter_b"] == best) & (pairs["filter_a"] == other.label))
         ].to_dict("records")
         assert float(row["p_holm"]) < 0.05
-        assert (row["difference"] < 0) == (row["filter_a"] == best)
+        assert (sign * row["difference"] < 0) == (row["filter_a"] == best)
     lost = runs[runs["metric"] == "lost"].assign(value=lambda f: f["value"] > 0)
     losses = lost.groupby("filter")["value"].sum()
     for c in found.losing:
