@@ -1,5 +1,6 @@
 """Sweeps: every point validated first, blocks shared, one table, a figure per metric, the best named."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from tests.test_cli import trackbench
 from trackbench import api
 from trackbench.experiment.problems import Mark, UserError
 from trackbench.experiment.reading.axes import axis_values
+from trackbench.experiment.reading.combining import combinations, number_of_points
 from trackbench.experiment.reading.config import load
 
 CONFIG = """
@@ -94,14 +96,93 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
     assert blocks["computed"] == 14
     other = errors[errors["filter"] == "PF (N=5)"]["value"]
     assert other.nunique() == 1
-    mine = errors[errors["filter"] == "PF"].sort_values("value").iloc[0]
-    assert len(report.best) == 1
-    where = f"N = {mine['filters.PF.N']}, resampling = {mine['filters.PF.resampling']}"
-    best = report.best[0]
-    assert best.point == {path: mine[path] for path in best.point}
-    assert best.value == mine["value"]
-    assert str(best).startswith(f"PF at {where}: rms(rmse)")
-    assert (report.folder / "figures" / "sweep-rms-rmse.png").stat().st_size > 10_000
+    runs = report.per_run.query("metric == 'rmse' and filter == 'PF'")
+    means = runs.groupby(["filters.PF.N", "filters.PF.resampling"])["value"].mean()
+    N, resampling = means.idxmin()
+    (best,) = report.best
+    assert best.point == {"filters.PF.N": N, "filters.PF.resampling": resampling}
+    assert best.value == pytest.approx(means.min())
+    where = f"PF at (N = {N}, resampling = {resampling})"
+    assert str(best).startswith(f"{where}: mean RMSE {means.min():.3f}")
+    assert len(best.ties) + bool(best.next) >= 1
+    (row,) = pd.read_csv(report.folder / "tables" / "best-settings.csv").to_dict("records")
+    assert row["Best at"] == f"(N = {N}, resampling = {resampling})"
+    assert row["Mean RMSE"] == pytest.approx(means.min())
+    figure = report.folder / "figures" / "sweep-PF-N-PF-resampling.png"
+    assert figure.stat().st_size > 10_000
+
+
+GRIDS = {
+    "two filters": (["filters.A.x", "filters.B.x"], [["filters.A.x"], ["filters.B.x"]]),
+    "a filter's two keys": (
+        ["filters.A.x", "filters.B.x", "filters.A.y"],
+        [["filters.A.x", "filters.A.y"], ["filters.B.x"]],
+    ),
+    "joined": (
+        ["filters.A.x", "filters.B.x", "filters.A.y & filters.B.y", "filters.C.x"],
+        [["filters.A.x", "filters.B.x", "filters.A.y & filters.B.y"], ["filters.C.x"]],
+    ),
+    "with the scenario": (
+        ["scenario.R", "filters.A.x", "filters.B.x", "scenario.T & filters.B.T"],
+        [["filters.A.x"], ["filters.B.x"]],
+    ),
+    "with the reference": (
+        ["filters.R.x", "filters.A.x", "filters.A.b.x"],
+        [["filters.A.x"], ["filters.A.b.x"]],
+    ),
+    "the scenario": (["scenario.R", "scenario.T"], []),
+}
+
+
+@pytest.mark.parametrize("paths", GRIDS)
+def test_keys_of_different_filters_are_varied_one_after_the_other(paths: str) -> None:
+    """Of all combinations those in which at most one group of filters has other than first values."""
+    found, apart = GRIDS[paths]
+    grid = {path: list(range(2 + i)) for i, path in enumerate(found)}
+    labels = ["A", "B", "C", "R", "A.b"]
+
+    def moved(places: tuple[int, ...]) -> int:
+        at = dict(zip(grid, places, strict=True))
+        return sum(any(at[path] for path in group) for group in apart)
+
+    every = list(itertools.product(*(range(len(values)) for values in grid.values())))
+    wanted = [places for places in every if moved(places) <= 1]
+    assert combinations(grid, labels, "R", every=False) == wanted
+    assert number_of_points(grid, labels, "R", every=False) == len(wanted)
+    assert combinations(grid, labels, "R", every=True) == every
+    assert number_of_points(grid, labels, "R", every=True) == len(every)
+
+
+def test_two_one_dimensional_sweeps(config: Path, tmp_path: Path) -> None:
+    """One figure each, best values of each, and the numbers of the product at a point of it."""
+    grid = ("filters.PF.N=10,20,40", "filters.PF (N=5).N=4,6")
+    options = api.Options(engine="serial", quiet=True, grid=grid, formats=("svg",))
+    report = api.sweep(config, options, out=tmp_path / "out")
+    product = api.sweep(config, options, out=tmp_path / "product", product=True, formats=())
+    points = ["filters.PF.N", "filters.PF (N=5).N"]
+    assert report.summary[points].drop_duplicates().to_numpy().tolist() == [
+        *([10, 4], [10, 6]),
+        *([20, 4], [40, 4]),
+    ]
+    assert len(product.summary[points].drop_duplicates()) == 6
+    merged = report.per_run.merge(product.per_run, on=[*points, "filter", "run", "metric"])
+    assert (merged["value_x"] == merged["value_y"])[merged["value_x"].notna()].all()
+    assert [best.filter for best in report.best] == ["PF", "PF (N=5)"]
+    assert list(map(str, report.best)) == list(map(str, product.best))  # no setting beside itself
+    names = {path.name for path in (report.folder / "figures").iterdir()}
+    assert names == {"sweep-PF-N.svg", "sweep-PF-N-5-N.svg"}
+    again = api.run(report.folder / "config.yaml", options, out=tmp_path / "again", grid=())
+    for name in ("per_run.csv", "summary.csv", "tables/best-settings.csv"):
+        assert (again.folder / name).read_bytes() == (report.folder / name).read_bytes()
+
+
+def test_the_product_is_what_a_config_says(config: Path) -> None:
+    grid = ["filters.PF.N=10,20,40", "filters.PF (N=5).N=4,6"]
+    assert len(load(config, grid=grid).points) == 4
+    assert len(load(config, ["product=true"], grid=grid).points) == 6
+    config.write_text(CONFIG + "grid: {filters.PF.N: [10, 20, 40]}\n")
+    assert len(load(config, grid=grid[1:]).points) == 6  # the file's own grid is a product
+    assert len(load(config, ["product=false"], grid=grid[1:]).points) == 4
 
 
 def test_a_point_of_a_sweep_equals_a_run_of_its_own(config: Path, tmp_path: Path) -> None:
@@ -142,5 +223,12 @@ def test_the_command(config: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "best: PF at N = " in done.stdout
-    assert (config.parent / "results" / "s-sweep" / "figures" / "sweep-rms-rmse.svg").is_file()
+    folder = config.parent / "results" / "s-sweep"
+    assert (folder / "figures" / "sweep-PF-N.svg").is_file()
+    page = (folder / "report.html").read_text()
+    assert "figure-sweep-PF-N" in page
+    assert "Each filter&#39;s best values" in page
+    again = trackbench("verify", "results/s-sweep", cwd=config.parent)
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert "the same bytes" in again.stdout
     assert not (config.parent / "results" / "s").exists()

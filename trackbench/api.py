@@ -56,18 +56,17 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
 
 
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Run every combination of ``grid``; also writes ``sweep.csv`` and a figure per metric.
+    """Run the values of ``grid``; also writes ``sweep.csv``, a figure per filter and the best values.
 
+    Keys of several filters are varied one filter after the other; ``product`` runs every combination.
     The results go to ``results/<name>-sweep/``, so that the experiment's own stay as they are.
     """
-    from trackbench.report.sweep_figures import render_sweep
-
     options = replace(options or Options(), **changes)
     if options.out is None:
         config = file_of(config, options)
         name = prepare(config, options).settings.name
         options = replace(options, out=Path("results") / f"{name}-sweep")
-    (report,) = run_each([config], options, also=render_sweep)
+    (report,) = run_each([config], options, sweep=True)
     return report
 
 

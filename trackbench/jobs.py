@@ -4,7 +4,7 @@ import os
 import stat
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -19,14 +19,15 @@ from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.reading.shipped import located
+from trackbench.report.sweep import as_sweep
 from trackbench.tuning.entries import Values
-from trackbench.tuning.tuned import Tuned
+from trackbench.tuning.record import Record
 from trackbench.tuning.tuner import tune
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to run an experiment; only set, only, runs, seed and grid change a number in a CSV."""
+    """How to run an experiment; of these only set, only, runs, seed, grid and product change numbers."""
 
     set: Sequence[str] = ()
     """overrides of keys, `PATH=VALUE` as on the command line"""
@@ -38,6 +39,8 @@ class Options:
     """seed of every random number"""
     grid: Sequence[str] = ()
     """grids, `PATH=V1,V2,...`, `a..b:n` or `log:a..b:n`"""
+    product: bool = False
+    """run every combination of keys of different filters, not one filter after the other"""
     out: Path | str | None = None
     """results folder; of several configs the one that holds theirs; default: results/NAME"""
     engine: Engine = "processes"
@@ -79,6 +82,7 @@ def prepare(
         options.runs,
         options.seed,
         list(options.grid),
+        options.product,
         options.allow_plugins,
         found,
     )
@@ -94,7 +98,7 @@ class Job(NamedTuple):
     line: str
     most: int
     """runs at most"""
-    tuning: Mapping[str, Tuned] = MappingProxyType({})
+    tuning: Mapping[str, Record] = MappingProxyType({})
     """what tuning tried, by label"""
 
 
@@ -123,8 +127,8 @@ def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
 
 def _job(config: Config, options: Options, alone: bool) -> Job:
     experiment = prepare(config, options)
-    if options.grid:  # a sweep has figures of its own; a panel per point would be no figure
-        experiment = replace(experiment, figures={})
+    if options.grid:
+        experiment = as_sweep(experiment)
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not alone:
         folder /= experiment.settings.name
@@ -151,7 +155,7 @@ def with_tuned(job: Job, options: Options) -> Job:
     workers, store = most_workers(options), BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
     tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
-    found = {label: tried.found for label, tried in tuning.items()}
+    found = {label: record.best.values for label, record in tuning.items()}
     experiment = begun(prepare(job.config, options, found))
     plan = plan_of(experiment, job.most, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)

@@ -1,13 +1,13 @@
 """From configs to results folders: what is run, on which workers, and what is said of it."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
@@ -42,7 +42,7 @@ from trackbench.report.notebook import results_html
 from trackbench.report.page import write_report
 from trackbench.report.render import render
 from trackbench.report.results import Results
-from trackbench.report.sweep import Best
+from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
@@ -50,10 +50,6 @@ from trackbench.tuning.record import write_tuning
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-
-Also: TypeAlias = Callable[[Results, Sequence[str]], list[Best]]
-"""Writes more files of results, with figures in these formats; returns the best points."""
 
 
 @dataclass(repr=False)
@@ -66,7 +62,9 @@ class Report:
     notes: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     best: list[Best] = field(default_factory=list)
-    """of a sweep: each filter's best point"""
+    """of a sweep: each filter's best values"""
+    answer: list[str] = field(default_factory=list)
+    """what was found, in sentences"""
 
     def __repr__(self) -> str:
         failed = f"; {len(self.failed)} failed" if self.failed else ""
@@ -117,10 +115,8 @@ def run_all(
     yield from run_each(configs, replace(options or Options(), **changes))
 
 
-def run_each(
-    configs: Sequence[Config], options: Options, also: Also | None = None
-) -> Generator[Report]:
-    """The same, with more files that ``also`` makes of each one's results."""
+def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
+    """The same, with what a ``sweep`` writes and says besides."""
     begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
@@ -154,7 +150,7 @@ def run_each(
             more=more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            yield _reported(jobs[i], outcome, options, also)
+            yield _reported(jobs[i], outcome, options, sweep)
 
 
 def _import_ahead() -> None:
@@ -168,7 +164,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
     return [job.line for job in jobs_of(configs, options)]
 
 
-def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -> Report:
+def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
     for line in [*_what_happened(outcome), *said(job.experiment, job.most, outcome)]:
         say(line, options)
@@ -178,12 +174,14 @@ def _reported(job: Job, outcome: Outcome, options: Options, also: Also | None) -
             write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options))
-        best = also(results, options.formats) if also else []
         write_report(results, comparison)
+        if sweep:
+            write_sweep(results)
     seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
     failed = list(_failed(job.experiment, outcome, losses))
-    return Report(job.folder, tables, comparison, notes, failed, best)
+    best = list(best_points(results)) if sweep else []
+    return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
 
 
 def _what_happened(outcome: Outcome) -> Iterator[str]:

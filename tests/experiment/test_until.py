@@ -1,5 +1,10 @@
 """`until`: runs go on until numbers are as exact as asked; what comes out is a batch like any other."""
 
+import os
+import re
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +80,32 @@ def test_what_is_never_exact_enough_is_said(
     assert "up to 60 runs" in said
     assert "PF: after all 60 runs the standard error of mean(rmse) is " in said
     assert " times the 0.1 % that `until` asks" in said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no pseudo-terminal")
+def test_the_progress_bar_says_how_far_it_is(tmp_path: Path) -> None:
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    (tmp_path / "u.yaml").write_text(TEXT.format(runs=300, more=UNTIL))
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 150, 0, 0))
+    words = ["run", "u.yaml", "--out", "out", "--workers", "1", "--format", "svg"]
+    command, shown = [sys.executable, "-m", "trackbench", *words], b""
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=theirs) as done:
+        os.close(theirs)
+        with suppress(OSError):  # Linux says so that it has ended
+            while part := os.read(ours, 1 << 16):
+                shown += part
+    os.close(ours)
+    assert done.returncode == 0
+    first = re.search(r"mean\(rmse\): (\S+) x the error wanted", shown.decode())
+    assert first is not None
+    after = run(tmp_path, 20).summary.query("metric == 'mean(rmse)'")
+    share = (after["stderr"] / after["value"] / 0.04).max()
+    assert float(first[1]) == pytest.approx(share, rel=0.06)  # two digits
 
 
 def test_looks_do_not_hang_on_what_is_seen() -> None:

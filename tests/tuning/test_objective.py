@@ -16,6 +16,8 @@ def per_run(rng: np.random.Generator) -> dict[str, np.ndarray]:
         "nees": rng.chisquare(8.0, 50),
         "nees_position": rng.chisquare(1.0, 50),
         "log_score": rng.normal(-3.0, 1.0, 50),
+        "ess": rng.random(50),
+        "bias_x": rng.normal(-1.0, 1.0, 50),
         "lost": np.zeros(50),
     }
     runs["lost"][7] = 1.0
@@ -47,6 +49,18 @@ def test_a_log_score_is_made_large(per_run: dict[str, np.ndarray]) -> None:
         assert score.value == pytest.approx(-np.nanmean(per_run["log_score"]))
 
 
+@pytest.mark.parametrize("statistic", ["mean", "median"])
+def test_what_is_better_larger_is_made_large_and_a_bias_none(
+    per_run: dict[str, np.ndarray], statistic: str
+) -> None:
+    numpy = {"mean": np.nanmean, "median": np.nanmedian}[statistic]
+    ess = Objective.of(f"{statistic}(ess)", SIZES).score(per_run)
+    assert ess.value == pytest.approx(-numpy(per_run["ess"]))
+    bias = Objective.of(f"{statistic}(bias_x)", SIZES).score(per_run)
+    assert numpy(per_run["bias_x"]) < 0.0
+    assert bias.value == pytest.approx(-numpy(per_run["bias_x"]))
+
+
 def test_the_error_of_a_sum_sees_how_its_terms_go_together(
     per_run: dict[str, np.ndarray], rng: np.random.Generator
 ) -> None:
@@ -75,3 +89,5 @@ def test_what_is_no_statistic_over_runs() -> None:
         "rmse@20",
         "cpu_s_per_run",
     ]
+    (bad,) = bad_terms("rms(log_score[k<=30])")  # the larger a score, the smaller its square may be
+    assert bad[1].endswith("take mean(log_score[k<=30])")

@@ -9,7 +9,6 @@ import pytest
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.objective import Score
 from trackbench.tuning.record import Record, Trial, read_tuning, write_tuning
-from trackbench.tuning.tuned import Evaluation, Tuned
 
 
 def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -> Record:
@@ -57,9 +56,8 @@ def test_remarks(trials: list[tuple[float, float]], said: str) -> None:
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     axes = (Axis("assume.motion.q", 0.0, 1.0), Axis("kind", choices=("cv", "cwna")))
     influences = np.array([1.0, -1.0, np.nan])
-    tuned = Tuned(
-        axes, [Evaluation((0.25, "cv"), Score(1, 3.0, influences)), Evaluation((1.0, "cwna"), None)]
-    )
+    good = Trial.of({axes[0].key: 0.25, "kind": "cv"}, Score(1, 3.0, influences))
+    tuned = Record(axes, [good, Trial.of({axes[0].key: 1.0, "kind": "cwna"}, None)])
     write_tuning(tmp_path / "tuning.csv", {"A, B": tuned})
     text = (tmp_path / "tuning.csv").read_text()
     tune = {"A, B": {"assume.motion.q": "0..1", "kind": ["cv", "cwna"]}}
@@ -67,4 +65,15 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert record.axes == axes
     assert record.trials[0] == Trial({"assume.motion.q": 0.25, "kind": "cv"}, 3.0, 1.0, 1)
     assert np.isnan(record.trials[1].objective)
+    assert record.trials[1].rank == tuned.trials[1].rank > good.rank
     assert record.best is record.trials[0]
+
+
+def test_of_objectives_that_are_equal_as_stored_the_one_that_was_taken_is_the_best() -> None:
+    text = (
+        "filter,trial,key,value,objective,stderr,lost\nA,0,q,1.0,2.0,0.1,0\nA,1,q,3.0,2.0,0.1,0\n"
+    )
+    tune = {"A": {"q": "0..10"}}
+    assert read_tuning(io.StringIO(text), tune)["A"].best.values == {"q": 1.0}
+    taken = read_tuning(io.StringIO(text), tune, {"A": {"q": 3.0}})["A"]
+    assert taken.best.values == {"q": 3.0}

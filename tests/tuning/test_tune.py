@@ -1,5 +1,6 @@
 """Tuning as it is typed: what comes out, and that it comes out again."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import trackbench
 from trackbench import api, verification
 from trackbench.experiment.problems import UserError
+from trackbench.report.results import Results
+from trackbench.verification.tuned import tuning_again
 
 CONFIG = """
 name: small
@@ -138,6 +141,39 @@ def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Pat
     figure = (report.folder / "figures" / "tuning-KF.svg").read_bytes()
     api.plot(report.folder, ("svg",))
     assert (report.folder / "figures" / "tuning-KF.svg").read_bytes() == figure
+
+
+def _found_in(folder: Path, runs: int = 20) -> list[str]:
+    experiment = api.prepare(folder / "config.yaml", api.Options())
+    return [found.text for found in tuning_again(Results(folder), experiment, runs)]
+
+
+def test_every_trial_is_computed_again_where_every_run_is(report: api.Report) -> None:
+    assert not _found_in(report.folder, runs=60)
+
+
+def test_a_forged_tuning_is_found(report: api.Report, tmp_path: Path) -> None:
+    """A number of the first trial, a value that was not asked for, a value not taken into the config."""
+    whole = report.folder / "tuning.csv"
+    rows = [line.split(",") for line in whole.read_text().splitlines()]
+    for name, place, column, said in (
+        ("number", 1, 4, "tuning.csv: KF at assume.motion.q = 0.01: "),
+        ("value", 4, 3, "tuning.csv: KF: trial 3 is not what the search asks for"),
+    ):
+        folder = Path(shutil.copytree(report.folder, tmp_path / name))
+        forged = [list(row) for row in rows]
+        forged[place][column] = f"{1.001 * float(rows[place][column]):.7g}"
+        (folder / "tuning.csv").write_text("\n".join(map(",".join, forged)) + "\n")
+        (found,) = _found_in(folder)
+        assert found.startswith(said)
+    folder = Path(shutil.copytree(report.folder, tmp_path / "config"))
+    q = report.results.tuning["KF"].best.values["assume.motion.q"]
+    text = (folder / "config.yaml").read_text()
+    assert f"q: {q}" in text
+    (folder / "config.yaml").write_text(text.replace(f"q: {q}", "q: 0.9", 1))
+    assert _found_in(folder) == [
+        f"config.yaml: KF (tuned): assume.motion.q is 0.9, the best trial of tuning.csv has {q}"
+    ]
 
 
 def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:

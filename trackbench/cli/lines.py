@@ -56,6 +56,7 @@ def reported(report: "Report") -> dict[str, Any]:
         "numbers": number_rows(report.comparison),
         "claims": claim_rows(report.comparison),
         "best": [best._asdict() for best in report.best],
+        "answer": report.answer,
         "notes": report.notes,
         "failed": report.failed,
     }

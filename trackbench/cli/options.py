@@ -67,6 +67,13 @@ Grid = Annotated[
         "--grid", metavar="PATH=VALUES", help="values V1,V2,..., a..b:n (linear) or log:a..b:n"
     ),
 ]
+Product = Annotated[
+    bool,
+    typer.Option(
+        "--product",
+        help="every combination of keys of different filters, not one filter after the other",
+    ),
+]
 
 
 def api_options(given: dict[str, Any]) -> "Options":
@@ -81,6 +88,7 @@ def api_options(given: dict[str, Any]) -> "Options":
         runs=given.get("runs") or quick_runs,
         seed=given.get("seed"),
         grid=tuple(given.get("grid") or ()),
+        product=given.get("product", False),
         out=given.get("out"),
         engine=one_of("--engine", given.get("engine", "serial"), engines),  # type: ignore[arg-type]
         workers=given.get("workers"),

@@ -3,108 +3,77 @@
 import signal
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from trackbench.cli.lines import echo_line, reported, tell, this_command
 from trackbench.cli.options import (
-    AllowPlugins,
     Config,
     Configs,
-    DryRun,
-    EngineName,
-    Format,
-    Fresh,
     Grid,
-    Json,
-    Only,
-    Out,
+    Product,
     Quick,
-    Runs,
     SaveTracks,
-    Scheduler,
-    Seed,
-    Set,
-    Workers,
     api_options,
 )
+from trackbench.cli.shared import runs_experiments
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
 
+_SWEEP_ROWS = 20
+"""Longer tables of a sweep, of every filter at every point, are not printed."""
 
+
+@runs_experiments
 def run(
     configs: Configs,
-    set_: Set = None,
-    only: Only = None,
-    runs: Runs = None,
-    seed: Seed = None,
-    out: Out = None,
-    engine: EngineName = "processes",
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    fresh: Fresh = False,
-    dry_run: DryRun = False,
     quick: Quick = False,
     save_tracks: SaveTracks = False,
-    format_: Format = "png,svg",
-    allow_plugins: AllowPlugins = False,
-    json: Json = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
     ] = False,
+    **given: Any,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
-    _begin(engine, workers, dry_run)
-    execute("run", configs, dry_run, api_options(locals()), json, watch)
+    _begin(given)
+    execute("run", configs, given | {"quick": quick, "save_tracks": save_tracks}, watch)
 
 
+@runs_experiments
 def sweep(
     config: Config,
     grid: Grid,
-    set_: Set = None,
-    only: Only = None,
-    runs: Runs = None,
-    seed: Seed = None,
+    product: Product = False,
     out: Annotated[Path | None, typer.Option(help="results folder [results/NAME-sweep]")] = None,
-    engine: EngineName = "processes",
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    fresh: Fresh = False,
-    dry_run: DryRun = False,
     quick: Quick = False,
     save_tracks: SaveTracks = False,
-    format_: Format = "png,svg",
-    allow_plugins: AllowPlugins = False,
-    json: Json = False,
+    **given: Any,
 ) -> None:
-    """Run every combination of the grids' values; also writes sweep.csv and a figure per metric."""
-    _begin(engine, workers, dry_run)
-    execute("sweep", [config], dry_run, api_options(locals()), json)
+    """Run the grids' values; also writes sweep.csv, figures over them and each filter's best values."""
+    _begin(given)
+    given |= {"grid": grid, "product": product, "out": out}
+    execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
 
 
-def _begin(engine: str, workers: int | None, dry_run: bool) -> None:
+def _begin(given: dict[str, Any]) -> None:
     """Let processes import what they need while this one imports and reads, which takes as long."""
     from trackbench.experiment.computing.engines import begin
     from trackbench.report import DRAWER
 
-    if not dry_run:
-        begin(engine, workers, DRAWER)
+    if not given["dry_run"]:
+        begin(given["engine"], given["workers"], DRAWER)
 
 
 def execute(
-    command: str,
-    configs: list[Path],
-    dry_run: bool,
-    options: "Options",
-    json: bool,
-    watched: bool = False,
+    command: str, configs: list[Path], given: dict[str, Any], watched: bool = False
 ) -> None:
-    """Do what `run`, `sweep` or `tune` asks for, print what came out, and exit."""
+    """Do what `run`, `sweep` or `tune` asks for by its options, print what came out, and exit."""
     from trackbench import api
     from trackbench.experiment.interrupts import interrupt
 
+    options, dry_run, json = api_options(given), given["dry_run"], given["json"]
     if command == "tune":
         api.check_tuned(configs, options)
     if dry_run:
@@ -131,7 +100,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
     try:
         with closing(reports):
             for report in reports:
-                _print(report, json)
+                _print(report, json, most_rows=_SWEEP_ROWS if command == "sweep" else None)
                 good &= not report.failed
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
@@ -160,14 +129,19 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
         watch(config, go)
 
 
-def _print(report: "Report", json: bool) -> None:
+def _print(report: "Report", json: bool, most_rows: int | None) -> None:
     if json:
         echo_line(reported(report))
     else:
-        for table in report.tables.values():
-            typer.echo(table.markdown())
+        for name, table in report.tables.items():
+            if most_rows is None or len(table.keys) <= most_rows:
+                typer.echo(table.markdown())
+            else:
+                typer.echo(f"{len(table.keys)} rows: {report.folder}/tables/{name}.md", err=True)
         for best in report.best:
             typer.echo(f"best: {best}")
+        for line in report.answer:
+            typer.echo(line)
     for note in report.notes:
         typer.echo(f"note: {note}", err=True)
     for failure in report.failed:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.summary import SummaryRow, summary_rows
 
@@ -65,9 +66,20 @@ def looked(
 ) -> list[Looked]:
     """The numbers of one filter that are wanted, after its first ``runs`` runs."""
     names = {w.metric for w in wanted}
-    per_run: dict[str, Array] = {m: values[:runs] for m, values in result.per_run.items()}
+    parts = {_values(name) for name in names} | {_values("lost")}
+    per_run: dict[str, Array] = {
+        metric: values[:runs]
+        for metric, values in result.per_run.items()
+        if _values(metric) in parts
+    }
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     found = {row.metric: row for row in rows if row.metric in names}
     return [
         Looked(w, found[w.metric], w.share(found[w.metric])) for w in wanted if w.metric in found
     ]
+
+
+def _values(metric: str) -> tuple[str, str]:
+    """What per_run.csv has of a number of the summary: metric and window."""
+    m = measured(metric)
+    return m.base, m.window

@@ -89,7 +89,8 @@ def _room(standing: Standing) -> str:
 
 def _others(standing: Standing) -> str:
     """How far the filters that are worse are from the best, the nearest of them first."""
-    nearest, pair = min(standing.worse, key=lambda item: abs(item[1].difference))
+    assert standing.nearest is not None
+    nearest, pair = standing.nearest
     apart = "smaller" if standing.more_is_better else "larger"
     by = f"by {_difference(standing, pair)}"
     n = len(standing.worse)

@@ -3,12 +3,11 @@
 from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any
 
+from trackbench.experiment.reading.combining import combinations, single_paths
 from trackbench.experiment.reading.definition import labels_to_run
-from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.published import Published, read_published
 from trackbench.experiment.reading.source import Source, read
 from trackbench.registry import Group, kinds
@@ -112,5 +111,7 @@ class Asked:
     @cached_property
     def every_point(self) -> list[dict[str, Any]]:
         """The points of the config's grid, those where every filter failed among them."""
-        grid = self.config["grid"]
-        return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
+        config = self.config
+        grid, every = config["grid"], config.get("product", True)
+        places = combinations(grid, config["filters"], config.get("reference"), every)
+        return [{path: grid[path][i] for path, i in zip(grid, at, strict=True)} for at in places]

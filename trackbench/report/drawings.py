@@ -4,14 +4,10 @@ import inspect
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from trackbench.evaluation.measure import measured
 from trackbench.report.drawers import drawn
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.style import MOST_PANELS
 from trackbench.report.svg import inline
-from trackbench.report.sweep import Sweep
-from trackbench.report.sweep_figures import file_name
 
 
 class Drawing(NamedTuple):
@@ -55,14 +51,3 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
             contents = [content for _, content in drawn(spec, results, ["svg"])]
         if contents:
             yield name, spec, contents[0]
-    if (results.folder / "sweep.csv").is_file():
-        yield from _of_sweep(results)
-
-
-def _of_sweep(results: Results) -> Iterator[tuple[str, None, bytes]]:
-    """Figures of a sweep's metrics over all steps, the error's first; there are more in the folder."""
-    whole = [m for m in map(measured, Sweep(results).metrics) if not m.window and m.steps is None]
-    for metric in whole[:MOST_PANELS]:
-        path = results.folder / "figures" / f"{file_name(str(metric))}.svg"
-        if path.is_file():
-            yield path.stem, None, path.read_bytes()

@@ -3,8 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
+from trackbench.experiment.reading.combining import (
+    filters_of,
+    is_of_scenario,
+    single_paths,
+    values_of,
+)
 from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.reading.points import single_paths, values_of
 from trackbench.experiment.reading.validate import unknown
 from trackbench.report import style
 from trackbench.report.results import Results
@@ -24,7 +29,7 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
 
 def scenes(results: Results) -> list[dict[str, Any]]:
     """What the grid varies of the scenario: each combination, in order; one without any."""
-    paths = [p for p in results.grid if any(s.startswith("scenario.") for s in single_paths(p))]
+    paths = [path for path in results.grid if is_of_scenario(path)]
     found = [{path: point[path] for path in paths} for point in results.points()]
     return [scene for i, scene in enumerate(found) if scene not in found[:i]]
 
@@ -43,7 +48,8 @@ def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str,
         for path, value in values.items()
         for pair in zip(single_paths(path), values_of(path, value), strict=True)
     )
-    return {path: value for path, value in singles if path.startswith(f"filters.{label}.")}
+    every = results.config["filters"]
+    return {path: value for path, value in singles if label in filters_of(path, every)}
 
 
 def named(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:

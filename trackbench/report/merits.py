@@ -17,7 +17,7 @@ from trackbench.report.agreement import NEAR
 from trackbench.report.results import Results
 from trackbench.report.standing import Candidate, Standing
 from trackbench.report.table import rounded
-from trackbench.report.wording import listed, two_digits, verb
+from trackbench.report.wording import listed, named, two_digits, verb
 
 Calibration: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
@@ -86,7 +86,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     lines = []
     if times:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
-        name = _named(results, times[0])
+        name = f"{named(times[0].candidate.label)}{_looped(results, times[0])}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
     words: dict[Calibration, int] = {}
     for candidate in candidates:
@@ -94,7 +94,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         if found is not None:
             words[found[0]] = words.get(found[0], 0) + 1
     parts = [f"{_said(word)} at {n} of {len(candidates)}" for word, n in words.items()]
-    return [*lines, f"{candidates[0].label} is {', '.join(parts)}."] if parts else lines
+    return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
 
 
 def _said(word: Calibration) -> str:
@@ -152,6 +152,9 @@ def _duration(time: Time) -> str:
 
 
 def _named(results: Results, time: Time) -> str:
-    """With a word of those that are looped over in Python, whose time is not the method's."""
-    looped = time.candidate.label in results.one_by_one
-    return time.candidate.name + (" (looped over in Python)" if looped else "")
+    return f"{time.candidate.name}{_looped(results, time)}"
+
+
+def _looped(results: Results, time: Time) -> str:
+    """A word of those that are looped over in Python, whose time is not the method's."""
+    return " (looped over in Python)" if time.candidate.label in results.one_by_one else ""

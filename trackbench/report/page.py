@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import style
 from trackbench.report.answer import LEGEND as HOW_DECIDED

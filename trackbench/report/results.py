@@ -11,6 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.experiment.problems import Mark, Problem, UserError, counted
+from trackbench.experiment.reading.compose import split_path
 from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.validate import unknown
 from trackbench.experiment.storing.given import FILE, Given, points_in
@@ -26,6 +27,7 @@ from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.runs import NAN, Runs, read_runs
 from trackbench.report.table import Table
 from trackbench.tuning.record import Record, read_tuning
+from trackbench.tuning.settings import tuned
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -219,7 +221,23 @@ class Results(Asked):
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.open("tuning.csv") as file:
-            return read_tuning(file, self.config.get("tune", {}))
+            return read_tuning(file, self.config.get("tune", {}), self._taken)
+
+    @property
+    def _taken(self) -> dict[str, dict[str, Any]]:
+        """What the config's tuned filters have for the keys that are tuned, by the filter's label."""
+        return {
+            label: {key: self._at(f"filters.{tuned(label)}.{key}") for key in keys}
+            for label, keys in self.config.get("tune", {}).items()
+        }
+
+    def _at(self, path: str) -> Any:
+        """A value of the config; nothing if it is not there."""
+        value: Any = self.config
+        for key in split_path(self.source, path):
+            there = value if isinstance(value, dict) else dict(enumerate(value or ()))
+            value = there.get(key)
+        return value
 
     def open(self, name: str) -> TextIO:
         """One of the CSV files as text."""

@@ -4,7 +4,9 @@ Decided as paired.csv has it: differences of the metric's mean per run on common
 correction over all pairs. A filter that loses significantly more runs than another is never the best.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -13,9 +15,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import Estimate, holm, mean
-from trackbench.experiment.reading.points import single_paths
 from trackbench.report import style
-from trackbench.report.grids import own_values
+from trackbench.report.grids import own_values, points_of, scenes
 from trackbench.report.lost import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
 from trackbench.report.results import Results
@@ -25,24 +26,36 @@ LEVEL = 0.05
 """Probability of a false word on any pair."""
 
 
-class Candidate(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Candidate:
     """A filter with the values that the grid gives it, and the point at which it has them."""
 
-    name: str
-    """as it stands in a sentence"""
     label: str
     point: dict[str, Any]
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
     values: Array
     """the metric of each run (M,), NaN where it is lost"""
+    own: dict[str, Any] = field(default_factory=dict)
+    """what the grid gives the filter, by path"""
+
+    @cached_property
+    def name(self) -> str:
+        """As it stands in a sentence, with what the grid gives it."""
+        return f"{named(self.label)} at {self.setting}" if self.own else named(self.label)
 
     @property
+    def setting(self) -> str:
+        """What the grid gives it; in parentheses if it is several values."""
+        text = style.heading(self.own)
+        return f"({text})" if len(self.own) > 1 else text
+
+    @cached_property
     def mean(self) -> Estimate:
         """Over the runs that are not lost."""
         return mean(self.values[np.isfinite(self.values)])
 
-    @property
+    @cached_property
     def losses(self) -> int:
         """Number of runs that are lost."""
         return int(np.count_nonzero(self.lost))
@@ -77,6 +90,11 @@ class Standing(NamedTuple):
         return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
 
     @property
+    def nearest(self) -> tuple[Candidate, Pair] | None:
+        """Of those that are worse the nearest to the best."""
+        return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
+
+    @property
     def names_of_worse(self) -> list[str]:
         """Of those that are worse than the best."""
         return [c.name for c, _ in self.worse]
@@ -90,10 +108,26 @@ class Standing(NamedTuple):
 def standings(results: Results, metric: str = "") -> list[Standing]:
     """One for each scenario of the grid, by the first metric of `metrics_of` or a given one."""
     metric = metric or next(iter(metrics_of(results)), "")
-    wheres: dict[str, list[dict[str, Any]]] = {}
-    for point in results.points() if metric else []:
-        wheres.setdefault(str(_of_scenario(point)), []).append(point)
-    return [_standing(results, points, metric, len(wheres)) for points in wheres.values()]
+    places = scenes(results) if metric else []
+    return [_standing(results, where, metric, len(places)) for where in places]
+
+
+def best_settings(results: Results) -> list[Standing]:
+    """Of each filter to which the grid gives several values: which of them are best, by scenario."""
+    metric = next(iter(metrics_of(results)), "")
+    found: list[list[Candidate]] = []
+    wheres: list[dict[str, Any]] = []
+    for where in scenes(results) if metric else []:
+        settings = list(_settings(results, points_of(results, where), metric))
+        for label in dict.fromkeys(c.label for c in settings if c.own):
+            mine = [c for c in settings if c.label == label]
+            if len(mine) > 1:
+                found.append(mine)
+                wheres.append(where)
+    return [
+        standing_of(settings, metric, times=len(found), apart=True)._replace(where=where)
+        for settings, where in zip(found, wheres, strict=True)
+    ]
 
 
 def metrics_of(results: Results) -> list[str]:
@@ -106,39 +140,40 @@ def metrics_of(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _of_scenario(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What a point gives the scenario."""
-    return {
-        path: value
-        for path, value in point.items()
-        if any(single.startswith("scenario.") for single in single_paths(path))
-    }
+def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Standing:
+    """In one scenario, of which there are so many."""
+    settings = list(_settings(results, points_of(results, where), metric))
+    found = standing_of(settings, metric, results.config.get("reference"), times)
+    return found._replace(where=where)
 
 
-def _standing(
-    results: Results, points: Sequence[dict[str, Any]], metric: str, times: int
+def standing_of(
+    settings: Sequence[Candidate],
+    metric: str,
+    reference: str | None = None,
+    times: int = 1,
+    apart: bool = False,
 ) -> Standing:
-    """At the points of one scenario, of which there are so many."""
+    """Of filters, each with the best of its values, in one scenario of so many.
+
+    ``apart``: of the values themselves.
+    """
     measure = measured(metric)
     sign = -1.0 if measure.family[0].more_is_better else 1.0
-    settings = list(_settings(results, points, metric))
-    reference = next((c for c in settings if c.label == results.config.get("reference")), None)
-    tried = [c for c in settings if c.label != results.config.get("reference")]
-    ranked = _best_settings(tried, sign)
+    floor = next((c for c in settings if c.label == reference), None)
+    tried = [c for c in settings if c.label != reference]
+    ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
     losing = _losing(ranked)
     rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
-    chosen = len(tried) > len(ranked)
-    runs = max((len(c.lost) for c in ranked), default=0)
-    found = Standing(
-        _of_scenario(points[0]), measure, None, [], [], losing, reference, chosen, runs
-    )
+    chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
+    found = Standing({}, measure, None, [], [], losing, floor, chosen, runs)
     if not rivals or not isfinite(rivals[0].mean.stderr):
         return found
     # Values that were tried and not taken were compared as well.
     factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
-    there = [*ranked, *([reference] if reference else [])]
-    pairs = _to_the_best(rivals[0], there, metric, factor)
+    others = [c for c in (*ranked, floor) if c is not None and c is not rivals[0]]
+    pairs = _to_the_best(rivals[0], others, metric, factor)
     return _compared(found, rivals[0], [(c, pairs.get(c.name)) for c in rivals[1:]], sign)
 
 
@@ -166,54 +201,45 @@ def _settings(
     for label in results.filters:
         seen = set()
         for point in points:
-            runs = results.runs(point)
-            own = own_values(results, point, label)
+            runs, own = results.runs(point), own_values(results, point, label)
             if str(own) not in seen and (label, "lost") in runs:
                 seen.add(str(own))
                 lost = runs[label, "lost"]
                 values = runs.get((label, metric), np.full(len(lost), np.nan))
-                name = named(f"{label} at {style.heading(own)}" if own else label)
-                yield Candidate(name, label, point, lost, values)
+                yield Candidate(label, point, lost, values, own)
 
 
-def _best_settings(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Each filter's best values, the best filter first; of equal ones the first in the config."""
-
-    def rank(c: Candidate) -> tuple[bool, float]:
-        value = c.mean.value
-        return not isfinite(value), sign * value if isfinite(value) else 0.0
-
-    first: dict[str, Candidate] = {}
-    for candidate in sorted(settings, key=rank):
-        first.setdefault(candidate.label, candidate)
-    return list(first.values())
+def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
+    value = candidate.mean.value
+    return not isfinite(value), sign * value if isfinite(value) else 0.0
 
 
-def _losing(ranked: Sequence[Candidate]) -> list[Candidate]:
+def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
+    """Each filter at its best values, of which those with which it loses more runs are none."""
+    best = []
+    for label in dict.fromkeys(c.label for c in settings):
+        mine = [c for c in settings if c.label == label]
+        losing = _losing(mine)
+        best.append(min([c for c in mine if c not in losing] or mine, key=lambda c: _rank(c, sign)))
+    return best
+
+
+def _losing(found: Sequence[Candidate]) -> list[Candidate]:
     """Those that lose more of the same runs than another: sign tests, Holm over all of them."""
-    tests = [(a, b) for a in ranked for b in ranked if a is not b and len(a.lost) == len(b.lost)]
-    if not tests:
+    tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
+    if not any(c.losses for c in found):
         return []
-    p = holm(np.array([chance_of_losing_more(a.lost, b.lost) for a, b in tests]))
-    losing = {a.name for (a, _), chance in zip(tests, p, strict=True) if chance < LEVEL}
-    return [c for c in ranked if c.name in losing]
+    p = [chance_of_losing_more(a.lost, b.lost) if a.losses else 1.0 for a, b in tests]
+    losing = {a for (a, _), chance in zip(tests, holm(np.array(p)), strict=True) if chance < LEVEL}
+    return [c for c in found if c in losing]
 
 
 def _to_the_best(
-    best: Candidate, there: Sequence[Candidate], metric: str, factor: float
+    best: Candidate, others: Sequence[Candidate], metric: str, factor: float
 ) -> dict[str, Pair]:
-    """Each filter minus the best by name; corrected over all pairs, and by the factor."""
-    known = {c.name: c.values for c in there if np.isfinite(c.values).any()}
-    found = {}
-    for pair in pairs_of(metric, list(known), known):
-        other, turned = pair.filter_a, pair.filter_b != best.name
-        if best.name in (pair.filter_a, pair.filter_b):
-            sign, other = (-1.0, pair.filter_b) if turned else (1.0, pair.filter_a)
-            found[other] = pair._replace(
-                filter_a=other,
-                filter_b=best.name,
-                difference=sign * pair.difference,
-                z=sign * pair.z,
-                p_holm=min(pair.p_holm * factor, 1.0),
-            )
-    return found
+    """Each filter minus the best by name; corrected over all pairs of both, and by the factor."""
+    known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
+    found = {p.filter_a: p for p in pairs_of(metric, list(known), known) if p.filter_b == best.name}
+    return {
+        name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()
+    }

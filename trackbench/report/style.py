@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.combining import single_paths
 from trackbench.report import live
 from trackbench.report.paper import sheet
 from trackbench.report.saving import saved, spell_out

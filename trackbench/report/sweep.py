@@ -1,162 +1,126 @@
-"""What a sweep found: its metrics over the swept paths, one tidy table, the best points."""
+"""What a sweep has of its own: one tidy table, a figure per filter, the best values in words."""
 
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from dataclasses import replace
+from math import nan
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import measured
-from trackbench.evaluation.statistics import paired_difference, relative_gain
 from trackbench.experiment.files import write_csv
-from trackbench.experiment.reading.points import single_paths
+from trackbench.experiment.reading.combining import filters_of, separate, single_paths
+from trackbench.experiment.reading.definition import DrawnExhibit, Experiment, Settings
+from trackbench.experiment.reading.published import Published
 from trackbench.report import style
+from trackbench.report.figures.swept import SweepFigure
 from trackbench.report.results import Results
+from trackbench.report.standing import Candidate, Standing, best_settings
+from trackbench.report.table import rounded
+from trackbench.report.tables.best_settings import BestSettings
+from trackbench.report.wording import listed, metric_words, percent, two_digits, with_unit
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Values: TypeAlias = tuple[Any, ...]
-"""The values of the swept paths at one point, in their order."""
-
-
-class SweepScore(NamedTuple):
-    """A filter's metric at one point."""
-
-    point: Values
-    value: float
-    stderr: float
+_AXES = 2
+_TABLE = "best-settings"
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """A results folder whose experiment has a grid."""
+def as_sweep(experiment: Experiment) -> Experiment:
+    """With a sweep's table and figures; the experiment's own figures would have a panel per point.
 
-    results: Results
+    What is published is of the experiment as it is, so no point is held against it.
+    """
+    return replace(
+        experiment,
+        settings=replace(experiment.settings, published=[]),
+        published=Published(),
+        tables={_TABLE: BestSettings()} | experiment.tables,
+        figures=_figures(experiment.settings),
+    )
 
-    @property
-    def paths(self) -> list[str]:
-        """The swept paths."""
-        return self.results.grid
 
-    @cached_property
-    def rows(self) -> "pd.DataFrame":
-        """One statistic of each metric: rms of errors, ANEES, mean of the rest."""
-        frame = self.results.summary
-        wanted = frame["metric"].map(_is_headline).astype(bool)  # also without rows
-        return frame[wanted].reset_index(drop=True)
+def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
+    """A figure for each group of paths that are varied together, if they are one or two."""
+    grid = list(settings.grid)
+    apart = separate(grid, settings.filters, settings.reference)
+    together = [path for path in grid if not any(path in paths for paths in apart)]
+    found: dict[str, DrawnExhibit] = {}
+    for paths in apart or [[]]:
+        shown = [path for path in grid if path in paths or path in together]
+        if len(shown) <= _AXES:
+            name = "-".join(["sweep", *map(_file_name, shown)])[:70]
+            number = sum(other.startswith(name) for other in found)
+            figure = SweepFigure(paths=tuple(shown), title=_title(shown, settings))
+            found[f"{name}-{number + 1}" if number else name] = figure
+    return found
 
-    @property
-    def metrics(self) -> list[str]:
-        """The metrics, the error first."""
-        return list(dict.fromkeys(self.rows["metric"]))
 
-    @cached_property
-    def varying(self) -> list[str]:
-        """Filters with a path of their own in the grid; all of them if only the scenario varies."""
-        own = [
-            label
-            for label in self.results.labels
-            if any(
-                single.startswith(f"filters.{label}.")
-                for path in self.paths
-                for single in single_paths(path)
-            )
-        ]
-        return own or self.results.labels
+def _title(paths: list[str], settings: Settings) -> str:
+    """``q of KF``."""
+    whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
+    keys = " and ".join(style.axis(path) for path in paths)
+    return f"{keys} of {listed(list(whose))}" if whose else keys
 
-    def axis(self, path: str) -> list[Any]:
-        """The values of a path in the grid's order."""
-        return list(dict.fromkeys(self.rows[path]))
 
-    def scores(self, label: str, metric: str) -> list[SweepScore]:
-        """The metric of a filter at every point that has it."""
-        chosen = (self.rows["filter"] == label) & (self.rows["metric"] == metric)
-        columns = [*self.paths, "value", "stderr"]
-        return [
-            SweepScore(tuple(row[:-2]), row[-2], row[-1])
-            for row in self.rows.loc[chosen, columns].itertuples(index=False, name=None)
-        ]
-
-    def per_run(self, label: str, metric: str, point: Values) -> Array:
-        """Values of every run (M,) of a metric of per_run.csv."""
-        return self.results.runs(dict(zip(self.paths, point, strict=True)))[label, metric]
+def write_sweep(results: Results) -> None:
+    """Write ``sweep.csv``: one statistic of each metric, rms of errors, ANEES, mean of the rest."""
+    frame = results.summary
+    rows = frame[frame["metric"].map(_is_headline).astype(bool)]  # also without rows
+    write_csv(results.target / "sweep.csv", list(rows.columns), rows.to_numpy().tolist())
 
 
 class Best(NamedTuple):
-    """A filter's best point, its value there, and how far the next best one is behind."""
+    """A filter's best values in a scenario, and how far off others of its values are."""
 
     filter: str
     point: dict[str, Any]
-    """the swept paths and their values"""
+    """the swept paths of the filter and of the scenario, and their values"""
     metric: str
     value: float
     stderr: float
+    ties: list[dict[str, Any]]
+    """values that are not told apart from the best"""
     next: dict[str, Any]
-    """the next best point"""
-    gain: float
-    """share of the next best point's mean that is saved on common runs; of a score the difference"""
-    gain_stderr: float
-
-    @property
-    def differs(self) -> bool:
-        """Whether the gain is more than two standard errors."""
-        return self.gain > 2 * self.gain_stderr
+    """of the others those that are nearest; empty if there are none"""
+    difference: float
+    """of the metric's mean there to that at the best, on common runs"""
+    difference_stderr: float
+    text: str
+    """in words"""
 
     def __str__(self) -> str:
-        found = f"{self.metric} {self.value:.4g} ± {self.stderr:.2g}"
-        if measured(self.metric).family[0].is_score:
-            gain = f"{self.gain:.2g} ± {self.gain_stderr:.2g} above"
-        else:
-            gain = f"{100 * self.gain:.2g} ± {100 * self.gain_stderr:.2g} % below"
-        text = f"{self.filter} at {_at(self.point)}: {found}, {gain} {_at(self.next)}"
-        return text if self.differs else f"{text}, which is no difference"
+        return self.text
 
 
-def write_sweep(sweep: Sweep) -> None:
-    """Write ``sweep.csv``."""
-    rows = sweep.rows
-    write_csv(sweep.results.target / "sweep.csv", list(rows.columns), rows.to_numpy().tolist())
+def best_points(results: Results) -> Iterator[Best]:
+    """The best values of each filter that is varied, in each scenario."""
+    for standing in best_settings(results):
+        if standing.best is not None:
+            yield _best(standing, standing.best)
 
 
-def best_points(sweep: Sweep) -> Iterator[Best]:
-    """The point with the smallest error of each filter that varies, in each scenario.
-
-    Without a truth that with the highest log score, if there is one, held out or not. Points of a filter
-    share their data and noise, so their difference is taken run by run.
-    """
-    if not sweep.metrics:  # every filter failed
-        return
-    metric, told = sweep.metrics[0], ("mean(held_log_score)", "mean(log_score)")
-    if not any(measured(name).is_error for name in sweep.metrics):
-        metric = next((name for name in told if name in sweep.metrics), metric)
-    fixed = [i for i, path in enumerate(sweep.paths) if path.startswith("scenario.")]
-    for label in sweep.varying:
-        groups: dict[Values, list[SweepScore]] = {}
-        for score in sweep.scores(label, metric):
-            if np.isfinite(score.value):
-                groups.setdefault(tuple(score.point[i] for i in fixed), []).append(score)
-        for scores in groups.values():
-            if len(scores) > 1:
-                sign = -1.0 if measured(metric).family[0].more_is_better else 1.0
-                ranked = sorted(scores, key=lambda s: sign * s.value)
-                yield _best(sweep, label, metric, ranked)
-
-
-def _best(sweep: Sweep, label: str, metric: str, ranked: list[SweepScore]) -> Best:
-    first, second = ranked[:2]
-    a, b = (sweep.per_run(label, measured(metric).name, s.point) for s in (first, second))
-    both = np.isfinite(a) & np.isfinite(b)
-    ahead = paired_difference if measured(metric).family[0].is_score else relative_gain
-    points = [dict(zip(sweep.paths, s.point, strict=True)) for s in (first, second)]
-    gain = ahead(a[both], b[both])
-    return Best(label, points[0], metric, first.value, first.stderr, points[1], *gain)
-
-
-def _at(point: dict[str, Any]) -> str:
-    return ", ".join(f"{style.name(path)} = {value}" for path, value in point.items())
+def _best(standing: Standing, best: Candidate) -> Best:
+    metric, where = standing.metric, style.heading(standing.where)
+    text = f"{best.name}{', ' if where else ''}{where}: "
+    text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
+    if standing.ties:
+        text += f"; not told apart: {listed([c.setting for c, _ in standing.ties])}"
+    nearest, pair = standing.nearest or (None, None)
+    if nearest is not None and pair is not None:
+        off, side = abs(pair.difference), "smaller" if standing.more_is_better else "larger"
+        score = metric.family[0].is_score
+        by = with_unit(two_digits(off), metric) if score else percent(off / best.mean.value)
+        text += f"; {by} {side} at {nearest.setting}"
+    return Best(
+        filter=best.label,
+        point=best.own | standing.where,
+        metric=f"mean({metric})",
+        value=best.mean.value,
+        stderr=best.mean.stderr,
+        ties=[c.own for c, _ in standing.ties],
+        next={} if nearest is None else nearest.own,
+        difference=nan if pair is None else pair.difference,
+        difference_stderr=nan if pair is None else pair.stderr,
+        text=text,
+    )
 
 
 def _is_headline(metric: str) -> bool:
@@ -164,3 +128,8 @@ def _is_headline(metric: str) -> bool:
     if m.family[0].over_steps == "rms":
         return m.statistic == "rms"
     return m.family[0].per_component or (m.statistic == "mean" and m.family[0].name != "nees")
+
+
+def _file_name(path: str) -> str:
+    """A path as every system takes it: ``KF-assume-motion-q``."""
+    return "-".join(re.findall("[A-Za-z0-9]+", single_paths(path)[0].partition(".")[2]))

@@ -19,8 +19,17 @@ def metric_words(metric: Measure) -> str:
 
 def with_unit(text: str, metric: Measure) -> str:
     """A number, and the unit of the metric if it has one."""
-    unit = "nats" if metric.family[0].is_score else unit_of(metric.metric)
-    return f"{text} {unit}".rstrip()
+    return f"{text} {_unit(metric)}".rstrip()
+
+
+def mean_of(metric: Measure) -> str:
+    """A heading for the mean per run: ``Mean position RMSE (m)``."""
+    words = f"Mean {metric_words(metric)}"
+    return f"{words} ({_unit(metric)})" if _unit(metric) else words
+
+
+def _unit(metric: Measure) -> str:
+    return "nats" if metric.family[0].is_score else unit_of(metric.metric)
 
 
 def percent(share: float) -> str:

@@ -1,18 +1,19 @@
 """The number that tuning makes small, from a filter's values per run."""
 
-import re
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import STATISTICS, influence, mean
 from trackbench.metrics import joined
-from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.base import Scenario, in_window
 
-_STATISTIC = re.compile(rf"({'|'.join(STATISTICS)})\((.+)\)")
-_LARGER_IS_BETTER = ("log_score", "held_log_score")
+_LOCATIONS = ("mean", "median")
+_TARGETS = {"one": 1.0, "zero": 0.0}
+"""Statistics that say where a metric lies, and where it is to be if not as low as can be."""
 
 
 class Score(NamedTuple):
@@ -51,7 +52,7 @@ class Objective(NamedTuple):
     @property
     def metrics(self) -> list[str]:
         """Names of the values per run that it takes."""
-        return [name for _, name in map(_parts, self.weights)]
+        return [_per_run(_read(word)) for word in self.weights]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
         """Of values (M,) by name, NaN where a run is lost."""
@@ -64,48 +65,62 @@ class Objective(NamedTuple):
         return Score(int((per_run["lost"] != 0).sum()), value, influences)
 
     def _term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
-        statistic, name = _parts(word)
-        x = per_run[name]
+        """What is made small, and its influences: a value, less it, or its distance to a target."""
+        m = _read(word)
+        found, quantity = m.family
+        x = per_run[_per_run(m)]
         there = ~np.isnan(x)
         influences = np.full(len(x), np.nan)
-        influences[there] = influence(statistic, x[there])
-        value = STATISTICS[statistic](x[there]).value
-        if word.startswith("anees"):
-            n = self.sizes[name.partition("[")[0].removeprefix("nees").removeprefix("_")]
-            off = value / n - 1.0
+        influences[there] = influence(m.statistic, x[there])
+        value = STATISTICS[m.statistic](x[there]).value
+        n = self.sizes[quantity] if found.per_component else 1
+        if m.statistic in _LOCATIONS and found.better in _TARGETS:
+            off = value / n - _TARGETS[found.better]
             return abs(off), influences * (np.sign(off) / n)
-        if name.partition("[")[0] in _LARGER_IS_BETTER:
+        if _is_made_large(m):
             return -value, -influences
         return value, influences
 
 
 def as_expression(word: str) -> str:
     """The term as tables write it."""
-    return f"mean({word})" if word.partition("[")[0] in _LARGER_IS_BETTER else word
+    m = _read(word)
+    return word if m.family[0].per_component else str(m)
 
 
 def made_small(word: str) -> str:
     """The term as it is added up: what is made large has a minus."""
-    return f"-{word}" if word.partition("[")[0] in _LARGER_IS_BETTER else word
+    return f"-{word}" if _is_made_large(_read(word)) else word
 
 
-def _parts(word: str) -> tuple[str, str]:
-    """Statistic, and name of the values per run."""
-    match = _STATISTIC.fullmatch(word)
-    if match:
-        return match.group(1), match.group(2)
-    return "mean", word.removeprefix("a") if word.startswith("anees") else word
+def _read(word: str) -> Measure:
+    """The term; of ANEES and of log scores the mean is meant."""
+    m = measured(word)
+    plain = m.is_row and (m.family[0].per_component or m.family[0].is_score)
+    return m._replace(statistic="mean") if plain else m
+
+
+def _is_made_large(m: Measure) -> bool:
+    return m.statistic in _LOCATIONS and m.family[0].more_is_better
+
+
+def _per_run(m: Measure) -> str:
+    """Name of the values per run that it is of."""
+    return in_window(m.base, m.window) if m.family[0].per_component else m.name
 
 
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
     """Terms that are no statistic over runs, and why."""
     for word in [metric] if isinstance(metric, str) else metric or ():
-        plain = word.startswith("anees") or word.partition("[")[0] in _LARGER_IS_BETTER
-        if not plain and not _STATISTIC.fullmatch(word):
+        m = _read(word)
+        if not m.is_over_runs or m.batches > 1:
             yield (
                 word,
                 f"{word!r} is no statistic over runs, such as rms(rmse_position), anees, log_score",
             )
+        elif m.family[0].more_is_better and m.statistic not in _LOCATIONS:
+            better = measured(word)._replace(statistic="mean")
+            yield word, f"{word!r}: of a metric that is better larger take {better}"
 
 
 def default_metric(scenario: Scenario) -> str:

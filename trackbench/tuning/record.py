@@ -3,20 +3,23 @@
 import csv
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import starmap
 from math import inf, isfinite, nan
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.source import scalar
 from trackbench.tuning.axes import Axis, read_axis
+from trackbench.tuning.objective import Score
 from trackbench.tuning.search import looked_around
-from trackbench.tuning.tuned import Tuned
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7
 _FLAT = 0.9  # share of an axis: what lies within a standard error on so much of it hangs on nothing
 _END = 0.005  # share of an axis next to its end
+_FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
 
 
 class Trial(NamedTuple):
@@ -26,6 +29,17 @@ class Trial(NamedTuple):
     objective: float
     stderr: float
     lost: int
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], score: Score | None) -> "Trial":
+        """What came of these values; no score if the filter failed."""
+        if score is None:
+            return cls(values, nan, nan, _FAILED)
+        return cls(values, score.value, score.stderr, score.lost)
+
+    def rounded(self) -> "Trial":
+        """As tuning.csv has it."""
+        return self._replace(objective=_rounded(self.objective), stderr=_rounded(self.stderr))
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -39,11 +53,16 @@ class Record:
 
     axes: tuple[Axis, ...]
     trials: list[Trial] = field(default_factory=list)
+    taken: Mapping[str, Any] | None = None
+    """values of the tuned filter in the config, where that is known"""
 
     @property
     def best(self) -> Trial:
-        """The trial of the smallest rank; of equal ones the first."""
-        return min(self.trials, key=lambda trial: trial.rank)
+        """The trial of the smallest rank; of equal ones that which was taken, or the first.
+
+        Read back, objectives may be equal that were not.
+        """
+        return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
         """Ends of a key's range, or choices, that are no more than one standard error worse.
@@ -102,29 +121,34 @@ class Record:
                 yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
-def write_tuning(path: Path, found: Mapping[str, Tuned]) -> None:
+def write_tuning(path: Path, found: Mapping[str, Record]) -> None:
     """Write tuning.csv."""
     write_csv(path, HEADER, _rows(found))
 
 
-def _rows(found: Mapping[str, Tuned]) -> Iterator[list[Any]]:
-    for label, tuned in found.items():
-        for n, trial in enumerate(tuned.evaluations):
-            score = trial.score
-            numbers: list[Any] = [nan, nan, ""]
-            if score is not None:
-                numbers = [_rounded(score.value), _rounded(score.stderr), score.lost]
-            for axis, value in zip(tuned.axes, trial.values, strict=True):
-                yield [label, n, axis.key, value, *numbers]
+def _rows(found: Mapping[str, Record]) -> Iterator[list[Any]]:
+    for label, record in found.items():
+        for n, trial in enumerate(record.trials):
+            _, objective, stderr, lost = trial.rounded()
+            numbers = [objective, stderr, "" if lost == _FAILED else lost]
+            for axis in record.axes:
+                yield [label, n, axis.key, trial.values[axis.key], *numbers]
 
 
-def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str, Record]:
-    """What `write_tuning` wrote, of the filters that a config tunes, by label."""
+def read_tuning(
+    file: TextIO,
+    tune: Mapping[str, Mapping[str, Any]],
+    taken: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Record]:
+    """What `write_tuning` wrote, of the filters that a config tunes, by label.
+
+    ``taken`` are the values of these keys that the config's tuned filters have.
+    """
     trials: dict[tuple[str, str], list[dict[str, str]]] = {}
     for row in csv.DictReader(file):
         trials.setdefault((row["filter"], row["trial"]), []).append(row)
     out = {
-        label: Record(tuple(read_axis(key, written) for key, written in keys.items()))
+        label: Record(tuple(starmap(read_axis, keys.items())), taken=taken.get(label))
         for label, keys in tune.items()
     }
     for (label, _), rows in trials.items():
@@ -135,7 +159,7 @@ def read_tuning(file: TextIO, tune: Mapping[str, Mapping[str, Any]]) -> dict[str
 def _trial(rows: list[dict[str, str]]) -> Trial:
     first = rows[0]
     values = {row["key"]: scalar(row["value"]) for row in rows}
-    lost = int(first["lost"]) if first["lost"] else 1 << 30
+    lost = int(first["lost"]) if first["lost"] else _FAILED
     return Trial(values, float(first["objective"]), float(first["stderr"]), lost)
 
 

@@ -14,9 +14,9 @@ from trackbench.experiment.computing.progress import progress_bar
 from trackbench.experiment.computing.queue import Queue
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.tuning.objective import Score
+from trackbench.tuning.record import Record, Trial
 from trackbench.tuning.search import Search, Values
 from trackbench.tuning.training import Training
-from trackbench.tuning.tuned import Evaluation, Tuned
 
 
 def tune(
@@ -26,7 +26,7 @@ def tune(
     workers: int,
     fresh: bool = False,
     progress: bool = True,
-) -> dict[str, Tuned]:
+) -> dict[str, Record]:
     """Search the keys of every filter that is tuned; finished blocks are kept in the store.
 
     With ``fresh`` none of an earlier run is taken. A trial whose filter raises is the worst there is.
@@ -53,7 +53,7 @@ def tune(
                 kept.put(task, result)
                 _tell(tuners, task, result[task.used])
         next(finished, None)  # nothing comes any more: the workers may go
-    return {tuner.label: tuner.tuned for tuner in tuners}
+    return {tuner.label: tuner.record for tuner in tuners}
 
 
 class _Kept:
@@ -77,7 +77,7 @@ class _Tuner:
     def __init__(self, experiment: Experiment, label: str, kept: _Kept) -> None:
         self.label, self.budget = label, experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
-        self.tuned = Tuned(experiment.tuned[label])
+        self.record = Record(experiment.tuned[label])
         self.missing: set[BlockTask] = set()
         self._kept = kept
         self._search = Search(self.training.axes, self.training.start, self.budget)
@@ -88,18 +88,18 @@ class _Tuner:
 
     def advance(self) -> int:
         """Go on as far as the blocks that are there allow; returns how many trials that were."""
-        before = len(self.tuned.evaluations)
+        before = len(self.record.trials)
         while self._asked and not self.missing:
-            found = [
-                Evaluation(values, self._score(tasks)) for values, tasks in self._asked.items()
-            ]
-            self.tuned.evaluations += found
+            found = {values: self._trial(values, tasks) for values, tasks in self._asked.items()}
+            self.record.trials += found.values()
             self._there.clear()
             try:
-                self._ask(self._asking.send({e.values: e.rank for e in found}))
+                self._ask(
+                    self._asking.send({values: trial.rank for values, trial in found.items()})
+                )
             except StopIteration:
                 self._asked = {}
-        return len(self.tuned.evaluations) - before
+        return len(self.record.trials) - before
 
     def tell(self, task: BlockTask, result: BlockResult | None) -> None:
         """What came of a block; nothing, if its filter failed."""
@@ -115,6 +115,10 @@ class _Tuner:
                 self.missing.add(task)
             else:
                 self._there[task] = found
+
+    def _trial(self, values: Values, tasks: list[BlockTask]) -> Trial:
+        keys = [axis.key for axis in self.record.axes]
+        return Trial.of(dict(zip(keys, values, strict=True)), self._score(tasks))
 
     def _score(self, tasks: list[BlockTask]) -> Score | None:
         """Of a trial's blocks in their order; nothing without a filter, or if it failed."""

@@ -25,6 +25,7 @@ from trackbench.verification.findings import CHANGED, Finding, changed, verdict
 from trackbench.verification.made import made_again
 from trackbench.verification.steps import follow_from_steps
 from trackbench.verification.summaries import follow_from_runs
+from trackbench.verification.tuned import tuning_again
 
 __all__ = ["CHANGED", "Finding", "verdict", "verify"]
 
@@ -58,4 +59,5 @@ def _found(folder: Path, runs: int, allow_plugins: bool) -> Iterator[Finding]:
         yield from follow_from_runs(results, points)
         yield from follow_from_steps(results, points)
         yield from made_again(results)
+        yield from tuning_again(results, experiment, runs)
         yield from computed_again(results, experiment, runs)

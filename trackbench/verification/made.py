@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.report.comparison import FILES, write_comparison, write_paired
 from trackbench.report.render import write_tables
 from trackbench.report.results import Results
-from trackbench.report.sweep import Sweep, write_sweep
+from trackbench.report.sweep import write_sweep
 from trackbench.report.verdicts import compare
 from trackbench.verification.findings import Finding, changed, rounding
 from trackbench.verification.rounding import relative
@@ -25,7 +25,7 @@ def made_again(results: Results) -> Iterator[Finding]:
     write_paired(results)
     write_comparison(results, compare(results))
     if (results.folder / "sweep.csv").is_file():
-        write_sweep(Sweep(results))
+        write_sweep(results)
     again = {p.relative_to(results.target) for p in results.target.rglob("*") if p.is_file()}
     for name in sorted(again):
         stored, found = results.folder / name, results.target / name

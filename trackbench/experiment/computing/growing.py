@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from math import inf, isfinite
 
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.precision import Looked, Wanted, looked, looks
@@ -29,11 +30,19 @@ def begun(experiment: Experiment) -> Experiment:
 
 
 def grown(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
-    """With the runs of the next look, if a number is not yet exact enough and there may be more."""
+    """With the runs of the next look, if a number is not yet exact enough and there may be more.
+
+    How far the number is that is farthest from it, the outcome says.
+    """
     settings = experiment.settings
     after = [runs for runs in looks(settings.min_runs, most) if runs > settings.runs]
-    if not after or not settings.until or not any(short(experiment, outcome)):
+    if not after or not settings.until:
         return None
+    left = [found for _, found in short(experiment, outcome)]
+    if not left:
+        return None
+    worst = max(left, key=lambda found: found.share if isfinite(found.share) else inf)
+    outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted"
     return with_runs(experiment, after[0])
 
 

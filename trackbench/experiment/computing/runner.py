@@ -30,6 +30,8 @@ class Outcome:
     damaged: int = 0
     deaths: int = 0
     wall_s: float = 0.0
+    still: str = ""
+    """what it goes on for, if its runs end by precision: the number that is farthest from it"""
 
     def results(self) -> Iterator[tuple[Key, FilterResult]]:
         """Each filter's merged results, one after the other, so that one is in memory at a time.
@@ -111,7 +113,7 @@ def _enlarge(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
         queue.add(task, bigger.plugins)
         outcome.missing.add(task)
     bar.total = len(bigger.unique)
-    bar.refresh()
+    bar.set_postfix_str(outcome.still)
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:

@@ -55,13 +55,15 @@ def load(
     runs: int | None = None,
     seed: int | None = None,
     grid: list[str] | None = None,
+    product: bool = False,
     allow_plugins: bool = False,
     found: Mapping[str, Values] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
     Paths in a file count from it, those in a mapping from the working folder.
-    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's;
+    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
+    ``product`` whether every combination of them is a point where the file has no grid;
     ``found`` are the values that tuning gave the keys of filters, by label.
     """
     source, home = _source(config)
@@ -76,6 +78,8 @@ def load(
     for key, number in (("runs", runs), ("seed", seed)):
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
+    if grid and not source.data.get("grid") and "product" not in source.data:
+        override(source, ("product",), product, Mark("--product"))
     for text in grid or []:
         add_axis(source, text)
     _set_only(source, only or [])

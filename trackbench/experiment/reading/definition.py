@@ -87,8 +87,10 @@ class Settings:
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[Any]] = field(default_factory=dict)
-    """paths and the values they take: every combination is run; `a & b` take a value
-    together, or of a list [1, 2] one each"""
+    """paths and the values they take; `a & b` take a value together, or of a list [1, 2] one each"""
+    product: bool = True
+    """run every combination of the grid's values; else keys of different filters are varied one filter
+    after the other, at the first values of the others: a sweep does so"""
     tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
     """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
     of choices. What is found is run as one more filter, `KF (tuned)`"""

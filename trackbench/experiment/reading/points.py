@@ -1,12 +1,16 @@
-"""The points of a grid: every combination of its values."""
+"""The points of a grid, with the positions of their values."""
 
-import itertools
 from collections.abc import Iterator
-from math import prod
 from typing import Any
 
 from trackbench.experiment.problems import Mark, Problem
 from trackbench.experiment.reading.checks import no_filter
+from trackbench.experiment.reading.combining import (
+    combinations,
+    number_of_points,
+    single_paths,
+    values_of,
+)
 from trackbench.experiment.reading.compose import override, split_path
 from trackbench.experiment.reading.definition import Settings
 from trackbench.experiment.reading.source import Keys, Source, dotted
@@ -14,27 +18,15 @@ from trackbench.experiment.reading.source import Keys, Source, dotted
 _MOST_POINTS = 10_000
 
 
-def single_paths(path: str) -> list[str]:
-    """The paths of a grid's key, which take a value together: the same one, or each its own."""
-    return path.split(" & ")
-
-
-def values_of(path: str, value: Any) -> list[Any]:
-    """What each of the paths takes: the value, or of a list with a value for each its own."""
-    paths = single_paths(path)
-    each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
-    return value if each else [value] * len(paths)
-
-
 def grid_points(
     source: Source, settings: Settings, problems: list[Problem]
 ) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
-    """Every combination: the value of each path, and where it is written."""
+    """Of each point the value of each path, and where it is written."""
     grid = settings.grid
     if not _is_possible(source, settings, problems):
         return []
     out = []
-    for numbers in itertools.product(*(range(len(values)) for values in grid.values())):
+    for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
         chosen = dict(zip(grid, numbers, strict=True))
         taken = {path: grid[path][i] for path, i in chosen.items()}
         marks = {path: source.mark(("grid", path, i)) for path, i in chosen.items()}
@@ -66,7 +58,7 @@ def _is_possible(source: Source, settings: Settings, problems: list[Problem]) ->
         problems += _repeated(source, path, values)
     overlaps = list(_overlapping(source, grid))
     problems += overlaps
-    number = prod(len(values) for values in grid.values())
+    number = number_of_points(grid, settings.filters, settings.reference, settings.product)
     if number > _MOST_POINTS:
         what = f"{number} points; a grid has at most {_MOST_POINTS}"
         problems.append(Problem(source.mark(("grid",)), "grid", what))

@@ -9,9 +9,9 @@ from typing import Any, cast
 import yaml
 
 from trackbench.evaluation.measure import Measure
+from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.compose import split_path
 from trackbench.experiment.reading.definition import Experiment
-from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.source import Keys, scalar
 from trackbench.experiment.reading.validate import at, file_keys
 from trackbench.hooks import Part

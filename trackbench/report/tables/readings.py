@@ -10,8 +10,8 @@ import numpy as np
 from trackbench.core import elementary
 from trackbench.evaluation.measure import TIME_MEAN, Measure
 from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
+from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.compose import split_path
-from trackbench.experiment.reading.points import single_paths
 from trackbench.experiment.reading.published import PublishedNumber, read_published
 from trackbench.keys import Count
 from trackbench.registry import register

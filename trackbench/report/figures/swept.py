@@ -1,0 +1,255 @@
+"""Figure kind `sweep`: metrics over one key that a grid varies, or over two as heat maps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.measure import Measure, OfSummary, measured
+from trackbench.experiment.reading.combining import filters_of, is_of_scenario
+from trackbench.experiment.reading.definition import Point
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.grids import missing_paths
+from trackbench.report.kinds import FigureKind
+from trackbench.report.results import Results
+from trackbench.report.standing import metrics_of
+from trackbench.report.telling import three_digits
+from trackbench.report.wording import mean_of, named
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ACROSS = 3
+_ROW_IN = 2.6
+_MOST_ERRORS = 2
+_MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
+_DECADE = 10.0  # between the ends of an axis that is logarithmic
+_FEW = 3  # filters that are not varied and drawn all
+
+
+@register("figures", "sweep")
+@dataclass(frozen=True, kw_only=True)
+class SweepFigure(FigureKind):
+    """Metrics of summary.csv over one path of the grid, a panel each; the first one over two paths.
+
+    Over one path: the filters that it varies, the best of each marked, bars of two standard errors; of
+    filters that it leaves as they are a level, if they are many the best one's only. Over two paths: a
+    heat map for each filter that they vary, the best framed. Other paths keep their first values, and
+    filters that only they vary are left out.
+    """
+
+    paths: tuple[str, ...]
+    """one path of the grid, or two"""
+    metrics: dict[str, OfSummary] = field(default_factory=dict)
+    """label of the axis: metric of summary.csv; default: the first errors and ANEES, or log scores"""
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """One path of the grid, or two."""
+        if not 1 <= len(self.paths) <= 2:
+            return {"paths": f"{len(self.paths)} paths; name one or two"}
+        return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
+
+    def tell(self, results: Results) -> str:
+        """Where each filter is best by the first metric."""
+        held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
+        told = []
+        for label in self._labels(results)[1] if metrics else ():
+            rows = held.of(label, metrics[0])
+            if rows:
+                best = rows[_best(np.array([row[-2] for row in rows]), metrics[0])]
+                at = style.heading(dict(zip(self.paths, best, strict=False)))
+                told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+        return f"Best: {'; '.join(told)}." if told else ""
+
+    def draw(self, results: Results) -> "Figure":
+        """Panels of metrics, or of filters."""
+        held, metrics = _Held(results, self.paths), self._metrics(results)
+        labels, varied = self._labels(results)
+        if len(self.paths) == 2:
+            return _heat_maps(held, *self.paths, varied, metrics, self.title)
+        return _lines(held, self.paths[0], labels, varied, metrics, self.title)
+
+    def _metrics(self, results: Results) -> dict[str, Measure]:
+        return self.metrics or shown_metrics(results)
+
+    def _labels(self, results: Results) -> tuple[list[str], list[str]]:
+        """Filters that are shown, and those of them that these paths vary."""
+        varied = [b for b in results.labels if any(_varies(results, p, b) for p in self.paths)]
+        elsewhere = {b for p in results.grid for b in results.filters if _varies(results, p, b)}
+        labels = [b for b in results.chosen(self.filters) if b in varied or b not in elsewhere]
+        return labels, [b for b in labels if b in varied]
+
+
+def shown_metrics(results: Results) -> dict[str, Measure]:
+    """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
+    there = set(results.summary["metric"])
+    ranked = [measured(f"mean({name})") for name in metrics_of(results)[:_MOST_ERRORS]]
+    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
+    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
+    return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
+
+
+def _varies(results: Results, path: str, label: str) -> bool:
+    return is_of_scenario(path) or label in filters_of(path, results.config["filters"])
+
+
+class _Held:
+    """summary.csv where all paths but the shown ones have their first values."""
+
+    def __init__(self, results: Results, paths: Sequence[str]) -> None:
+        self.results, self.paths = results, paths
+        points = results.points()
+        held = {p: v for p, v in points[0].items() if p not in paths}
+        frame = results.at(results.summary, held)
+        self._rows = frame[[*paths, "filter", "metric", "value", "stderr"]]
+        self.values = {path: list(dict.fromkeys(frame[path])) for path in paths}
+
+    def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
+        """Values of the paths, value and standard error where there is a number."""
+        rows = self._rows
+        rows = rows[(rows["filter"] == label) & (rows["metric"] == str(metric))]
+        found = rows.drop(columns=["filter", "metric"]).itertuples(index=False, name=None)
+        return [row for row in found if np.isfinite(row[-2])]
+
+
+def _lines(
+    held: _Held,
+    path: str,
+    labels: list[str],
+    varied: list[str],
+    metrics: dict[str, Measure],
+    title: str,
+) -> "Figure":
+    columns = min(max(len(metrics), 1), _ACROSS)
+    rows = ceil(max(len(metrics), 1) / columns)
+    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    values = held.values[path]
+    numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    for ax, (words, metric) in zip(axes.flat, metrics.items(), strict=False):
+        drawn = _drawn(held, labels, varied, metric)
+        for label in drawn:
+            _line(ax, held, label, metric, None if numeric else values, label in varied)
+        _scale(ax, values, numeric)
+        heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
+        if heights and 0.0 < _DECADE * min(heights) < max(heights):
+            ax.set_yscale("log")
+            style.plain_log_axis(ax, most=np.inf)
+        ax.set(xlabel=style.axis(path), ylabel=words)
+    for ax in axes.flat[len(metrics) :]:
+        ax.set_axis_off()
+    style.title(figure, title)
+    style.legend_outside(figure, list(axes.flat))
+    return figure
+
+
+def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
+    """What varies, and what does not: of many the best."""
+    levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
+    if len(levels) <= _FEW:
+        return [b for b in labels if b in varied or b in levels]
+    better = metric.family[0].better
+    levels = {b: abs(x - 1.0) if better == "one" else x for b, x in levels.items()}
+    best = (max if better == "higher" else min)(levels, key=levels.__getitem__)
+    return [b for b in labels if b in varied or b == best]
+
+
+def _line(
+    ax: "Axes", held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
+) -> None:
+    rows, look = held.of(label, metric), held.results.look(label)
+    if not rows:
+        return
+    if not varied:
+        ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
+        return
+    x = [row[0] if words is None else words.index(row[0]) for row in rows]
+    y, stderr = (np.array([row[i] for row in rows], dtype=float) for i in (-2, -1))
+    bars = np.where(np.isfinite(stderr), 2.0 * stderr, 0.0)
+    ax.plot(x, y, label=label, marker="o", markersize=3, **look)
+    more: Any = {"color": look["color"], "label": f"_{label}"}
+    ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
+    best = _best(y, metric)
+    ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
+
+
+def _best(values: Array, metric: Measure) -> int:
+    """Place of the best among numbers, NaN where there is none."""
+    better = metric.family[0].better
+    if better == "higher":
+        return int(np.nanargmax(values))
+    return int(np.nanargmin(np.abs(values - 1.0) if better == "one" else values))
+
+
+def _scale(ax: "Axes", values: list[Any], numeric: bool) -> None:
+    if not numeric:
+        ax.set_xticks(range(len(values)), [str(v) for v in values])
+    elif min(values) > 0 and max(values) >= 50 * min(values):
+        ax.set_xscale("log")
+
+
+def _heat_maps(
+    held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
+) -> "Figure":
+    """A panel per filter, on one colour scale; the best value is framed."""
+    words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
+    across, down = held.values[x], held.values[y]
+    fields = {label: _field(held, label, metric, across, down) for label in labels}
+    fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
+    columns = min(_ACROSS, max(len(fields), 1))
+    rows = ceil(max(len(fields), 1) / columns)
+    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
+    for ax, (label, values) in zip(axes.flat, fields.items(), strict=False):
+        image = ax.imshow(
+            values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
+        )
+        ax.set_xticks(range(len(across)), [style.number(v) for v in across])
+        ax.set_yticks(range(len(down)), [style.number(v) for v in down])
+        ax.set_title(style.words(label))
+        ax.grid(visible=False)
+        _write_values(ax, values, finite, few=columns == 1)
+        _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
+    for ax in axes.flat[len(fields) :]:
+        ax.set_axis_off()
+    figure.supxlabel(style.axis(x))
+    figure.supylabel(style.axis(y))
+    style.title(figure, title)
+    if fields:
+        figure.colorbar(image, ax=axes, label=words)
+    return figure
+
+
+def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
+    """The metric (values of the second path, values of the first), NaN where there is none."""
+    found = np.full((len(down), len(across)), np.nan)
+    for a, b, value, _ in held.of(label, metric):
+        found[down.index(b), across.index(a)] = value
+    return found
+
+
+def _write_values(ax: "Axes", values: Array, finite: Array, few: bool) -> None:
+    if max(values.shape) > (_MOST_TEXT if few else _MOST_TEXT // 2):
+        return
+    middle = 0.5 * (finite.min() + finite.max())
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            colour = "black" if value > middle else "white"
+            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=colour, fontsize=8)
+
+
+def _frame(ax: "Axes", at: tuple[Any, ...]) -> None:
+    from matplotlib.patches import Rectangle
+
+    i, j = at
+    frame = Rectangle(
+        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLOURS[1], linewidth=2, zorder=5
+    )
+    frame.set_clip_on(False)
+    ax.add_patch(frame)

@@ -1,0 +1,63 @@
+"""Table kind `best-settings`: of the values that a grid gives each filter, the best ones."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Interval
+
+from trackbench.evaluation.statistics import Estimate
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.kinds import TableKind
+from trackbench.report.results import Results
+from trackbench.report.standing import Standing, best_settings
+from trackbench.report.table import Cell, Table
+from trackbench.report.wording import mean_of
+
+_MOST = 6
+
+
+@register("tables", "best-settings")
+@dataclass(frozen=True, kw_only=True)
+class BestSettings(TableKind):
+    """A row per filter that the grid varies: its best values, and those not told apart from them.
+
+    By the first error's mean per run, or the log score: paired differences on common runs, with Holm's
+    correction at 5 %. Values with which more runs are lost are not among the best. `Next` is how far off
+    the nearest of the others is.
+    """
+
+    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        found = best_settings(results)
+        where = [style.axis(path) for path in (found[0].where if found else ())]
+        heads = [*where, "Filter", "Best at", "Not told apart"]
+        value = mean_of(found[0].metric) if found else "Mean"
+        title = self.title or "Each filter's best values"
+        table = Table(title, heads, [value, "Next"], self.digits)
+        for standing in found:
+            if standing.best is not None:
+                keys = [*map(style.number, standing.where.values()), *_keys(standing)]
+                table.add(keys, _cells(standing))
+        return table
+
+
+def _keys(standing: Standing) -> list[str]:
+    assert standing.best is not None
+    ties = [c.setting for c, _ in standing.ties]
+    more = len(ties) - _MOST
+    shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
+    return [standing.best.label, standing.best.setting, shown or "none"]
+
+
+def _cells(standing: Standing) -> list[Cell]:
+    best = standing.best
+    assert best is not None
+    cell = Cell(best.mean, len(best.lost) - best.losses, best.losses)
+    if standing.nearest is None:
+        return [cell, Cell.missing()]
+    _, pair = standing.nearest
+    return [cell, Cell(Estimate(pair.difference, pair.stderr), pair.runs, 0)]
