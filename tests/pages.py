@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import pytest
@@ -47,6 +48,7 @@ LONG = {
 """What is validated and not run, and why."""
 _DONE: set[str] = set()
 """Experiments that were run by their names: again, for another page, they are validated."""
+ELSEWHERE = ("jax", "dynamax")
 _NOWHERE = re.compile(
     r"\.\.\.|--watch|--\w+-completion|tcp://|\bCONFIG\b|\bDIR\b|\bNAME\b|\bKIND\b"
 )
@@ -65,11 +67,12 @@ def quickly(*keys: str) -> Iterator[None]:
     """Let every run have few runs, in this process, with these keys, such as `BARE`."""
     original = running.run_each
 
-    def run_each(configs: Any, options: Any, also: Any = None) -> Any:
+    def run_each(configs: Any, options: Any, *more: Any, **other: Any) -> Any:
         recorded = any("measured" in str(config) for config in configs)
         few = replace(options, set=("block=fit", *keys, *options.set))
         few = replace(few, runs=None if recorded else RUNS)
-        yield from original(configs, replace(few, engine="serial", workers=1, formats=()), also)
+        few = replace(few, engine="serial", workers=1, formats=())
+        yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
         for module in (running, api):
@@ -112,7 +115,7 @@ class Sandbox:
             program = compile(block.text, block.title or "page", "exec")
             if not block.title:
                 with quickly(*(BARE if "report" in self.names else [])):
-                    exec(program, self.names)
+                    _run(program, self.names)
 
     def command(self, line: str) -> None:
         """Run a command, or hold it to what there is."""
@@ -214,6 +217,15 @@ def known(words: list[str]) -> None:
         command = typer.main.get_command(app).commands[words[1]]
         there = {option for param in command.params for option in param.opts}
         assert {word for word in words if word.startswith("--")} <= there, words
+
+
+def _run(program: CodeType, names: dict[str, Any]) -> None:
+    """Run what a page shows; what takes a library that is not among the tests' is compiled alone."""
+    try:
+        exec(program, names)
+    except ModuleNotFoundError as error:
+        if error.name not in ELSEWHERE:
+            raise
 
 
 def _exit_code(words: list[str]) -> int:

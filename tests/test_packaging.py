@@ -115,7 +115,7 @@ def test_the_lock_is_held_against_what_is_installed(
     assert "numpy" not in found["other"] or found["other"]["numpy"] == version("numpy")
     other = tmp_path / "run.txt"
     other.write_text(
-        "numpy==0.1 \\\n    --hash=sha256:00\ncolorama==0.1 ; sys_platform == 'win32'\n"
+        "numpy==0.1 \\\n    --hash=sha256:00\npywin32==0.1 ; sys_platform == 'win32'\n"
     )
     monkeypatch.setattr("trackbench.experiment.storing.environment.lock_file", lambda: other)
     assert lock()["other"] == {"numpy": version("numpy")}
