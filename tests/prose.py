@@ -2,7 +2,7 @@
 
 ``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
 a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
-many standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce-tables``) lists what
+many standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce``) lists what
 changed, ``--write`` writes it anew, with as many decimals as it had.
 """
 

@@ -81,7 +81,7 @@ def files() -> dict[str, Path]:
 def _index(found: list[Experiment]) -> str:
     parts = [
         "# Gallery",
-        "Every experiment that comes with the package, with its results as `make reproduce-tables` "
+        "Every experiment that comes with the package, with its results as `make reproduce` "
         "wrote them. Each runs by its name, from any folder.",
     ]
     for paper, several in groupby(found, key=lambda e: e.paper):

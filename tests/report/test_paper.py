@@ -3,8 +3,10 @@
 import re
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
+from tests.conftest import ROOT
 from trackbench import api
 from trackbench.cli import app
 from trackbench.report import style
@@ -51,6 +53,18 @@ def test_more_panels_than_a_column_has_room_for_are_for_the_page():
             assert is_crowded(figure) is crowded
     with drawing_for(COLUMN):
         assert not is_crowded(style.panels(6, 1, 2.0)[0])
+
+
+def test_the_report_has_every_figure_however_many_panels_it_has():
+    with drawing_for(SCREEN):
+        figure, _ = style.panels(1, 1, 2.0)
+        for place in figure.add_gridspec(1, 5):
+            figure.add_subplot(place)
+        assert not is_crowded(figure)
+    for config in sorted((ROOT / "results").glob("*/config.yaml")):
+        names = yaml.safe_load(config.read_text(encoding="utf-8"))["figures"]
+        drawn = {path.stem for path in (config.parent / "figures").glob("*.svg")}
+        assert drawn >= set(names), config.parent.name
 
 
 def test_the_style_is_one_of_two(folder):

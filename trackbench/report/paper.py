@@ -28,6 +28,8 @@ class Sheet:
     """whether figures say their titles; in a paper the caption does"""
     letters: tuple[tuple[str, Any], ...]
     """matplotlib's settings of text"""
+    has_wider: bool = False
+    """whether there is another for what has no room here"""
 
     @property
     def ending(self) -> str:
@@ -58,7 +60,7 @@ SCREEN = Sheet(
     titled=True,
     letters=_letters(9, 8, **{"font.family": "DejaVu Sans", "mathtext.fontset": "dejavusans"}),
 )
-COLUMN = Sheet("column", 3.5, 2, 0.75, False, _IN_PAPER)
+COLUMN = Sheet("column", 3.5, 2, 0.75, False, _IN_PAPER, has_wider=True)
 PAGE = Sheet("page", 7.2, 4, 1.0, False, _IN_PAPER)
 SHEETS: dict[Style, tuple[Sheet, ...]] = {"screen": (SCREEN,), "paper": (COLUMN, PAGE)}
 
@@ -71,9 +73,10 @@ def sheet() -> Sheet:
 
 
 def is_crowded(figure: "Figure") -> bool:
-    """Whether more panels stand beside each other than the sheet has room for."""
+    """Whether so many panels stand beside each other that the figure is left to a wider sheet."""
     specs = [ax.get_subplotspec() for ax in figure.axes]
-    return max((s.get_gridspec().ncols for s in specs if s is not None), default=0) > sheet().across
+    most = max((s.get_gridspec().ncols for s in specs if s is not None), default=0)
+    return sheet().has_wider and most > sheet().across
 
 
 @contextmanager
