@@ -55,7 +55,8 @@ def test_a_mapping_is_left_as_it_was(tmp_path: Path) -> None:
     assert config["filters"] == {"UKF": {"kind": "ukf"}}
     (best,) = swept.best
     assert best.filter == "UKF"
-    assert {*best.point.values(), *best.next.values()} == {1, 2}
+    points = [best.point, *best.ties, best.next]
+    assert {value for point in points for value in point.values()} == {1, 2}
 
 
 def test_numbers_of_numpy_paths_and_tuples_are_plain() -> None:

@@ -24,7 +24,7 @@ def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
     page = REFERENCE[f"reference/{group}.md"]
     own = [k for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")]
     sections = dict(re.findall(r"^## (\S+) \{.*?\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
-    assert sections.keys() == {*own}
+    assert sections.keys() >= {*own}  # and those of a plugin that another test has brought
     for kind in own:
         (entry,) = (e for e in catalogue.entries(kind) if e["group"] == group)
         rows = dict(re.findall(r"^\| `(\S+)` \| ([^|]*) \|", sections[kind], re.M))

@@ -1,7 +1,7 @@
 """From configs to results folders: what is run, on which workers, and what is said of it."""
 
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -135,7 +135,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
         return plan
 
     if most_drawers(options) > 1:
-        Thread(target=_import_ahead).start()
+        Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
             stack.enter_context(locked(folder, lambda line: say(line, options)))
@@ -155,8 +155,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
 
 def _import_ahead() -> None:
     """What tables and verdicts need, while this process waits for blocks."""
-    for name in ("pandas", "scipy.special"):
-        import_module(name)
+    with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
+        for name in ("pandas", "scipy.special"):
+            import_module(name)
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:

@@ -79,9 +79,9 @@ def test_that_of_a_sweep_has_its_files_too(tmp_path: Path) -> None:
     options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=("svg",))
     swept = api.sweep(write(tmp_path), options, grid=("filters.PF.N=5,7",)).folder
     assert whole(swept)
-    assert {"sweep.csv", "figures/sweep-rms-rmse.svg"} < set(manifest(swept)["files"])
+    assert {"sweep.csv", "figures/sweep-PF-N.svg"} < set(manifest(swept)["files"])
     run(tmp_path / "c.yaml")
-    assert not files(swept) & {"sweep.csv", "figures/sweep-rms-rmse.svg"}
+    assert not files(swept) & {"sweep.csv", "figures/sweep-PF-N.svg"}
     assert whole(swept)
 
 

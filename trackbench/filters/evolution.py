@@ -151,7 +151,7 @@ class PFDE(_Evolutionary):
         """Without a Kalman step: the arrays of a generation, and the covariances of the first."""
         if self.proposal == "ukf":
             return super().held(model)
-        return self.N * (10 + len(model.motion.components) ** 2)
+        return self.N * (12 + len(model.motion.components) ** 2)
 
     def _proposed(
         self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator

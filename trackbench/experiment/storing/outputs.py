@@ -43,7 +43,9 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     older versions, by the config. ``keep`` are names of files that the next run is made from.
     """
     remove_partial(folder)
-    named = set(_recorded(folder)) or set(_by_config(folder))
+    named = set(_recorded(folder))
+    if "config.yaml" not in named:
+        named |= set(_by_config(folder))
     names = {*named, *RAW, *_MADE}.difference(keep)
     paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
     for path in (*paths, folder / "manifest.json"):
