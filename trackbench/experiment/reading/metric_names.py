@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -88,17 +89,27 @@ class Names:
             per_run = per_run_metrics(scenario, values, counts, np.ones(1, dtype=bool))
             one = StepSums(np.ones(1), np.ones(1), np.ones(1))
             medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
-            result = FilterResult(per_run, dict.fromkeys(sorted(series), one), medians, None, [])
+            steps = dict.fromkeys(sorted(series), one)
+            result = FilterResult({"lost": per_run["lost"]}, steps, medians, None, [])
             windows = {name: np.ones(1, dtype=bool) for name in scenario.windows}
+            of = sizes(scenario)
             self.per_run |= set(per_run)
-            self.per_step |= {row.metric for row in step_rows(result, sizes(scenario))}
-            self.summary |= {r.metric for r in summary_rows(result, sizes(scenario), windows)}
+            self.per_step |= {row.metric for row in step_rows(result, of)}
+            self.summary |= {row.metric for row in summary_rows(result, of, windows)}
+            self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
             self.made |= set(_efficiencies(per_run))
 
     def may_be_noted(self, name: str) -> bool:
         """Whether a filter that could not be asked may note this; our own note registered metrics."""
         own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
         return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
+
+
+@cache
+def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
+    """Rows of a metric per run in summary.csv: the same at every point, and there are thousands."""
+    result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
+    return frozenset(row.metric for row in summary_rows(result, sizes, {}))
 
 
 def names_of(
