@@ -66,6 +66,7 @@ class Names:
     """whether there are errors at all"""
     unasked: list[type] = field(default_factory=list)
     """kinds of filters that are mistaken or fail, so that what they note is not known"""
+    _added: set[object] = field(default_factory=set)
 
     @property
     def bases(self) -> set[str]:
@@ -86,13 +87,17 @@ class Names:
         self.series |= series
         values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
         with np.errstate(all="ignore"):
+            own, of = scenario.run_metrics(values), sizes(scenario)
+            names = frozenset((*own, *scenario.windows, *of)), counts, series
+            if names in self._added:  # as at another point of a sweep
+                return
+            self._added.add(names)
             per_run = per_run_metrics(scenario, values, counts, np.ones(1, dtype=bool))
             one = StepSums(np.ones(1), np.ones(1), np.ones(1))
             medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
             steps = dict.fromkeys(sorted(series), one)
             result = FilterResult({"lost": per_run["lost"]}, steps, medians, None, [])
             windows = {name: np.ones(1, dtype=bool) for name in scenario.windows}
-            of = sizes(scenario)
             self.per_run |= set(per_run)
             self.per_step |= {row.metric for row in step_rows(result, of)}
             self.summary |= {row.metric for row in summary_rows(result, of, windows)}
