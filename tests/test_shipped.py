@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, ROOT
-from tests.test_cli import trackbench
+from tests.conftest import shipped as experiment
 from tests.times import measured, written
 from trackbench.experiment.reading import shipped
 from trackbench.experiment.reading.config import load
@@ -94,7 +95,7 @@ def test_a_config_is_shown_as_it_is() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
     files = shipped.copied(name, tmp_path)
-    mine, theirs = load(tmp_path / f"{name}.yaml"), load(EXPERIMENTS / f"{name}.yaml")
+    mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
     assert mine.points == theirs.points or tmp_path / "data" in {path.parent for path in files}
