@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -68,9 +68,9 @@ class Names:
     """kinds of filters that are mistaken or fail, so that what they note is not known"""
     _added: set[object] = field(default_factory=set)
 
-    @property
+    @cached_property
     def bases(self) -> set[str]:
-        """Metrics without statistic, window and step."""
+        """Metrics without statistic, window and step, once all are there."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:
