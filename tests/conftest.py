@@ -1,7 +1,10 @@
 """Shared by every test: one way to run a filter on a scenario, and where the shipped files are."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 import pytest
 
+from trackbench import registry
 from trackbench.evaluation.block import BlockTask, Filtered, estimate, run_block, simulate
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.definition import Experiment
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
@@ -20,6 +26,12 @@ ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
 
 Track = Callable[..., Filtered]
+
+
+@cache
+def shipped(name: str) -> Experiment:
+    """A shipped experiment, read once."""
+    return load(EXPERIMENTS / f"{name}.yaml")
 
 
 def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
@@ -44,6 +56,23 @@ def per_run(
     """A metric per run (M,)."""
     task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
     return run_block(task).per_run[metric]
+
+
+@contextmanager
+def plugins_forgotten() -> Iterator[None]:
+    """What is loaded of one's own code ends with this."""
+    before = set(sys.modules)
+    yield
+    for name in [n for n in sys.modules if n not in before and registry.registered(n)]:
+        registry.forget(name)
+        del sys.modules[name]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _own_plugins() -> Iterator[None]:
+    """No test finds kinds that those of another file registered."""
+    with plugins_forgotten():
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

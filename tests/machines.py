@@ -69,8 +69,8 @@ def digests(
 
 
 def under(name: str, arguments: Sequence[str]) -> dict[str, str]:
-    """What `digests` finds in a fresh process under a setting."""
-    setting = dict(SETTINGS[name])
+    """What `digests` finds in a fresh process under a setting, or several joined by " + "."""
+    setting = {key: value for one in name.split(" + ") for key, value in SETTINGS[one].items()}
     disabled, workers = setting.pop("disabled", None), setting.pop("workers", "1")
     if disabled is not None:
         setting["NPY_DISABLE_CPU_FEATURES"] = " ".join(_features(disabled))

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import trackbench
+from tests.commands import trackbench as command
 from tests.papers import merwe_text
-from tests.test_cli import trackbench as command
 from trackbench import registry
 from trackbench.experiment.problems import UserError
 
@@ -81,4 +81,6 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
         registry, "entry_points", lambda group: [entry] if "filters" in group else []
     )
     monkeypatch.setattr(registry, "_scanned", set())
+    known = {group: dict(found) for group, found in registry._kinds.items()}
+    monkeypatch.setattr(registry, "_kinds", known)
     assert "from-a-package" in registry.kinds("filters")

@@ -1,7 +1,5 @@
 """The built command line, end to end, as a user would."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,23 +7,14 @@ import pandas as pd
 import pytest
 import yaml
 
-from tests.conftest import EXPERIMENTS, ROOT
-
-
-def trackbench(*words: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "trackbench", *words],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=120,
-    )
+from tests.commands import spawned, trackbench
+from tests.conftest import EXPERIMENTS
 
 
 @pytest.fixture(scope="module")
 def hdepf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run") / "hdepf"
-    done = trackbench(
+    done = spawned(
         "run", str(EXPERIMENTS / "hdepf.yaml"), "--quick", "--out", str(out), "--save-tracks"
     )
     assert done.returncode == 0, done.stderr
@@ -122,12 +111,6 @@ def test_list_and_describe() -> None:
     assert "{kind: two-scan} (see `trackbench list starts`)" in described
     assert "score.windows.name" in described
     assert trackbench("describe", "recorded").returncode == 0
-    wrong = trackbench("describe", "hdpf")
+    wrong = spawned("describe", "hdpf")
     assert wrong.returncode == 2
     assert "did you mean hdepf" in wrong.stderr
-
-
-@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
-def test_every_shipped_experiment_is_valid(path: Path) -> None:
-    done = trackbench("check", str(path))
-    assert done.returncode == 0, done.stderr

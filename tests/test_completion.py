@@ -7,28 +7,38 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import ROOT
 
 START = "import sys; sys.argv[0] = 'trackbench'; from trackbench.cli import main; main()"
 
 
-def completed(line: str, shell: str = "bash", cwd: Path = ROOT) -> list[str]:
+def asked(line: str, shell: str) -> dict[str, str]:
+    """What a shell sets."""
     words = line.split(" ")
-    asked = {
+    return {
         "_TRACKBENCH_COMPLETE": f"complete_{shell}",
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(words) - 1),
         "_TYPER_COMPLETE_ARGS": line,
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",
     }
-    done = subprocess.run(
-        [sys.executable, "-c", START],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **asked},
-        timeout=60,
-    )
+
+
+def completed(line: str, cwd: Path = ROOT) -> list[str]:
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in asked(line, "bash").items():
+            patch.setenv(name, value)
+        done = trackbench(cwd=cwd)
+    assert done.stderr == ""
+    return [word for word in done.stdout.splitlines() if word]
+
+
+def completed_by(shell: str, line: str) -> list[str]:
+    """In a process of its own, which the shell starts at each press of the key."""
+    found = {**os.environ, "PYTHONPATH": str(ROOT), **asked(line, shell)}
+    command = [sys.executable, "-c", START]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=found, timeout=60)
     assert done.stderr == ""
     return [word for word in done.stdout.splitlines() if word]
 
@@ -60,9 +70,9 @@ def test_words(line: str, offered: list[str]) -> None:
 
 def test_every_shell_gets_a_label_as_a_word() -> None:
     line = "trackbench run hdepf --only PF"
-    assert completed(line) == ["PF", "PFDE", r"PF\ \(N=100\)", r"PF\ \(N=210\)"]
-    assert completed(line, "fish") == ["PF", "PFDE", "PF (N=100)", "PF (N=210)"]
-    zsh = "\n".join(completed(line, "zsh"))
+    assert completed_by("bash", line) == ["PF", "PFDE", r"PF\ \(N=100\)", r"PF\ \(N=210\)"]
+    assert completed_by("fish", line) == ["PF", "PFDE", "PF (N=100)", "PF (N=210)"]
+    zsh = "\n".join(completed_by("zsh", line))
     assert zsh.startswith("_arguments")
     assert '"PF (N=100)"' in zsh
 
@@ -74,15 +84,9 @@ def test_a_config_that_cannot_be_read_offers_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_scripts_are_printed(shell: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "trackbench", "--show-completion", shell],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        # Without it typer takes the shell that it runs in, and there need not be one here.
-        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
-        timeout=60,
-    )
+def test_the_scripts_are_printed(shell: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Without it typer takes the shell that it runs in, and there need not be one here.
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")
+    done = trackbench("--show-completion", shell)
     assert done.returncode == 0, done.stderr
     assert "COMPLETE" in done.stdout

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import EXPERIMENTS
-from tests.test_cli import trackbench
+from tests.commands import trackbench
+from tests.conftest import EXPERIMENTS, shipped
 from trackbench.contract import check_filter
-from trackbench.experiment.reading.config import load
 from trackbench.filters.bootstrap import PF
 from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import Tracked
@@ -18,17 +17,17 @@ from trackbench.registry import kinds
 
 
 @pytest.fixture(scope="module")
-def shipped() -> dict[str, tuple[Any, Any]]:
+def used() -> dict[str, tuple[Any, Any]]:
     """A filter of each kind that an experiment uses, and its scenario."""
-    points = [p for path in EXPERIMENTS.glob("*.yaml") for p in load(path).points]
+    points = [p for path in EXPERIMENTS.glob("*.yaml") for p in shipped(path.stem).points]
     return {f.kind: (f, p.scenario) for p in points for f in p.filters.values()}
 
 
 @pytest.mark.parametrize("kind", sorted(kinds("filters")))
-def test_shipped_filters_keep_it(shipped: dict[str, tuple[Any, Any]], kind: str) -> None:
+def test_shipped_filters_keep_it(used: dict[str, tuple[Any, Any]], kind: str) -> None:
     cls = kinds("filters")[kind]
     needs_keys = any(f.default is f.default_factory is MISSING for f in fields(cls))
-    tracker, scenario = shipped.get(kind, (None, None))
+    tracker, scenario = used.get(kind, (None, None))
     found = check_filter(
         cls, tracker if needs_keys else None, [] if scenario is None else [scenario]
     )

@@ -3,11 +3,10 @@
 import pytest
 from typer.testing import CliRunner
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENTS, shipped
 from trackbench import glossary
 from trackbench.cli import app
 from trackbench.evaluation.measure import measured
-from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.metric_names import names_of
 from trackbench.metrics import metric_of
 
@@ -16,7 +15,7 @@ SHIPPED = sorted(EXPERIMENTS.glob("*.yaml"))
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
 def test_of_every_metric_it_is_known_what_it_is(path):
-    e = load(path)
+    e = shipped(path.stem)
     names = names_of(e.settings, e.points[:1], e.left_out, noted=True)
     assert not names.unasked
     unknown = {m.metric for m in map(measured, names.per_run | names.per_step) if m.is_row}

@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 import trackbench
+from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS, ROOT
-from tests.test_cli import trackbench as command
 from trackbench.experiment.storing.environment import lock, lock_file
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -6,20 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_cli import trackbench
+from tests.commands import trackbench
+
+NAMES = {
+    "filter": "my-filter",
+    "filter --per-run": "my-own",
+    "sensor": "my-sensor",
+    "motion": "my-motion",
+    "scenario": "My_Radar",
+    "experiment": "first",
+}
 
 
-@pytest.mark.parametrize(
-    ("what", "name"),
-    [
-        ("filter", "my-filter"),
-        ("filter --per-run", "my-own"),
-        ("sensor", "my-sensor"),
-        ("motion", "my-motion"),
-        ("scenario", "My_Radar"),
-        ("experiment", "first"),
-    ],
-)
+@pytest.mark.parametrize(("what", "name"), NAMES.items())
 def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
     what, *options = what.split()
     made = trackbench("new", what, name, *options, cwd=tmp_path)
@@ -40,29 +39,32 @@ def test_it_runs_at_once(tmp_path: Path, what: str, name: str) -> None:
         kalman = "left out  equals the Kalman" if options else "good  equals the Kalman filter"
         assert kalman in good.stdout
     assert ("Time of my-own" in done.stdout) == bool(options)
-    tested = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-W", "error", f"test_{module}.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert tested.returncode == 0, tested.stdout
     again = trackbench("new", what, name, *options, cwd=tmp_path)
     assert again.returncode == 2
     assert "there is a file" in again.stderr
 
 
-@pytest.mark.parametrize("what", ["filter", "filter --per-run", "sensor", "motion", "scenario"])
-def test_it_keeps_the_house_style(tmp_path: Path, what: str) -> None:
-    trackbench("new", *what.split(), "mine", cwd=tmp_path)
-    for command in (["check"], ["format", "--check"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", *command, "--isolated", "--line-length=100", "mine.py"],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode == 0, done.stdout
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("pytest", "-q", "-W", "error"),
+        ("ruff", "check", "--isolated", "--line-length=100"),
+        ("ruff", "format", "--check", "--isolated", "--line-length=100"),
+    ],
+)
+def test_its_tests_pass_and_it_keeps_the_house_style(
+    tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    for what, name in NAMES.items():
+        trackbench("new", *what.split(), name, cwd=tmp_path)
+    files = sorted(
+        path.name for path in tmp_path.glob("test_*.py" if "pytest" in command else "my_*.py")
+    )
+    assert len(files) == (len(NAMES) if "pytest" in command else len(NAMES) - 1)
+    done = subprocess.run(
+        [sys.executable, "-m", *command, *files], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
 
 
 REFUSED = ["../x", "/x", "3x", "", "a b/c", "x" * 100, "a.b", "ukf", "é"]

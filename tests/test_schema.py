@@ -7,8 +7,8 @@ from typing import Any, get_args
 import pytest
 from jsonschema import Draft202012Validator
 
+from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
-from tests.test_cli import trackbench
 from trackbench.experiment.reading.source import read
 from trackbench.registry import Group, kinds
 from trackbench.schema import schema

@@ -3,14 +3,17 @@
 import os
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, ROOT
-from tests.test_cli import trackbench
+from tests.conftest import shipped as experiment
 from tests.times import measured, written
-from trackbench.experiment.reading import shipped
+from trackbench.experiment.reading import shipped, source
 from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.source import read
 
@@ -94,7 +97,7 @@ def test_a_config_is_shown_as_it_is() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
     files = shipped.copied(name, tmp_path)
-    mine, theirs = load(tmp_path / f"{name}.yaml"), load(EXPERIMENTS / f"{name}.yaml")
+    mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
     assert mine.points == theirs.points or tmp_path / "data" in {path.parent for path in files}
@@ -115,25 +118,21 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / "hdepf-noise.yaml").exists()
 
 
-def test_a_config_comes_on_stdin(tmp_path: Path) -> None:
+def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = (EXPERIMENTS / "merwe2000.yaml").read_text()
     shipped.copied("merwe2000", tmp_path)
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "trackbench", *words]
-        found = {**os.environ, "PYTHONPATH": str(ROOT)}
-        return subprocess.run(
-            command,
-            input=text,
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env=found,
-            timeout=120,
-        )
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
+        source._given.cache_clear()  # a program has it once
+        return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF")
-    done = piped(config, "run", "-", *few)
+    command = [sys.executable, "-m", "trackbench", "run", "-", *few]
+    found = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command, input=config, capture_output=True, text=True, cwd=tmp_path, env=found, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "merwe2000" / "manifest.json").is_file()
     swept = piped(config, "sweep", "-", *few, "--grid", "filters.UKF.Q=0.5,1")

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,12 +17,12 @@ from trackbench import catalogue
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 
-REFERENCE = reference.pages()
+PAGES = cache(reference.pages)
 
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
-    page = REFERENCE[f"reference/{group}.md"]
+    page = PAGES()[f"reference/{group}.md"]
     own = [k for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")]
     sections = dict(re.findall(r"^## (\S+) \{.*?\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
     assert sections.keys() >= {*own}  # and those of a plugin that another test has brought
@@ -37,20 +38,20 @@ def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
 
 
 def test_every_metric_statistic_key_and_command() -> None:
-    metrics = REFERENCE["reference/metrics.md"]
+    metrics = PAGES()["reference/metrics.md"]
     for name in METRICS:
         assert f"| `{name}" in metrics
     for row in catalogue.rows(("statistics",)):
         assert f"| `{row['kind']}` |" in metrics
     for key in catalogue.experiment_keys():
-        assert f"| `{key['key']}` |" in REFERENCE["reference/config.md"]
+        assert f"| `{key['key']}` |" in PAGES()["reference/config.md"]
     for command in ("run", "sweep", "tune", "compare", "plot", "report", "verify", "describe"):
-        assert f"\n## {command}\n" in REFERENCE["reference/commands.md"]
-    assert "`--quick`" in REFERENCE["reference/commands.md"]
+        assert f"\n## {command}\n" in PAGES()["reference/commands.md"]
+    assert "`--quick`" in PAGES()["reference/commands.md"]
     for name in trackbench.__all__:
-        assert f"\n## {name}" in REFERENCE["reference/python.md"]
+        assert f"\n## {name}" in PAGES()["reference/python.md"]
     for word in ("figure(name)", "frame", "per\\_run", "best"):
-        assert word.replace("\\", "") in REFERENCE["reference/python.md"].replace("\\", "")
+        assert word.replace("\\", "") in PAGES()["reference/python.md"].replace("\\", "")
 
 
 def test_the_gallery_has_every_experiment() -> None:
@@ -91,7 +92,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
-    for uri in [*pages().values(), *REFERENCE, *gallery.pages()]:
+    for uri in [*pages().values(), *PAGES(), *gallery.pages()]:
         page = (site / uri).with_suffix(".html").read_text(encoding="utf-8")
         assert not re.search(
             r'(<script|<img|<link(?! rel="canonical"))[^>]*(src|href)="https?:', page

@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from tests.commands import trackbench
 from tests.papers import merwe_text
-from tests.test_cli import trackbench
 from trackbench import api
 from trackbench.experiment.problems import Mark, UserError
 from trackbench.experiment.reading.axes import axis_values

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.experiment.test_resume import _heed_ctrl_c
 from tests.papers import merwe_text
 from trackbench.cli import watching
@@ -80,12 +81,7 @@ def test_it_runs_at_each_save_until_ctrl_c(watched: "subprocess.Popen[str]", con
 
 def test_what_is_not_watched(config: Path) -> None:
     for words in (["c.yaml", "c.yaml"], ["-"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "trackbench", "run", "--watch", "--workers", "1", *words],
-            cwd=config.parent,
-            capture_output=True,
-            text=True,
-        )
+        done = trackbench("run", "--watch", "--workers", "1", *words, cwd=config.parent)
         assert done.returncode == 2
         assert done.stderr == "--watch: watches one config, and that a file\n"
 

@@ -13,6 +13,7 @@ from trackbench.core.arrays import frozen
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, run_block, simulate
 from trackbench.filters.sigma_points import UKF
+from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
 
 SCENARIO = merwe(T=5, R=0.1)
@@ -198,8 +199,9 @@ def test_a_diagnostic_cannot_look_like_an_expression(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["peak_position", "delay_s", "false_alarms_per_1000"])
 def test_a_diagnostic_cannot_have_the_name_of_a_metric_of_the_scenario(name: str) -> None:
+    turn = maneuver(duration=90.0, legs=(Leg(start=30, end=50, ax=0.3, ay=0.0),), settle=10.0)
     with pytest.raises(ValueError, match=rf"'{name}.*' is a metric of the scenario"):
-        block(noting(**{name: np.zeros(4), "mode": np.zeros(4)}), maneuver())
+        block(noting(**{name: np.zeros(4), "mode": np.zeros(4)}), turn)
 
 
 def test_errors_cannot_be_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,7 +90,7 @@ def check(shares, least=LEAST):
 )
 def test_intervals_hold_the_truth(draw, numbers):
     rng = np.random.default_rng(2026)
-    many = draw(rng, 4_000_000)
+    many = draw(rng, 1_000_000)
     truths = [number(*many)[0] for number in numbers]
     hits = np.zeros(len(numbers))
     for a, b in zip(*draw(rng, (REPETITIONS, RUNS)), strict=True):
@@ -102,7 +102,7 @@ def test_intervals_hold_the_truth(draw, numbers):
 def test_differences_of_variances_hold_the_truth(draw):
     """Whose two tails are not seen, each: by the influences of the difference 88 % on the heavy one."""
     rng, repetitions = np.random.default_rng(2031), REPETITIONS // 2
-    truth = np.subtract(*(np.var(x) for x in draw(rng, 4_000_000)))
+    truth = np.subtract(*(np.var(x) for x in draw(rng, 1_000_000)))
     hits = 0
     for a, b in zip(*draw(rng, (repetitions, RUNS)), strict=True):
         sides = Sides(st.influence("variance", a), st.influence("variance", b))

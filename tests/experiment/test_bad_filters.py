@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_cli import trackbench
+from tests.commands import trackbench
 from trackbench import cli
 
 HEAD = """

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import spawned, trackbench
 from tests.papers import merwe_text
-from tests.test_cli import trackbench
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 
@@ -196,7 +196,7 @@ filters:
 def test_a_filter_cannot_end_the_program(tmp_path: Path, engine: str) -> None:
     (tmp_path / "leaving.py").write_text(LEAVING)
     (tmp_path / "c.yaml").write_text(LEFT)
-    done = trackbench(
+    done = spawned(
         *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
         cwd=tmp_path,
     )

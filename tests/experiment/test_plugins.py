@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.papers import merwe_text
-from tests.test_cli import trackbench
 from trackbench import api
 from trackbench.experiment.blame import BadPluginError
 from trackbench.experiment.planning.digest import block_key

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENTS, shipped
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.published import read_published
 
 FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
@@ -74,7 +73,7 @@ def test_a_quote_that_is_not_closed_is_said_with_its_line(tmp_path: Path) -> Non
 
 def test_experiments_that_measure_something_name_the_file() -> None:
     for path in EXPERIMENTS.glob("*.yaml"):
-        experiment = load(path)
+        experiment = shipped(path.stem)
         name = experiment.settings.name
         for file in FILES:
             if any(name in r["experiment"].split(";") for r in rows(file.name)):

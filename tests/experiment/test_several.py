@@ -2,13 +2,12 @@
 
 import multiprocessing
 import re
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask
@@ -42,11 +41,6 @@ def pair(tmp_path: Path) -> list[Path]:
     return [write(tmp_path, "one"), write(tmp_path, "two", N=30)]
 
 
-def run(*words: object, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "trackbench", "run", *map(str, words)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
-
-
 def test_each_comes_out_as_if_run_alone(pair: list[Path], tmp_path: Path) -> None:
     options = api.Options(workers=2, quiet=True, fresh=True, formats=())
     together = list(api.run_all(pair, options, out=tmp_path / "together"))
@@ -78,7 +72,7 @@ def test_the_mistakes_of_all_at_once_and_nothing_runs(pair: list[Path], tmp_path
         key = wrong.partition(":")[0]
         lines = path.read_text().splitlines()
         path.write_text("\n".join(wrong if line.startswith(f"{key}:") else line for line in lines))
-    done = run("one.yaml", "two.yaml", cwd=tmp_path)
+    done = trackbench("run", "one.yaml", "two.yaml", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
         "one.yaml:4:7: runs: 0 is less than 1",
@@ -122,7 +116,9 @@ def test_the_next_runs_when_a_filter_of_the_first_fails(tmp_path: Path) -> None:
     )
     first = write(tmp_path, "one", kind="breaks")
     first.write_text(first.read_text() + "plugins: [plugin.py]\n")
-    done = run("one.yaml", "two.yaml", "--allow-plugins", "--format", "tex", cwd=tmp_path)
+    done = trackbench(
+        "run", "one.yaml", "two.yaml", "--allow-plugins", "--format", "tex", cwd=tmp_path
+    )
     assert done.returncode == 1, done.stderr
     said = r"Other failed: .*plugin\.py:12: RuntimeError: broken \(runs "  # any block may be first
     assert re.search(said, done.stderr), done.stderr

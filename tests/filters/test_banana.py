@@ -12,7 +12,7 @@ from tests.papers import banana
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.block import Filtered, simulate
 from trackbench.evaluation.derived import normalised_error
 from trackbench.scenarios.tracking import Tracking
 
@@ -43,8 +43,15 @@ def anees(kind: str, runs: int = 200, scenario: Tracking = FAR, **keys: Any) -> 
 
 
 @cache
-def metric(name: str, kind: str, runs: int = 30, **keys: Any) -> np.ndarray:
-    return per_run(FAR, make_filter(kind, **keys), runs, name)
+def tracked(kind: str, **keys: Any) -> Filtered:
+    """Fifty runs of the far target."""
+    return track(FAR, make_filter(kind, **keys), 50)
+
+
+def rmse(quantity: str, kind: str, **keys: Any) -> Array:
+    """Per run (M,), over the scans."""
+    error = FAR.errors(tracked(kind, **keys).mean, simulate(FAR, 1, 0, 50).truth)[quantity]
+    return np.sqrt(np.square(error).sum(axis=0).mean(axis=0))
 
 
 def test_ekf_diverges_and_mcaekf_does_not() -> None:
@@ -68,8 +75,8 @@ def test_ducm_is_the_most_consistent_conversion_at_the_end() -> None:
 @pytest.mark.parametrize(("kind", "keys"), CLOUDS)
 def test_particle_filters_are_consistent_in_the_median(kind: str, keys: dict[str, Any]) -> None:
     """Median NEES / n_x between 0.3 and 1.5: no scan is outside by its own rank interval."""
-    runs = 40
-    ranked = np.sort(track(FAR, make_filter(kind, **keys), runs).nees, axis=1) / 4
+    ranked = np.sort(tracked(kind, **keys).nees, axis=1) / 4
+    runs = ranked.shape[1]
     off = int(3 * np.sqrt(runs) / 2)  # three standard deviations of the median's rank
     assert (ranked[:, runs // 2 + off] > 0.3).all()
     assert (ranked[:, runs // 2 - off] < 1.5).all()
@@ -84,13 +91,12 @@ def test_particle_filters_are_consistent_in_the_median(kind: str, keys: dict[str
     ],
 )
 def test_without_joint_jitter_the_cloud_leaves_the_target(kind: str, keys: dict[str, Any]) -> None:
-    nees = track(FAR, make_filter(kind, **keys), 30).nees[-1]
+    nees = track(FAR, make_filter(kind, **keys), 15).nees[-1]
     assert np.median(nees) > 20  # a consistent filter's is 3.4
 
 
 def test_mpf_has_the_velocity_error_of_rpf() -> None:
-    a = metric("rmse_velocity", "mpf", N=4000)
-    b = metric("rmse_velocity", "rpf", N=5000)
+    a, b = (rmse("velocity", kind, **CLOUDS[0][1]) for kind in ("mpf", "rpf"))
     # Ranks: one run in some hundreds loses its target early, and would be most of a mean square.
     ratio, off = np.sort(a / b), int(3 * np.sqrt(len(a)) / 2)
     low, high = ratio[len(a) // 2 - off - 1], ratio[len(a) // 2 + off]
@@ -98,8 +104,7 @@ def test_mpf_has_the_velocity_error_of_rpf() -> None:
 
 
 def test_marginalising_the_range_beats_marginalising_nothing() -> None:
-    a = metric("rmse_position", "los-rbpf", runs=60, N=2000)
-    b = metric("rmse_position", "rpf", runs=60, N=2000)
+    a, b = (rmse("position", kind, N=2000) for kind in ("los-rbpf", "rpf"))
     # In logarithms: a run that loses its target, of either filter, would be most of a mean square.
     gain = np.log(b / a)
     assert gain.mean() > 3 * gain.std() / np.sqrt(len(gain))
@@ -108,9 +113,8 @@ def test_marginalising_the_range_beats_marginalising_nothing() -> None:
 @pytest.mark.parametrize(("kind", "keys"), [*GAUSSIAN[5:], *CLOUDS])
 def test_none_is_below_the_bound(kind: str, keys: dict[str, Any]) -> None:
     """Squared position error against the squared bound, scan by scan, in standard errors."""
-    runs, bound = 60, FAR.bounds()["position"]
-    mean = track(FAR, make_filter(kind, **keys), runs).mean
-    error = FAR.errors(mean, simulate(FAR, 1, 0, runs).truth)["position"]
+    runs, bound = 50, FAR.bounds()["position"]
+    error = FAR.errors(tracked(kind, **keys).mean, simulate(FAR, 1, 0, runs).truth)["position"]
     squares = np.square(error).sum(axis=0)
     z = (squares.mean(axis=1) - bound**2) / (squares.std(axis=1) / np.sqrt(runs))
     assert z.min() > -4  # the least of 99, correlated
@@ -221,7 +225,7 @@ def test_readings_that_make_another_filter() -> None:
 def test_every_filter_agrees_where_nothing_is_curved() -> None:
     """Close by with a sharp azimuth all are the Kalman filter, and the bound."""
     scenario = banana(range_km=10.0, velocity_cross=20.0, sigma_azimuth_mrad=0.02, scans=30)
-    runs, last = 100, {}
+    runs, last = 50, {}
     for kind, keys in [*GAUSSIAN[1:], *CLOUDS]:
         mean = track(scenario, make_filter(kind, **keys), runs).mean[..., -1, :]
         truth = simulate(scenario, 1, 0, runs).truth[:, -1]

@@ -14,7 +14,7 @@ from trackbench.evaluation.block import Filtered, simulate
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.tracking import Tracking
 
-RUNS = 60
+RUNS, SCANS = 60, 50
 RIVALS: list[tuple[str, dict[str, Any]]] = [
     ("rpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
     ("mpf", {"N": 3000, "boost": 3, "boost_scans": 8}),
@@ -29,14 +29,14 @@ RIVALS: list[tuple[str, dict[str, Any]]] = [
 
 @cache
 def solved(speed: float, runs: int = RUNS) -> tuple[Tracking, Simulation, Posterior]:
-    scenario = banana(velocity_cross=speed)
+    scenario = banana(velocity_cross=speed, scans=SCANS)
     data = simulate(scenario, 1, 0, runs)
     return scenario, data, exact_posterior(scenario, data)
 
 
 @cache
 def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> Filtered:
-    return track(banana(velocity_cross=speed), make_filter(kind, **dict(keys)), RUNS)
+    return track(banana(velocity_cross=speed, scans=SCANS), make_filter(kind, **dict(keys)), RUNS)
 
 
 def squared_position_error(mean: np.ndarray, data: Simulation) -> np.ndarray:
@@ -88,19 +88,21 @@ def test_the_posterior_is_consistent_on_average_over_speeds() -> None:
     At one speed it need not be: it is below 0.8 at rest, and makes up for it above 500 m/s.
     """
     nees = []
-    for i, speed in enumerate(np.arange(-10_000.0, 10_001.0, 500.0)):
+    for i, speed in enumerate(np.arange(-10_000.0, 10_001.0, 1000.0)):
         scenario = banana(velocity_cross=speed, scans=6)
         data = simulate(scenario, 3 + i, 0, 100)
         exact = exact_posterior(scenario, data)
         nees.append(linalg.mahalanobis(exact.mean - data.truth, exact.cov) / 4.0)
-    by_speed = np.stack(nees)  # (41, scans, 100)
-    stderr = np.sqrt(by_speed.var(axis=2).mean(axis=0) / (41 * 100))
+    by_speed = np.stack(nees)  # (21, scans, 100)
+    stderr = np.sqrt(by_speed.var(axis=2).mean(axis=0) / (21 * 100))
     assert (np.abs(by_speed.mean(axis=(0, 2)) - 1.0) < 4.0 * stderr).all()
-    assert (by_speed[20, 1:].mean(axis=1) < 0.8).all()
+    assert (by_speed[10, 1:].mean(axis=1) < 0.8).all()
 
 
-@pytest.mark.parametrize("speed", [1000.0, 5000.0])
-@pytest.mark.parametrize(("kind", "keys"), RIVALS)
+@pytest.mark.parametrize(
+    ("kind", "keys", "speed"),
+    [*((*rival, 5000.0) for rival in RIVALS), *((*rival, 1000.0) for rival in RIVALS[2:])],
+)
 def test_none_beats_the_posterior_mean(kind: str, keys: dict[str, Any], speed: float) -> None:
     """Paired over the runs. The mean is best on average over speeds; these two are no exception."""
     _, data, exact = solved(speed)
@@ -146,7 +148,7 @@ def median_rank(runs: int) -> int:
 @cache
 def ranked_nees_of_the_posterior() -> np.ndarray:
     """NEES / n_x per scan in ascending order, at the cross speed of the paper's reading."""
-    scenario, runs = banana(velocity_cross=5000.0, scans=4), 2000
+    scenario, runs = banana(velocity_cross=5000.0, scans=4), 1000
     data = simulate(scenario, 1, 0, runs)
     exact = exact_posterior(scenario, data)
     return np.sort(linalg.mahalanobis(exact.mean - data.truth, exact.cov) / 4.0, axis=1)

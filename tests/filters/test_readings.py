@@ -84,7 +84,7 @@ def test_weights_and_copies_are_counted() -> None:
 
 def test_resampling_schemes_and_threshold_agree_on_the_level() -> None:
     scenario = merwe(R=0.1)
-    floor = per_run(scenario, make_filter("grid"), 60).mean()
+    floor = per_run(scenario, make_filter("grid", nodes=64), 60).mean()
     for keys in (
         {"resampling": "stratified"},
         {"resampling": "residual"},

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-import trackbench.report
+from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.papers import merwe_text
-from trackbench import api
+from trackbench import api, report
 from trackbench.report.results import Results
 
 COMMANDS = ("plot", "report", "compare")
 QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ("svg",)}
 
 
-def cli(
+def alone(
     *words: object, cwd: Path, before: tuple[str, ...] = ()
 ) -> subprocess.CompletedProcess[str]:
     """A command in a process that has loaded nothing yet."""
@@ -31,7 +31,7 @@ def cli(
 
 
 def test_no_file_of_the_report_imports_a_scenario_or_a_filter() -> None:
-    for path in Path(trackbench.report.__file__).parent.rglob("*.py"):
+    for path in Path(report.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
             above = module.startswith(("trackbench.scenarios", "trackbench.filters"))
@@ -49,19 +49,19 @@ def test_no_scenario_is_loaded_to_read_a_folder(made: Path, tmp_path: Path) -> N
     assert loaded <= {"base", "starts", "starts.base"}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_on_the_scenario_that_new_scenario_writes(tmp_path: Path, command: str) -> None:
-    assert cli("new", "scenario", "my-radar", cwd=tmp_path).returncode == 0
+def test_on_the_scenario_that_new_scenario_writes(tmp_path: Path) -> None:
+    assert trackbench("new", "scenario", "my-radar", cwd=tmp_path).returncode == 0
     config = (tmp_path / "my_radar.yaml").read_text()
     more = "  c: {kind: consistency}\nfigures:\n  e: {kind: estimates}\n"
     more += "  t: {kind: track, filters: [EKF]}"
     (tmp_path / "my_radar.yaml").write_text(config.replace("figures:", more))
     run = ("my_radar.yaml", "--allow-plugins", "--runs", 3, "--workers", 1, "--set", "block=fit")
-    assert cli("run", *run, cwd=tmp_path).returncode == 0
+    assert trackbench("run", *run, cwd=tmp_path).returncode == 0
     (tmp_path / "my_radar.py").unlink()
-    done = cli(command, "results/my-radar", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "note" not in done.stderr
+    for command in COMMANDS:
+        done = alone(command, "results/my-radar", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "note" not in done.stderr
 
 
 OWN = """
@@ -99,10 +99,10 @@ def test_tables_and_figures_of_a_plugin(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "own.yaml").write_text(PLUGIN)
     run = ("own.yaml", "--allow-plugins", "--workers", 1, "--format", "svg")
-    assert cli("run", *run, cwd=tmp_path).returncode == 0
+    assert trackbench("run", *run, cwd=tmp_path).returncode == 0
     folder = tmp_path / "results" / "own"
     for command in COMMANDS:
-        done = cli(command, folder, cwd=tmp_path)
+        done = trackbench(command, folder, cwd=tmp_path)
         assert done.returncode == 0
         notes = [line for line in done.stderr.splitlines() if line.startswith("note: ")]
         assert len(notes) == 2
@@ -110,22 +110,21 @@ def test_tables_and_figures_of_a_plugin(tmp_path: Path) -> None:
     page = (folder / "report.html").read_text()
     assert "Mine alone" not in page
     assert 'id="figure-f"' in page  # as the run drew it
-    drawn = cli("plot", folder, cwd=tmp_path).stdout.split()
+    drawn = trackbench("plot", folder, cwd=tmp_path).stdout.split()
     assert [Path(path).stem for path in drawn] == ["g", "g"]  # png and svg
-    drawn = cli("plot", folder, "--allow-plugins", cwd=tmp_path).stdout.split()
+    drawn = trackbench("plot", folder, "--allow-plugins", cwd=tmp_path).stdout.split()
     assert [Path(path).stem for path in drawn] == ["f", "f", "g", "g"]
-    done = cli("report", folder, "--allow-plugins", cwd=tmp_path)
+    done = trackbench("report", folder, "--allow-plugins", cwd=tmp_path)
     assert done.stderr == ""
     assert "Mine alone" in (folder / "report.html").read_text()
     (tmp_path / "own.py").write_text(OWN + "\n")
-    assert "own.py was changed after the run" in cli(
-        "report", folder, "--allow-plugins", cwd=tmp_path
-    ).stderr  # fmt: skip
+    done = trackbench("report", folder, "--allow-plugins", cwd=tmp_path)
+    assert "own.py was changed after the run" in done.stderr
     (tmp_path / "own.py").unlink()
-    done = cli("plot", folder, "--allow-plugins", cwd=tmp_path)
+    done = trackbench("plot", folder, "--allow-plugins", cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert cli("plot", folder, cwd=tmp_path).returncode == 0
+    assert trackbench("plot", folder, cwd=tmp_path).returncode == 0
 
 
 RECORDED = """
@@ -165,13 +164,13 @@ def test_a_folder_that_cannot_be_written(made: Path, tmp_path: Path) -> None:
         if not shutil.which("setpriv"):
             pytest.skip("root may write everywhere")
         before = ("setpriv", "--bounding-set=-dac_override")
-    done = cli("compare", folder, cwd=tmp_path, before=before)
+    done = alone("compare", folder, cwd=tmp_path, before=before)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == cli("compare", made, cwd=tmp_path).stdout
-    done = cli("report", folder, cwd=tmp_path, before=before)
+    assert done.stdout == trackbench("compare", made, cwd=tmp_path).stdout
+    done = alone("report", folder, cwd=tmp_path, before=before)
     assert (done.returncode, done.stdout) == (0, "small-report.html\n")
     assert (tmp_path / "small-report.html").stat().st_size > 10_000
-    done = cli("plot", folder, cwd=tmp_path, before=before)
+    done = alone("plot", folder, cwd=tmp_path, before=before)
     assert (done.returncode, done.stderr) == (2, f"{folder}/: may not be written in\n")
 
 
@@ -219,7 +218,7 @@ def test_a_folder_without_the_points_or_with_others_is_said(made: Path, tmp_path
     folder = shutil.copytree(made, tmp_path / "small")
     text = (folder / "points.json").read_text()
     (folder / "points.json").write_text(text.replace('"N": 10', '"N": 11'))
-    done = cli("compare", folder, cwd=tmp_path)
+    done = trackbench("compare", folder, cwd=tmp_path)
     assert done.returncode == 2
     assert "points.json was changed after the run" in done.stderr
     assert Results(made).given({}).filters["PF"]["N"] == 10

@@ -3,11 +3,10 @@
 import json
 import lzma
 import re
-import subprocess
-import sys
 
 import pytest
 
+from tests.commands import trackbench
 from trackbench import api
 from trackbench.experiment.problems import UserError
 
@@ -94,11 +93,7 @@ def test_a_bad_folder_is_said_in_a_line(folder, case):
 @pytest.mark.parametrize("command", ["compare", "plot", "report"])
 def test_the_command_line_leaves_with_2_and_no_traceback(folder, command):
     (folder / "manifest.json").unlink()
-    done = subprocess.run(
-        [sys.executable, "-c", "from trackbench.cli import main; main()", command, str(folder)],
-        capture_output=True,
-        text=True,
-    )
+    done = trackbench(command, folder)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
         f"{folder}: is half-written, it has no manifest.json: run the experiment again"

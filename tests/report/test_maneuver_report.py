@@ -1,11 +1,9 @@
 """Figures and tables of the maneuvering target, from a small experiment with a grid."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from tests.conftest import track
+from tests.conftest import EXPERIMENTS, shipped, track
 from trackbench import api
 from trackbench.evaluation.block import simulate
 from trackbench.filters.kalman import KF
@@ -179,10 +177,7 @@ def test_consistency_counts_steps_in_the_band(results: Results) -> None:
 
 def test_shipped_configs_are_good() -> None:
     """Each has a seed of its own, so that what is chosen in one is judged on other runs."""
-    from tests.conftest import EXPERIMENTS
-    from trackbench.experiment.reading.config import load
-
-    loaded = [load(path) for path in sorted(Path(EXPERIMENTS).glob("adaptive-kf*.yaml"))]
+    loaded = [shipped(path.stem) for path in EXPERIMENTS.glob("adaptive-kf*.yaml")]
     assert all(experiment.points for experiment in loaded)
     assert len({experiment.settings.seed for experiment in loaded}) == len(loaded)
     assert all(e.settings.runs % e.settings.verdict_seeds == 0 for e in loaded)

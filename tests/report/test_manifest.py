@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import trackbench
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
@@ -106,9 +107,7 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
     assert not left & {"figures/f.svg", "figures/f.png"}
     assert set(OWN) < before & left
     for command in ("compare", "plot", "report", "verify"):
-        done = subprocess.run(
-            [sys.executable, "-m", "trackbench", command, folder], capture_output=True, text=True
-        )
+        done = trackbench(command, folder)
         assert done.returncode == (1 if command == "verify" else 2)
         lines = (done.stdout + done.stderr).splitlines()
         assert lines[-1].strip() == (

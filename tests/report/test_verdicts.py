@@ -1,13 +1,12 @@
 """Published numbers and claims get the verdict they deserve."""
 
 import csv
-import subprocess
-import sys
 from math import isnan, nan
 
 import numpy as np
 import pytest
 
+from tests.commands import trackbench
 from trackbench import api
 from trackbench.evaluation import block
 from trackbench.evaluation.measure import measure
@@ -282,7 +281,7 @@ def test_a_bad_published_file_is_said_with_its_line(folder):
     path = folder / "published" / "numbers.csv"
     text = path.read_text().replace("9.9,1,400", "nine,1,-4").replace("rmse@5", "rmse at 5")
     path.write_text(text)
-    done = cli("compare", folder)
+    done = trackbench("compare", folder)
     assert done.returncode == 2
     assert f"{path}:5:22: value: 'nine' is not" in done.stderr
     assert f"{path}:5:29: runs: -4 is less than 1" in done.stderr
@@ -292,23 +291,15 @@ def test_a_bad_published_file_is_said_with_its_line(folder):
 
 def test_a_missing_published_file_is_said(folder):
     (folder / "published" / "claims.csv").unlink()
-    done = cli("compare", folder)
+    done = trackbench("compare", folder)
     assert done.returncode == 2
     assert "cannot read" in done.stderr
-
-
-def cli(*arguments):
-    return subprocess.run(
-        [sys.executable, "-c", "from trackbench.cli import main; main()", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-    )
 
 
 def test_a_label_that_the_experiment_does_not_have_is_said(folder):
     path = folder / "published" / "numbers.csv"
     path.write_text(path.read_text().replace("PF (N=50),mean", "PF50,mean"))
-    done = cli("check", folder / "config.yaml")
+    done = trackbench("check", folder / "config.yaml")
     assert done.returncode == 2
     assert f"{path}:3:43: label: 'PF50' is not a filter here" in done.stderr
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.commands import trackbench
 from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
@@ -198,11 +199,7 @@ def test_the_command_says_which_and_leaves_with_1_if_it_is_changed(config, tmp_p
 
 
 def command_lines(*folders, status=0):
-    done = subprocess.run(
-        [sys.executable, "-m", "trackbench", "verify", *map(str, folders), "--runs", "3"],
-        capture_output=True,
-        text=True,
-    )
+    done = trackbench("verify", *folders, "--runs", 3)
     assert done.returncode == status, done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout.splitlines()

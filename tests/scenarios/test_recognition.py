@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
-from tests.test_cli import trackbench
 from trackbench.experiment.reading.config import load
 from trackbench.scenarios.recordings.recognition import recognised
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache, cached_property
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -65,10 +66,11 @@ class Names:
     """whether there are errors at all"""
     unasked: list[type] = field(default_factory=list)
     """kinds of filters that are mistaken or fail, so that what they note is not known"""
+    _added: set[object] = field(default_factory=set)
 
-    @property
+    @cached_property
     def bases(self) -> set[str]:
-        """Metrics without statistic, window and step."""
+        """Metrics without statistic, window and step, once all are there."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:
@@ -85,20 +87,34 @@ class Names:
         self.series |= series
         values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
         with np.errstate(all="ignore"):
+            own, of = scenario.run_metrics(values), sizes(scenario)
+            names = frozenset((*own, *scenario.windows, *of)), counts, series
+            if names in self._added:  # as at another point of a sweep
+                return
+            self._added.add(names)
             per_run = per_run_metrics(scenario, values, counts, np.ones(1, dtype=bool))
             one = StepSums(np.ones(1), np.ones(1), np.ones(1))
             medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
-            result = FilterResult(per_run, dict.fromkeys(sorted(series), one), medians, None, [])
+            steps = dict.fromkeys(sorted(series), one)
+            result = FilterResult({"lost": per_run["lost"]}, steps, medians, None, [])
             windows = {name: np.ones(1, dtype=bool) for name in scenario.windows}
             self.per_run |= set(per_run)
-            self.per_step |= {row.metric for row in step_rows(result, sizes(scenario))}
-            self.summary |= {r.metric for r in summary_rows(result, sizes(scenario), windows)}
+            self.per_step |= {row.metric for row in step_rows(result, of)}
+            self.summary |= {row.metric for row in summary_rows(result, of, windows)}
+            self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
             self.made |= set(_efficiencies(per_run))
 
     def may_be_noted(self, name: str) -> bool:
         """Whether a filter that could not be asked may note this; our own note registered metrics."""
         own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
         return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
+
+
+@cache
+def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
+    """Rows of a metric per run in summary.csv: the same at every point, and there are thousands."""
+    result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
+    return frozenset(row.metric for row in summary_rows(result, sizes, {}))
 
 
 def names_of(
