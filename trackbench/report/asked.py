@@ -8,7 +8,8 @@ from typing import Any
 
 from trackbench.experiment.reading.combining import combinations, single_paths
 from trackbench.experiment.reading.definition import labels_to_run
-from trackbench.experiment.reading.published import Published, read_published
+from trackbench.experiment.reading.published import Published
+from trackbench.experiment.reading.published_files import read_published
 from trackbench.experiment.reading.source import Source, read
 from trackbench.registry import Group, kinds
 from trackbench.report import style

@@ -110,12 +110,10 @@ class Results(Asked):
         """The experiment's tables or figures, built from the config; of plugins if they are loaded."""
         if not self.config.get("tables") and not self.config.get("figures"):
             return self._default(group)
-        problems: list[Problem] = []
-        left_out = self.left_out(group)
+        left_out, source = self.left_out(group), replace(self.source, problems=[])
         names = [name for name in self.config.get(group, {}) if name not in left_out]
-        built = {name: build_kind(group, self.source, (group, name), problems) for name in names}
-        if problems:
-            raise UserError(*sorted(set(problems)))
+        built = {name: build_kind(group, source, (group, name)) for name in names}
+        source.check()
         titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
         return {
             name: replace(part, title=self.filled(part.title)) if name in titled else part

@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
 from trackbench.experiment.planning.plan import block_width
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.asked import kinds_of
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.resolved import as_config
@@ -41,16 +41,17 @@ class Training:
         """The blocks of a trial, as few as its particles allow; none if there is no such filter."""
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
-        trial = make_trial(self._experiment.source, self._point, self._label, chosen, [])
-        return [] if trial is None else [self._block(trial, i) for i in range(self._blocks(trial))]
+        trial = make_trial(self._experiment.source, self._point, self._label, chosen)
+        if not isinstance(trial, Trial):
+            return []
+        return [self._block(trial, i) for i in range(self._blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
         """Of a trial's values per run; raises UserError if the metric is not among them."""
         for name in self.objective.metrics:
             if name not in per_run:  # of recorded data it is not known beforehand what there is
-                mark = self._experiment.source.mark(("tuning", "metric"))
                 what = f"{self._label} has no {name!r} here"
-                raise UserError(Problem(mark, "tuning.metric", what))
+                raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
         return self.objective.score(per_run)
 
     def _blocks(self, trial: Trial) -> int:

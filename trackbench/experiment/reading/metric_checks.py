@@ -9,10 +9,9 @@ from typing import Any
 from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.measure import Measure, measured, role_of
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import Exhibit, Point, Settings
 from trackbench.experiment.reading.metric_names import Names, kept_metrics, names_of
-from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.source import Keys, Source
 from trackbench.experiment.reading.validate import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
@@ -39,7 +38,6 @@ def check_metrics(
     points: list[Point | None],
     parts: dict[Group, dict[str, Exhibit]],
     others: dict[str, AnyFilter],
-    problems: list[Problem],
 ) -> None:
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
 
@@ -56,7 +54,7 @@ def check_metrics(
     for a in asked:
         what = _unknown(a, names, settings) or _left_out(a, names, settings)
         if what is not None:
-            problems.append(Problem(source.mark(a.keys), dotted(a.keys), what))
+            source.blame(a.keys, what)
 
 
 def _asked_by_settings(settings: Settings) -> Iterator[Asked]:

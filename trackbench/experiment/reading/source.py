@@ -46,11 +46,12 @@ _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~
 
 @dataclass
 class Source:
-    """Plain data with the position of every value and of every key."""
+    """Plain data with the position of every value and of every key, and the mistakes found in it."""
 
     data: Any
     marks: dict[Keys, Mark] = field(default_factory=dict)
     key_marks: dict[Keys, Mark] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
 
     def mark(self, keys: Keys) -> Mark:
         """Where the value stands, or the nearest thing around it."""
@@ -61,6 +62,23 @@ class Source:
     def key_mark(self, keys: Keys) -> Mark:
         """Where the key itself stands."""
         return self.key_marks.get(keys) or self.mark(keys)
+
+    def problem(self, keys: Keys, what: str) -> Problem:
+        """A mistake in the value at ``keys``."""
+        return Problem(self.mark(keys), dotted(keys), what)
+
+    def blame(self, keys: Keys, what: str) -> None:
+        """Note a mistake in the value at ``keys``."""
+        self.problems.append(self.problem(keys, what))
+
+    def blame_key(self, keys: Keys, what: str) -> None:
+        """Note a mistake in the key itself."""
+        self.problems.append(Problem(self.key_mark(keys), dotted(keys), what))
+
+    def check(self) -> None:
+        """Raise UserError with every mistake that was noted, if there are any."""
+        if self.problems:
+            raise UserError(*sorted(set(self.problems)))
 
     def graft(self, keys: Keys, other: "Source") -> None:
         """Take over the positions of a part that came from another file."""

@@ -93,18 +93,17 @@ def build(
     cls: type[T],
     source: Source,
     keys: Keys,
-    problems: list[Problem],
     parts: Sequence[Any] = (),
     also: Sequence[str] = (),
 ) -> T | None:
-    """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``.
+    """The dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
 
     A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
     ``also`` names keys that stand beside the dataclass's own.
     """
     data = at(source, keys)
     if not isinstance(data, dict):
-        problems.append(Problem(source.mark(keys), dotted(keys), f"{_show(data)} is not a mapping"))
+        source.blame(keys, f"{_show(data)} is not a mapping")
         return None
     try:
         # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
@@ -114,14 +113,12 @@ def build(
             return None
         raise
     except ValidationError as error:
-        seen = set()
+        found: dict[Problem, None] = {}
         for item in error.errors(include_url=False):
             if None in parts and item["type"] == "value_error":  # what is said without a part
                 continue
-            for problem in _problems(item, source, keys, cls, also):
-                if problem not in seen:
-                    problems.append(problem)
-                seen.add(problem)
+            found |= dict.fromkeys(_problems(item, source, keys, cls, also))
+        source.problems += found
         return None
 
 
@@ -164,7 +161,7 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequen
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
         return Problem(source.key_mark(where), path, "this key is required")
-    return Problem(source.mark(where), dotted(where), _words(kind, ctx, value, item["msg"]))
+    return source.problem(where, _words(kind, ctx, value, item["msg"]))
 
 
 def _within(cls: type[Any], path: Keys) -> type[Any] | None:

@@ -12,7 +12,8 @@ from trackbench.evaluation.measure import TIME_MEAN, Measure
 from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.compose import split_path
-from trackbench.experiment.reading.published import PublishedNumber, read_published
+from trackbench.experiment.reading.published import PublishedNumber
+from trackbench.experiment.reading.published_files import read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
