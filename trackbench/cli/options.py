@@ -1,5 +1,7 @@
 """The options that several commands have: their types for typer, and what the API makes of them."""
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,6 +76,37 @@ Product = Annotated[
         help="every combination of keys of different filters, not one filter after the other",
     ),
 ]
+
+
+def _shared(
+    set_: Set = None,
+    only: Only = None,
+    runs: Runs = None,
+    seed: Seed = None,
+    out: Out = None,
+    engine: EngineName = "processes",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    fresh: Fresh = False,
+    dry_run: DryRun = False,
+    format_: Format = "png,svg",
+    allow_plugins: AllowPlugins = False,
+    json: Json = False,
+) -> None:
+    """The options that all commands have which run experiments: their types and defaults."""
+
+
+def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
+    """A command with these options behind its own, in its ``**given``; one of its own comes first."""
+    own = dict(inspect.signature(command).parameters)
+    given = own.popitem()[1]
+    assert given.kind is inspect.Parameter.VAR_KEYWORD
+    shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in own}
+    parameters = [*own.values(), *shared.values()]
+    by_name = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
+    command.__signature__ = inspect.Signature(by_name, return_annotation=None)  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in parameters}
+    return command
 
 
 def api_options(given: dict[str, Any]) -> "Options":

@@ -70,9 +70,9 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def made(folder: Path) -> Path:
-    """The folder, made if it is not there; raises WriteError if it cannot be."""
+    """The folder, made with those above it if it is not there; raises WriteError if it cannot be."""
     try:
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(folder, error) from error
     return folder

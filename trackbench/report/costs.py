@@ -167,8 +167,7 @@ def curves(
 def _spot(expressions: Expressions, label: str, metric: Measure, size: float) -> Spot:
     results, point = expressions.results, expressions.point
     steps, time = results.steps(point), expressions.term(_TIME.of(label))
-    blocks = None if time.blocks is None else time.blocks / steps
-    cost = time._replace(value=time.value / steps, stderr=time.stderr / steps, blocks=blocks)
+    cost = time.scaled(time.value / steps, over=steps)
     lost = expressions.runs.get((label, "lost"), np.empty(0))
     return Spot(size, cost, expressions.term(metric.of(label)), lost)
 
@@ -186,9 +185,7 @@ def _name(curve: Curve, others: Sequence[Curve]) -> str:
 @quietly
 def logged(term: Term) -> Term:
     """The logarithm of a positive number, with its error (delta method)."""
-    parts = [None if x is None else x / term.value for x in (term.influences, term.blocks)]
-    value, stderr = float(log(term.value)), term.stderr / term.value
-    return term._replace(value=value, stderr=stderr, influences=parts[0], blocks=parts[1])
+    return term.scaled(float(log(term.value)), over=term.value)
 
 
 def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:

@@ -96,9 +96,10 @@ class Expressions:
         return self.results.runs(self.point)
 
     @cached_property
-    def _summary(self) -> dict[tuple[str, str], Term]:
+    def stored(self) -> dict[tuple[str, str], Term]:
+        """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         if self.whole is not None:
-            return self.whole._summary
+            return self.whole.stored
         frame = self.results.at(self.results.summary, self.point)
         rows = frame.to_dict("records")
         found = {
@@ -118,7 +119,7 @@ class Expressions:
             return _OverRuns(shared, str(m if self.parts == 1 else in_batches(m, self.parts)))
         nees = in_window(m.base, m.window)
         if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
-            a, b = (self._summary.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
+            a, b = (self.stored.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
             if a is not None and b is not None and 0.0 < b.value < np.inf:  # else nobody's part
                 return _OverRuns("mean", nees, round(a.value / b.value))
         return None
@@ -210,8 +211,8 @@ class Expressions:
     def _plain(self, m: Measure) -> Term:
         """A row of summary.csv or timing.csv, or a number that the config gives the filter."""
         label, name = m.filter, str(m)
-        if (label, name) in self._summary:
-            return self._summary[label, name]
+        if (label, name) in self.stored:
+            return self.stored[label, name]
         if label not in self.results.filters:
             return MISSING
         given = self.results.given(self.point).filters[label].get(name)

@@ -60,17 +60,18 @@ def write_report(
         tables=tables,
         pairs=pairs if pairs.rows else None,
         undecided=undecided,
-        rerun=_shown_path(results.folder / "config.yaml")
-        + (" --allow-plugins" if results.config.get("plugins") else ""),
+        rerun=_rerun(results),
         config=as_yaml(results.config),
         versions=_versions(results),
         sections=[(id_, name) for id_, name, there in sections if there],
     )
 
 
-def _shown_path(path: Path) -> str:
-    """The path as the user gave it, for a shell; of an absolute one the end, which is so for others."""
-    return shlex.quote(path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:]))
+def _rerun(results: Results) -> str:
+    """The config's path as it was given, for a shell; of an absolute one the end, as others have it."""
+    path = results.folder / "config.yaml"
+    shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
+    return shlex.quote(shown) + (" --allow-plugins" if results.config.get("plugins") else "")
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:

@@ -130,6 +130,7 @@ def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
 
 
 MOST_PANELS = 12
+_MOSAIC = 3
 
 
 def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Figure", Any]:
@@ -141,6 +142,16 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Fi
     for ax in panes[number:].flat:
         ax.set_axis_off()
     return figure, panes[:number]
+
+
+def mosaic(number: int, row_in: float, beside_in: float) -> tuple["Figure", list["Axes"]]:
+    """A figure and so many axes in rows of three, and those that fill the last row, left blank."""
+    across = min(max(number, 1), _MOSAIC)
+    rows = -(-max(number, 1) // across)
+    figure, axes = subplots(rows, across, beside_in + row_in * rows, squeeze=False)
+    for ax in axes.flat[number:]:
+        ax.set_axis_off()
+    return figure, list(axes.flat)
 
 
 def title(figure: "Figure", text: str, shown: int = 1, of: int = 1) -> None:

@@ -127,11 +127,9 @@ class AccuracyVsCost(FigureKind):
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
         """Of a bound, what summary.csv says: no run has a part in it."""
-        rows = results.at(results.summary, point)
-        rows = rows[(rows["filter"] == floor) & (rows["metric"] == str(self.metric))]
-        if len(rows):
-            return float(rows["value"].iloc[0])
-        return Expressions(results, point).term(self.metric.of(floor)).value
+        expressions = Expressions(results, point)
+        stored = expressions.stored.get((floor, str(self.metric)))
+        return (stored or expressions.term(self.metric.of(floor))).value
 
     def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:
         x, y = _values(curve.spots)

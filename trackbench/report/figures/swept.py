@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ACROSS = 3
 _ROW_IN = 2.6
 _MOST_ERRORS = 2
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
@@ -127,12 +125,10 @@ def _lines(
     metrics: dict[str, Measure],
     title: str,
 ) -> "Figure":
-    columns = min(max(len(metrics), 1), _ACROSS)
-    rows = ceil(max(len(metrics), 1) / columns)
-    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
     values = held.values[path]
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    for ax, (words, metric) in zip(axes.flat, metrics.items(), strict=False):
+    for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
         drawn = _drawn(held, labels, varied, metric)
         for label in drawn:
             _line(ax, held, label, metric, None if numeric else values, label in varied)
@@ -142,10 +138,8 @@ def _lines(
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=np.inf)
         ax.set(xlabel=style.axis(path), ylabel=words)
-    for ax in axes.flat[len(metrics) :]:
-        ax.set_axis_off()
     style.title(figure, title)
-    style.legend_outside(figure, list(axes.flat))
+    style.legend_outside(figure, axes)
     return figure
 
 
@@ -202,11 +196,9 @@ def _heat_maps(
     across, down = held.values[x], held.values[y]
     fields = {label: _field(held, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
-    columns = min(_ACROSS, max(len(fields), 1))
-    rows = ceil(max(len(fields), 1) / columns)
-    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    figure, axes = style.mosaic(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
-    for ax, (label, values) in zip(axes.flat, fields.items(), strict=False):
+    for ax, (label, values) in zip(axes, fields.items(), strict=False):
         image = ax.imshow(
             values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
         )
@@ -214,10 +206,8 @@ def _heat_maps(
         ax.set_yticks(range(len(down)), [style.number(v) for v in down])
         ax.set_title(style.words(label))
         ax.grid(visible=False)
-        _write_values(ax, values, finite, few=columns == 1)
+        _write_values(ax, values, finite, few=len(axes) == 1)
         _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
-    for ax in axes.flat[len(fields) :]:
-        ax.set_axis_off()
     figure.supxlabel(style.axis(x))
     figure.supylabel(style.axis(y))
     style.title(figure, title)

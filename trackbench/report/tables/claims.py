@@ -52,7 +52,7 @@ class Claims(TableKind):
         at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
-            table.add([words], [Cell(term.estimate, term.runs, term.lost) for term, _ in found])
+            table.add([words], [Cell.of(term) for term, _ in found])
             table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
         return table
 
