@@ -113,7 +113,8 @@ def _otherwise(results: Results, standing: Standing) -> str:
     better: dict[str, list[str]] = {}
     for metric in metrics_of(results)[1:] if standing.best is not None else []:
         for other in standings(results, metric):
-            if other.best and standing.best and standing.best.name in other.names_of_worse:
+            worse = [c.name for c, _ in other.worse]
+            if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
     parts = [f"by {listed(words)} {name} is" for name, words in better.items()]
     return f"But {', '.join(parts[:2])} better." if parts else ""

@@ -161,7 +161,12 @@ def curves(
         Curve(label, keys, tuple(spots[size] for size in sorted(spots) if _is_there(spots[size])))
         for (label, _), (keys, spots) in found.items()
     ]
-    return [replace(curve, name=_name(curve, made)) for curve in made if curve.spots]
+    forms = {label: [c.keys for c in made if c.label == label] for label in labels}
+    return [
+        replace(curve, name=named(curve.label, curve.keys, forms[curve.label]))
+        for curve in made
+        if curve.spots
+    ]
 
 
 def _spot(expressions: Expressions, label: str, metric: Measure, size: float) -> Spot:
@@ -176,10 +181,6 @@ def _is_there(spot: Spot) -> bool:
     """Whether the filter did not fail there."""
     values = spot.cost.value, spot.error.value
     return all(0.0 < value < np.inf for value in values)
-
-
-def _name(curve: Curve, others: Sequence[Curve]) -> str:
-    return named(curve.label, curve.keys, [c.keys for c in others if c.label == curve.label])
 
 
 @quietly

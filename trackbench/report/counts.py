@@ -29,8 +29,11 @@ class Bar(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The bar as a line."""
-        return f"{self.title}: {in_words(self.parts)}"
+        """The bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
+        parts = (
+            f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
+        )
+        return f"{self.title}: {', '.join(parts)}"
 
 
 def parts(found: Iterable[Compared | Judged]) -> list[Part]:
@@ -39,19 +42,14 @@ def parts(found: Iterable[Compared | Judged]) -> list[Part]:
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.fragile)
     words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
-    return [Part(n, word, _verb(word, n), fragile[word]) for word in words if (n := numbers[word])]
-
-
-def _verb(word: str, number: int) -> str:
-    return word.removesuffix("s") if number > 1 and word in _VERBS else word
-
-
-def in_words(found: Iterable[Part]) -> str:
-    """``10 agree (2 fragile), 1 differs``."""
-    return ", ".join(
-        f"{n} {verb}" + (f" ({fragile} fragile)" if fragile else "")
-        for n, _, verb, fragile in found
-    )
+    several = {
+        word: word.removesuffix("s") for word in words if word in _VERBS and numbers[word] > 1
+    }
+    return [
+        Part(numbers[word], word, several.get(word, word), fragile[word])
+        for word in words
+        if numbers[word]
+    ]
 
 
 def bars(comparison: Comparison) -> list[Bar]:

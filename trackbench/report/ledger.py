@@ -7,11 +7,10 @@ from typing import Any, TypeAlias
 
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.report.comparison import LEGEND, summary_lines
+from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import Bar, bars
 from trackbench.report.drawings import key_picture
 from trackbench.report.opening import open_with_notes
-from trackbench.report.page import verdict_tables
 from trackbench.report.results import Results
 from trackbench.report.templating import write_page
 from trackbench.report.thumbnail import thumbnail

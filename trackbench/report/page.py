@@ -9,13 +9,7 @@ from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import style
 from trackbench.report.answer import LEGEND as HOW_DECIDED
 from trackbench.report.answer import answer
-from trackbench.report.comparison import (
-    LEGEND,
-    claim_table,
-    number_tables,
-    rank_table,
-    summary_lines,
-)
+from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import bars
 from trackbench.report.drawings import drawings
 from trackbench.report.results import Results
@@ -87,13 +81,6 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     together = [single_paths(path) for path in results.grid]
     grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
     return [*facts, ("Grid", grid)] if grid else facts
-
-
-def verdict_tables(comparison: Comparison) -> list[TextTable]:
-    """Numbers per published table, agreement of orders, claims."""
-    tables = number_tables(comparison)
-    tables += [rank_table(comparison.ranks)] if comparison.ranks else []
-    return [*tables, claim_table(comparison.claims)] if comparison.claims else tables
 
 
 def _pairs(results: Results) -> tuple[TextTable, int]:

@@ -95,11 +95,6 @@ class Standing(NamedTuple):
         return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
 
     @property
-    def names_of_worse(self) -> list[str]:
-        """Of those that are worse than the best."""
-        return [c.name for c, _ in self.worse]
-
-    @property
     def more_is_better(self) -> bool:
         """Whether the larger value is the better one."""
         return self.metric.family[0].more_is_better

@@ -38,14 +38,11 @@ def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:
-    settings, published = experiment.settings, experiment.published
+    settings = experiment.settings
     named = (settings.medians, settings.metrics or (), settings.per_step or (), settings.until)
     yield from map(measured, chain(*named))
     if settings.tune:
         metric = settings.tuning.metric or ()
         yield from map(measured, [metric] if isinstance(metric, str) else metric)
     yield from (asked.measure for asked in asked_by_parts(experiment.parts))
-    for number in published.numbers:
-        yield from number.expressions
-    for claim in published.claims:
-        yield from claim.expressions
+    yield from experiment.published.expressions

@@ -129,3 +129,9 @@ class Published:
     claims: list[Claim] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     """content by file name"""
+
+    @property
+    def expressions(self) -> list[Measure]:
+        """Every expression of every row."""
+        rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
+        return [e for row in rows for e in row.expressions]

@@ -32,13 +32,11 @@ class Shared:
 
 def shared(experiment: Experiment) -> Shared:
     """What tables, figures and published files ask for."""
-    published = experiment.published
     asked = [asked.measure for asked in asked_by_parts(experiment.parts)]
-    asked += [e for number in published.numbers for e in number.expressions]
-    asked += [e for claim in published.claims for e in claim.expressions]
+    asked += experiment.published.expressions
     everywhere = {m.plain for m in asked if not m.is_many and series_of(m.plain) is not None}
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
-    for claim in published.claims:
+    for claim in experiment.published.claims:
         for expression in claim.expressions:
             for label in filter(None, [*claim.labels, expression.other]):
                 if expression.is_many:
