@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.evaluation.statistics import interval, mean, without_rounding
-from trackbench.report import merits, style
+from trackbench.report import merits, wording
 from trackbench.report.lost import in_words
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
@@ -128,7 +128,7 @@ def _over_points(found: Sequence[Standing]) -> str:
         by_count.setdefault(n, []).append(named(label))
     if not by_count:
         return ""
-    paths = " and ".join(style.axis(path) for path in found[0].where)
+    paths = " and ".join(wording.axis(path) for path in found[0].where)
     (most, leaders), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
     text = f"By mean {metric_words(found[0].metric)} per run {listed(leaders)} {verb(leaders)} best, or"

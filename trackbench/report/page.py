@@ -6,7 +6,7 @@ from typing import Any
 
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.answer import LEGEND as HOW_DECIDED
 from trackbench.report.answer import answer
 from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
@@ -105,7 +105,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
 
 
 def _point_cell(value: Any) -> Text:
-    return Text(style.number(value), value if isinstance(value, int | float) else None)
+    return Text(wording.number(value), value if isinstance(value, int | float) else None)
 
 
 def _versions(results: Results) -> TextTable:

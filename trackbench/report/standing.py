@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import Estimate, holm, mean
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.grids import own_values, points_of, scenes
 from trackbench.report.lost import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
@@ -47,7 +47,7 @@ class Candidate:
     @property
     def setting(self) -> str:
         """What the grid gives it; in parentheses if it is several values."""
-        text = style.heading(self.own)
+        text = wording.heading(self.own)
         return f"({text})" if len(self.own) > 1 else text
 
     @cached_property

@@ -10,7 +10,7 @@ from trackbench.evaluation.measure import Expression, measure
 from trackbench.evaluation.statistics import interval
 from trackbench.keys import OpenShare
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
@@ -50,7 +50,7 @@ class Bars(FigureKind):
         expressions = Expressions(results, point)
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
         values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
-        where = f"At {style.heading(point)}" if point else "Of what is measured"
+        where = f"At {wording.heading(point)}" if point else "Of what is measured"
         there = any(n.expression == self.metric for n in results.published.numbers)
         published = "Diamonds are the numbers that were published." if there else ""
         return sentences(ranking(values, self.metric.family[0].better, where), published)

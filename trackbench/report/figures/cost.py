@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Expression, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.costs import (
     COST,
     MICRO,
@@ -73,10 +73,10 @@ class AccuracyVsCost(FigureKind):
         best = [id(spot) for spot in self._front(there)]
         found = []
         for curve in there:
-            sizes = [style.number(spot.size) for spot in curve.spots if id(spot) in best]
+            sizes = [wording.number(spot.size) for spot in curve.spots if id(spot) in best]
             size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
             found += [f"{curve.name}{size}"] if sizes else []
-        where = f" at {style.heading(scene)}" if scene else ""
+        where = f" at {wording.heading(scene)}" if scene else ""
         return f"On the front{where}: {'; '.join(found)}." if found else ""
 
     def draw(self, results: Results) -> "Figure":
@@ -138,7 +138,7 @@ class AccuracyVsCost(FigureKind):
         ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
-            ax.annotate(style.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
+            ax.annotate(wording.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
                         fontsize=6, color=look["color"])  # fmt: skip
 
 

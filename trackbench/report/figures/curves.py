@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking
@@ -130,7 +130,7 @@ class RmseVsTime(OverTime):
             for label, values in rivals.items()
             if np.isfinite(values).any() and label not in (self.floor, self.baseline)
         }
-        where = f" at {style.heading(point)}" if point else ""
+        where = f" at {wording.heading(point)}" if point else ""
         better = self.metric.family[0].better
         return ranking(averages, better, f"Averaged over the steps{where}")
 

@@ -11,7 +11,7 @@ from trackbench.evaluation.measure import Measure, OfSummary, measured
 from trackbench.experiment.reading.combining import filters_of, is_of_scenario
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
@@ -62,7 +62,7 @@ class SweepFigure(FigureKind):
             rows = held.of(label, metrics[0])
             if rows:
                 best = rows[_best(np.array([row[-2] for row in rows]), metrics[0])]
-                at = style.heading(dict(zip(self.paths, best, strict=False)))
+                at = wording.heading(dict(zip(self.paths, best, strict=False)))
                 told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
         return f"Best: {'; '.join(told)}." if told else ""
 
@@ -137,7 +137,7 @@ def _lines(
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=np.inf)
-        ax.set(xlabel=style.axis(path), ylabel=words)
+        ax.set(xlabel=wording.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure, axes)
     return figure
@@ -202,14 +202,14 @@ def _heat_maps(
         image = ax.imshow(
             values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
         )
-        ax.set_xticks(range(len(across)), [style.number(v) for v in across])
-        ax.set_yticks(range(len(down)), [style.number(v) for v in down])
+        ax.set_xticks(range(len(across)), [wording.number(v) for v in across])
+        ax.set_yticks(range(len(down)), [wording.number(v) for v in down])
         ax.set_title(style.words(label))
         ax.grid(visible=False)
         _write_values(ax, values, finite, few=len(axes) == 1)
         _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
-    figure.supxlabel(style.axis(x))
-    figure.supylabel(style.axis(y))
+    figure.supxlabel(wording.axis(x))
+    figure.supylabel(wording.axis(y))
     style.title(figure, title)
     if fields:
         figure.colorbar(image, ax=axes, label=words)

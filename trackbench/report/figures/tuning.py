@@ -5,7 +5,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, ClassVar
 
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
@@ -70,7 +70,7 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:
-        ax.set_xticks(range(len(axis.choices)), [style.number(c) for c in axis.choices])
+        ax.set_xticks(range(len(axis.choices)), [wording.number(c) for c in axis.choices])
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)

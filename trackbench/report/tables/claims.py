@@ -6,7 +6,7 @@ from typing import ClassVar
 from trackbench.evaluation.measure import OfRun
 from trackbench.experiment.reading.definition import Labelled
 from trackbench.registry import register
-from trackbench.report import agreement, style
+from trackbench.report import agreement, wording
 from trackbench.report.evidence import Evidence
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -47,7 +47,7 @@ class Claims(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         points = results.points()
-        names = [", ".join(map(style.number, point.values())) or "all runs" for point in points]
+        names = [", ".join(map(wording.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
         at = [Evidence.at(results, point) for point in points]
         for words, claim in self.claims.items():

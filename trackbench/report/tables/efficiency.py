@@ -16,7 +16,7 @@ from trackbench.evaluation.efficiency import (
 )
 from trackbench.evaluation.measure import Expression, measure
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.costs import shown
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import named, points_of, scenes
@@ -53,12 +53,12 @@ class EfficiencyTable(TableKind):
         """The table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(style.axis, every[0]), "Filter"], heads, self.digits)
+        table = Table(self.title, [*map(wording.axis, every[0]), "Filter"], heads, self.digits)
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
                     cells = self._cells(Expressions(results, point), label)
-                    keys = [*map(style.number, scene.values()), name]
+                    keys = [*map(wording.number, scene.values()), name]
                     table.add(keys, cells)
                     if abs(cells[-1].estimate.value) > _NOT_ZERO * cells[-1].estimate.stderr:
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")

@@ -12,7 +12,7 @@ from trackbench.evaluation.measure import Expression, measure
 from trackbench.evaluation.statistics import Estimate
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.costs import (
     COST,
     MICRO,
@@ -66,7 +66,7 @@ class EqualCost(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         every, metric = scenes(results), str(self.metric)
-        heads = [*map(style.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
+        heads = [*map(wording.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
         table = Table(self.title, heads, values, self.digits)
         table.least = [] if self.metric.family[0].more_is_better else [values.index(metric)]
@@ -77,8 +77,8 @@ class EqualCost(TableKind):
             rivals = [curve for curve in there if curve.label in labels]
             for curve in there:
                 for spot in curve.spots if curve.label == self.of else ():
-                    size = style.number(spot.size) + curve.name.removeprefix(self.of)
-                    keys = [*map(style.number, scene.values()), size]
+                    size = wording.number(spot.size) + curve.name.removeprefix(self.of)
+                    keys = [*map(wording.number, scene.values()), size]
                     self._add(table, keys, rivals, spot)
         return table
 

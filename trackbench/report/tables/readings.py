@@ -16,7 +16,7 @@ from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.experiment.reading.published_files import read_published
 from trackbench.keys import Count
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.agreement import NEAR
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
@@ -196,7 +196,7 @@ def readings(
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     points: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
-        points.setdefault(tuple(style.number(point[path]) for path in paths), point)
+        points.setdefault(tuple(wording.number(point[path]) for path in paths), point)
     keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
     last = [where[-1] for where in keys]
     heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]

@@ -10,7 +10,7 @@ from annotated_types import Interval
 
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -81,8 +81,8 @@ def _score(
 def _found(record: Record) -> str:
     parts = []
     for axis in record.axes:
-        near = [style.number(value) for value in record.within(axis)]
-        value = style.number(record.best.values[axis.key])
+        near = [wording.number(value) for value in record.within(axis)]
+        value = wording.number(record.best.values[axis.key])
         if axis.choices:
             also = [v for v in near if v != value]
             parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))
