@@ -77,11 +77,11 @@ def prepare(
     """
     return configurations.load(
         file_of(config, options),
-        list(options.set),
-        list(options.only),
+        options.set,
+        options.only,
         options.runs,
         options.seed,
-        list(options.grid),
+        options.grid,
         options.product,
         options.allow_plugins,
         found,

@@ -45,6 +45,11 @@ def two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
 
+def three_digits(x: float) -> str:
+    """``0.00421``, ``1010``."""
+    return f"{float(f'{x:.3g}'):g}"
+
+
 def named(label: str) -> str:
     """A label as it stands in a sentence: one with a comma in quotes."""
     return f"\u201c{label}\u201d" if "," in label else label

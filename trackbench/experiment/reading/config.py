@@ -6,7 +6,7 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -51,11 +51,11 @@ _ALONE = {
 
 def load(
     config: Path | Mapping[str, Any],
-    overrides: list[str] | None = None,
-    only: list[str] | None = None,
+    overrides: Sequence[str] = (),
+    only: Sequence[str] = (),
     runs: int | None = None,
     seed: int | None = None,
-    grid: list[str] | None = None,
+    grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
     found: Mapping[str, Values] | None = None,
@@ -71,13 +71,13 @@ def load(
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
     unread = inline_parts(source, home)
-    for text in overrides or []:
+    for text in overrides:
         override(source, *assignment(source, text))
     for key, number in (("runs", runs), ("seed", seed)):
         if number is not None:
             override(source, (key,), number, Mark(f"--{key}"))
-    _set_grid(source, grid or [], product)
-    _set_only(source, only or [])
+    _set_grid(source, grid, product)
+    _set_only(source, only)
     add_tuned(source, found or {})
     plugins = load_plugins(source, home, allow_plugins)
     try:
@@ -107,14 +107,14 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
     return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
 
 
-def _set_grid(source: Source, axes: list[str], product: bool) -> None:
+def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:
     if axes and not source.data.get("grid") and "product" not in source.data:
         override(source, ("product",), product, Mark("--product"))
     for text in axes:
         add_axis(source, text)
 
 
-def _set_only(source: Source, labels: list[str]) -> None:
+def _set_only(source: Source, labels: Sequence[str]) -> None:
     for label in labels:
         if unseen(label):
             raise UserError(Problem(Mark(f"--only {label}"), "", str(unseen(label))))

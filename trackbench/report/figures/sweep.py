@@ -14,8 +14,7 @@ from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.telling import three_digits
-from trackbench.report.wording import named
+from trackbench.report.wording import named, three_digits
 
 if TYPE_CHECKING:
     import pandas as pd

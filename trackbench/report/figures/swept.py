@@ -16,8 +16,7 @@ from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.standing import metrics_of
-from trackbench.report.telling import three_digits
-from trackbench.report.wording import mean_of, named
+from trackbench.report.wording import mean_of, named, three_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

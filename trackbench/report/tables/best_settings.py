@@ -1,11 +1,9 @@
 """Table kind `best-settings`: of the values that a grid gives each filter, the best ones."""
 
 from dataclasses import dataclass
-from typing import Annotated
-
-from annotated_types import Interval
 
 from trackbench.evaluation.statistics import Estimate
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.kinds import TableKind
@@ -27,7 +25,7 @@ class BestSettings(TableKind):
     the nearest of the others is.
     """
 
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

@@ -9,7 +9,7 @@ from trackbench.evaluation.measure import OfRank
 from trackbench.evaluation.statistics import Estimate
 from trackbench.evaluation.uniformity import Histogram
 from trackbench.experiment.reading.definition import Point
-from trackbench.keys import OpenShare
+from trackbench.keys import Digits, OpenShare
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -36,7 +36,7 @@ class Calibration(TableKind):
     """labels of the rows; default: all"""
     alpha: OpenShare = 0.01
     """probability that a calibrated filter is said not to be, anywhere in the table"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def __post_init__(self) -> None:

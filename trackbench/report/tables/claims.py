@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from trackbench.evaluation.measure import OfRun
 from trackbench.experiment.reading.definition import Labelled
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import agreement, wording
 from trackbench.report.evidence import Evidence
@@ -41,7 +42,7 @@ class Claims(TableKind):
 
     claims: dict[str, ClaimRow]
     """claims by their words"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

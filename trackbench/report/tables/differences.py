@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from trackbench.evaluation.measure import OfRun
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -26,7 +27,7 @@ class Differences(TableKind):
     """header: metric of per_run.csv, such as `rmse_position`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all others"""
-    digits: int = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

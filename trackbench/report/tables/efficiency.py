@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.evaluation.efficiency import (
     Jackknifed,
@@ -15,6 +14,7 @@ from trackbench.evaluation.efficiency import (
     runs_saved,
 )
 from trackbench.evaluation.measure import Expression, measure
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.costs import shown
@@ -42,7 +42,7 @@ class EfficiencyTable(TableKind):
     """which: `efficiency_position`, `efficiency[late]`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all but the reference"""
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def conflicts(self, points: Sequence[Any]) -> dict[str, str]:

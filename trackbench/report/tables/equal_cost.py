@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.core.elementary import exp
 from trackbench.evaluation.measure import Expression, measure
 from trackbench.evaluation.statistics import Estimate
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.costs import (
@@ -56,7 +56,7 @@ class EqualCost(TableKind):
     """the filters' key that buys accuracy with time"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all but the reference"""
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:

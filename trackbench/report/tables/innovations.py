@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trackbench.evaluation.statistics import anees_band
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
@@ -43,7 +44,7 @@ class Innovations(TableKind):
 
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: int = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

@@ -3,14 +3,14 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.evaluation.measure import Expression, Measure
 from trackbench.evaluation.metrics import LOST_BECAUSE
 from trackbench.experiment.reading.definition import Labelled
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
@@ -44,7 +44,7 @@ class Metrics(TableKind):
     """header: metric of summary.csv, `cpu_s_per_run`, or an expression, `ratio(cpu_s_per_run, RPF)`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
     gain: Gain | None = None
     """a last row with one filter's improvement over another's, in percent"""

@@ -14,7 +14,7 @@ from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.compose import split_path
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.experiment.reading.published_files import read_published
-from trackbench.keys import Count
+from trackbench.keys import Count, Digits
 from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.agreement import NEAR
@@ -78,7 +78,7 @@ class Readings(TableKind):
     statistic of the runs' RMSE; default: what the published rows say"""
     rows: Count = 10
     """how many readings are shown"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.kinds import TableKind
@@ -32,7 +32,7 @@ class TuningTable(TableKind):
     `Gained` how much larger that is than the tuned one, paired.
     """
 
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
