@@ -60,10 +60,8 @@ def _is_entry(source: Source, label: str) -> bool:
 
 def _copy(source: Source, keys: Keys, to: Keys) -> None:
     """The value with the positions of all that is in it."""
-    at(source, to[:-1])[to[-1]] = copy.deepcopy(at(source, keys))
-    for marks in (source.marks, source.key_marks):
-        inner = {k[len(keys) :]: mark for k, mark in marks.items() if k[: len(keys)] == keys}
-        marks.update({to + rest: mark for rest, mark in inner.items()})
+    at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
+    source.graft(to, source.part(keys, copied))
 
 
 def _order(source: Source, labels: Iterable[str]) -> None:

@@ -73,9 +73,7 @@ def load(
     unread = inline_parts(source, home)
     for text in overrides:
         override(source, *assignment(source, text))
-    for key, number in (("runs", runs), ("seed", seed)):
-        if number is not None:
-            override(source, (key,), number, Mark(f"--{key}"))
+    _set_numbers(source, runs=runs, seed=seed)
     _set_grid(source, grid, product)
     _set_only(source, only)
     add_tuned(source, found or {})
@@ -105,6 +103,12 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
     found = [p for p in error.problems if isinstance(p, Problem)]
     other = [p for p in found if not f"{p.path}.".startswith(parts)]
     return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
+
+
+def _set_numbers(source: Source, **numbers: int | None) -> None:
+    for key, number in numbers.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
 
 
 def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:

@@ -58,9 +58,7 @@ def _built(
     cls: type[T], own: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
     inner = _Inner(source, [])
-    part = Source(inner.numbered(cls, own, keys))
-    for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
-        mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
+    part = source.part(keys, inner.numbered(cls, own, keys))
     built = None
     try:
         with guarded():

@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import cache
 from io import IncrementalNewlineDecoder
+from math import inf, nan
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -31,12 +32,7 @@ _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INT = re.compile(r"[-+]?[0-9]+")
-_SPECIAL = {
-    ".inf": float("inf"),
-    "+.inf": float("inf"),
-    "-.inf": float("-inf"),
-    ".nan": float("nan"),
-}
+_SPECIAL = {".inf": inf, "+.inf": inf, "-.inf": -inf, ".nan": nan}
 _PLAIN_TAGS = [
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
@@ -80,8 +76,17 @@ class Source:
         if self.problems:
             raise UserError(*sorted(set(self.problems)))
 
+    def part(self, keys: Keys, data: Any) -> "Source":
+        """What stands at ``keys``, as a source of its own: ``data`` and the positions in it."""
+        n = len(keys)
+        marks, key_marks = (
+            {k[n:]: mark for k, mark in every.items() if k[:n] == keys}
+            for every in (self.marks, self.key_marks)
+        )
+        return Source(data, marks, key_marks)
+
     def graft(self, keys: Keys, other: "Source") -> None:
-        """Take over the positions of a part that came from another file."""
+        """Take over the positions of a part that came from elsewhere."""
         for mine, theirs in ((self.marks, other.marks), (self.key_marks, other.key_marks)):
             mine.update({keys + at: mark for at, mark in theirs.items()})
 
