@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
-from trackbench.experiment.computing.growing import grown, said
+from trackbench.experiment.computing.growing import grown, why_ended
 from trackbench.experiment.computing.runner import Outcome, execute
 from trackbench.experiment.files import touched
 from trackbench.experiment.planning.plan import Key, Plan, cautions
@@ -163,7 +163,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
-    for line in [*_what_happened(outcome), *said(job.experiment, job.most, outcome)]:
+    for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
         say(line, options)
     with touched() as paths:
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)

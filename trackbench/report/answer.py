@@ -14,11 +14,11 @@ from trackbench.report import merits, wording
 from trackbench.report.lost import in_words
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
-from trackbench.report.standing import Candidate, Standing, metrics_of, standings
+from trackbench.report.standing import Candidate, Standing, ranking_metrics, standings
 from trackbench.report.table import rounded
 from trackbench.report.wording import listed, metric_words, named, percent, verb, with_unit
 
-LEGEND = (
+HOW_DECIDED = (
     "Filters are told apart by the differences of their mean per run on common runs, at 5 % with Holm's "
     "correction over all pairs; one that loses more runs than another (sign tests, so corrected, too) "
     "is not ranked."
@@ -111,7 +111,7 @@ def _difference(standing: Standing, pair: Pair) -> str:
 def _otherwise(results: Results, standing: Standing) -> str:
     """By which other metrics another filter is better than the best."""
     better: dict[str, list[str]] = {}
-    for metric in metrics_of(results)[1:] if standing.best is not None else []:
+    for metric in ranking_metrics(results)[1:] if standing.best is not None else []:
         for other in standings(results, metric):
             worse = [c.name for c, _ in other.worse]
             if other.best and standing.best and standing.best.name in worse:

@@ -12,7 +12,7 @@ from trackbench.report.verdicts import Compared, Comparison
 _VERBS = ("agrees", "differs", "holds", "fails")
 
 
-class Part(NamedTuple):
+class Tally(NamedTuple):
     """So many verdicts of one word: ``18``, ``differs``, ``differ``, ``(3 fragile)``."""
 
     number: int
@@ -25,7 +25,7 @@ class Bar(NamedTuple):
     """The verdicts on numbers, or on claims."""
 
     title: str
-    parts: list[Part]
+    parts: list[Tally]
 
     @property
     def words(self) -> str:
@@ -36,7 +36,7 @@ class Bar(NamedTuple):
         return f"{self.title}: {', '.join(parts)}"
 
 
-def parts(found: Iterable[Compared | Judged]) -> list[Part]:
+def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     """The parts in a fixed order, without those of which there is none."""
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
@@ -46,7 +46,7 @@ def parts(found: Iterable[Compared | Judged]) -> list[Part]:
         word: word.removesuffix("s") for word in words if word in _VERBS and numbers[word] > 1
     }
     return [
-        Part(numbers[word], word, several.get(word, word), fragile[word])
+        Tally(numbers[word], word, several.get(word, word), fragile[word])
         for word in words
         if numbers[word]
     ]

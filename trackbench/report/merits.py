@@ -20,7 +20,7 @@ from trackbench.report.standing import Candidate, Standing
 from trackbench.report.table import rounded
 from trackbench.report.wording import listed, named, two_digits, verb
 
-Calibration: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
+Credibility: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 
 
@@ -83,7 +83,7 @@ def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
 
 def calibration(results: Results, standing: Standing) -> str:
     """Which of the best are calibrated, overconfident, too cautious, each with its number."""
-    words: dict[Calibration, list[str]] = {}
+    words: dict[Credibility, list[str]] = {}
     for candidate in standing.among_the_best:
         found = consistency(results, candidate)
         if found is not None:
@@ -99,7 +99,7 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
         name = f"{named(times[0].candidate.label)}{times[0].looped}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
-    words: dict[Calibration, int] = {}
+    words: dict[Credibility, int] = {}
     for candidate in candidates:
         found = consistency(results, candidate)
         if found is not None:
@@ -108,11 +108,11 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
 
 
-def _said(word: Calibration) -> str:
+def _said(word: Credibility) -> str:
     return f"calibrated within {100 * NEAR:g} %" if word == "calibrated" else word
 
 
-def consistency(results: Results, candidate: Candidate) -> tuple[Calibration, str] | None:
+def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, str] | None:
     """Whether the normalised error squared is 1, in a word and with the number; None if undecided."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
@@ -129,7 +129,7 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Calibration, st
     return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
 
 
-def _judged(low: float, high: float, number: str) -> tuple[Calibration, str] | None:
+def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | None:
     if not isfinite(low + high):
         return None
     if low >= 1.0 - NEAR and high <= 1.0 + NEAR:

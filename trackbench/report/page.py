@@ -7,8 +7,7 @@ from typing import Any
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.report import wording
-from trackbench.report.answer import LEGEND as HOW_DECIDED
-from trackbench.report.answer import answer
+from trackbench.report.answer import HOW_DECIDED, answer
 from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import bars
 from trackbench.report.drawings import drawings

@@ -101,15 +101,15 @@ class Standing(NamedTuple):
 
 
 def standings(results: Results, metric: str = "") -> list[Standing]:
-    """One for each scenario of the grid, by the first metric of `metrics_of` or a given one."""
-    metric = metric or next(iter(metrics_of(results)), "")
+    """One for each scenario of the grid, by the first metric of `ranking_metrics` or a given one."""
+    metric = metric or next(iter(ranking_metrics(results)), "")
     places = scenes(results) if metric else []
     return [_standing(results, where, metric, len(places)) for where in places]
 
 
 def best_settings(results: Results) -> list[Standing]:
     """Of each filter to which the grid gives several values: which of them are best, by scenario."""
-    metric = next(iter(metrics_of(results)), "")
+    metric = next(iter(ranking_metrics(results)), "")
     found: list[list[Candidate]] = []
     wheres: list[dict[str, Any]] = []
     for where in scenes(results) if metric else []:
@@ -125,7 +125,7 @@ def best_settings(results: Results) -> list[Standing]:
     ]
 
 
-def metrics_of(results: Results) -> list[str]:
+def ranking_metrics(results: Results) -> list[str]:
     """The metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))

@@ -10,7 +10,7 @@ from trackbench.experiment.reading.source import Source
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.objective import bad_terms, default_metric
 from trackbench.tuning.settings import tuned
-from trackbench.tuning.trials import Trial, make_trial
+from trackbench.tuning.trials import Tried, make_trial
 
 _MOST_KEYS = 5
 
@@ -90,14 +90,14 @@ def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
-            if not isinstance(make_trial(source, point, label, between), Trial):
+            if not isinstance(make_trial(source, point, label, between), Tried):
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
         out.append(axis)
     for axis in out:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
             tried = make_trial(source, point, label, {**middle, axis.key: value})
-            for problem in [] if isinstance(tried, Trial) else tried:
+            for problem in [] if isinstance(tried, Tried) else tried:
                 source.blame(("tune", label, axis.key), f"at {value}: {_said(problem, label)}")
     return tuple(out)
 

@@ -15,7 +15,7 @@ from trackbench.experiment.reading.resolved import as_config
 from trackbench.tuning.axes import Axis
 from trackbench.tuning.objective import Objective, Score
 from trackbench.tuning.search import Shares, Values
-from trackbench.tuning.trials import Trial, make_trial
+from trackbench.tuning.trials import Tried, make_trial
 
 
 class Training:
@@ -42,7 +42,7 @@ class Training:
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = make_trial(self._experiment.source, self._point, self._label, chosen)
-        if not isinstance(trial, Trial):
+        if not isinstance(trial, Tried):
             return []
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
@@ -54,14 +54,14 @@ class Training:
                 raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
         return self.objective.score(per_run)
 
-    def _blocks(self, trial: Trial) -> int:
+    def _blocks(self, trial: Tried) -> int:
         return ceil(self._experiment.settings.tuning.runs / self._most(trial))
 
-    def _most(self, trial: Trial) -> int:
+    def _most(self, trial: Tried) -> int:
         asked = self._experiment.settings.block
         return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
 
-    def _block(self, trial: Trial, number: int) -> BlockTask:
+    def _block(self, trial: Tried, number: int) -> BlockTask:
         """All blocks but the last are full, and none is wider than it has to be."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))

@@ -11,18 +11,18 @@ from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
-from trackbench.tuning.entries import Values, with_values
+from trackbench.tuning.entries import Chosen, with_values
 
 
 @dataclass(frozen=True)
-class Trial:
+class Tried:
     """A filter and what it assumes."""
 
     filter: AnyFilter
     assume: Assume | None
 
 
-def make_trial(source: Source, point: Point, label: str, values: Values) -> Trial | list[Problem]:
+def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tried | list[Problem]:
     """The filter with these values; the reasons if there is none."""
     changed = with_values(source, label, values)
     tracker: Any = build_kind("filters", changed, ("filters", label))
@@ -33,4 +33,4 @@ def make_trial(source: Source, point: Point, label: str, values: Values) -> Tria
         seen = check_assumed(changed, tried, label)
         if seen is not None:
             check_fit(changed, ("filters", label), tracker, seen)
-    return changed.problems or Trial(tracker, assume)
+    return changed.problems or Tried(tracker, assume)

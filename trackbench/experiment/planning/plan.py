@@ -146,7 +146,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     return most
 
 
-def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
+def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
     """One line on what is about to be done."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)

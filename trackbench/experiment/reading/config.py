@@ -40,7 +40,7 @@ from trackbench.experiment.reading.untold import fill_in
 from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_defaults
-from trackbench.tuning.entries import Values, add_tuned
+from trackbench.tuning.entries import Chosen, add_tuned
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
@@ -58,7 +58,7 @@ def load(
     grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
-    found: Mapping[str, Values] | None = None,
+    found: Mapping[str, Chosen] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 

@@ -38,7 +38,7 @@ _NORMAL_95 = 1.959963984540054
 
 @register("figures", "calibration")
 @dataclass(frozen=True, kw_only=True)
-class Calibration(FigureKind):
+class CalibrationFigure(FigureKind):
     """Rank histograms: in which tenth of a filter's distribution the truth is; flat if calibrated.
 
     A filter that is too certain has a U, one that is not certain enough a hump, one with a bias a slope

@@ -16,9 +16,9 @@ from trackbench.report.costs import (
     MICRO,
     Curve,
     Spot,
+    cost_conflicts,
     curves,
     front,
-    mistakes,
     own_sizes,
     shown,
 )
@@ -64,7 +64,7 @@ class AccuracyVsCost(FigureKind):
         """There must be a grid, over which a filter varies."""
         labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
         most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
-        return mistakes(points, self.metric, self.along, {"along": most})
+        return cost_conflicts(points, self.metric, self.along, {"along": most})
 
     def tell(self, results: Results) -> str:
         """What stands on the front."""

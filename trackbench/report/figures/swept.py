@@ -15,7 +15,7 @@ from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.standing import metrics_of
+from trackbench.report.standing import ranking_metrics
 from trackbench.report.wording import mean_of, named, three_digits
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class SweepFigure(FigureKind):
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
     there = set(results.summary["metric"])
-    ranked = [measured(f"mean({name})") for name in metrics_of(results)[:_MOST_ERRORS]]
+    ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
     chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
     return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}

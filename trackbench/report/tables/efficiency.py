@@ -19,7 +19,7 @@ from trackbench.registry import register
 from trackbench.report import wording
 from trackbench.report.costs import shown
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import named, points_of, scenes
+from trackbench.report.grids import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -90,7 +90,7 @@ def _forms(
         if keys is not None and keys not in found:
             found.append(keys)
             points.append(point)
-    yield from zip((named(label, keys, found) for keys in found), points, strict=True)
+    yield from zip((named_form(label, keys, found) for keys in found), points, strict=True)
 
 
 def _cell(found: Jackknifed, runs: int, lost: int) -> Cell:

@@ -16,13 +16,13 @@ from trackbench.report import wording
 from trackbench.report.costs import (
     COST,
     MICRO,
+    AtCost,
     Curve,
-    Found,
     Spot,
     beside,
+    cost_conflicts,
     curves,
     logged,
-    mistakes,
     shown,
 )
 from trackbench.report.grids import scenes
@@ -61,7 +61,7 @@ class EqualCost(TableKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """There must be a grid, and times of the named filter to look at."""
-        return mistakes(points, self.metric, self.along, {"of": self.of})
+        return cost_conflicts(points, self.metric, self.along, {"of": self.of})
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
@@ -84,7 +84,7 @@ class EqualCost(TableKind):
 
     def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
         """The rows at one CPU time, and what follows from them."""
-        own = Found(budget.size, logged(budget.error), lost=budget.lost)
+        own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
         found = {curve.name: curve.at(budget.cost) for curve in rivals}
         for name, at in found.items():
             cells = [Cell.missing()] * 4 if at is None else _cells(at, own)
@@ -99,7 +99,7 @@ class EqualCost(TableKind):
             table.notes.append(f"{heading} ({text}): {best}.")
 
 
-def _cells(at: Found, own: Found) -> list[Cell]:
+def _cells(at: AtCost, own: AtCost) -> list[Cell]:
     """Size, error, what the interpolation leaves out, and the ratio to the named filter's error."""
     value, (difference, other) = float(exp(at.error.value)), beside(at, own)
     ratio = float(exp(difference.value))
@@ -114,7 +114,7 @@ def _cells(at: Found, own: Found) -> list[Cell]:
     return [Cell(number, at.error.runs, lost) for number in numbers]
 
 
-def _best(found: dict[str, Found], higher: bool) -> str:
+def _best(found: dict[str, AtCost], higher: bool) -> str:
     """The best filter, those that may be as good, and those that are but lose fewer runs."""
     sign = -1.0 if higher else 1.0
     first = min(found, key=lambda name: sign * found[name].error.value)
