@@ -16,7 +16,7 @@ from trackbench.report.templating import write_page
 from trackbench.report.thumbnail import thumbnail
 from trackbench.report.verdicts import Comparison, compare
 
-Found: TypeAlias = list[tuple[Results, Comparison]]
+Overview: TypeAlias = list[tuple[Results, Comparison]]
 
 _HEAD = """# What reproduces
 
@@ -48,7 +48,7 @@ def write_overview(folder: Path) -> list[Path]:
     return [index, ledger]
 
 
-def _write_index(folder: Path, found: Found, everything: Comparison) -> Path:
+def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
     return write_page(
         folder / "index.html",
         "index.html",
@@ -105,7 +105,7 @@ def _opened(folder: Path) -> list[Results]:
     return opened
 
 
-def _ledger(folder: Path, found: Found, everything: Comparison) -> str:
+def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
     lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
     for results, comparison in found:

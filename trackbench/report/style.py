@@ -152,9 +152,9 @@ def mosaic(number: int, row_in: float, beside_in: float) -> tuple["Figure", list
     return figure, list(axes.flat)
 
 
-def title(figure: "Figure", text: str, shown: int = 1, of: int = 1) -> None:
-    """The heading, with how many of the grid's points are shown if not all are."""
-    part = f"the first {shown} of {of} points" if of > shown else ""
+def title(figure: "Figure", text: str, points: int = 1) -> None:
+    """The heading, with how many of the grid's points are shown if there are too many."""
+    part = f"the first {MOST_PANELS} of {points} points" if points > MOST_PANELS else ""
     if not sheet().titled:
         text = ""
     if text or part:

@@ -11,7 +11,7 @@ from trackbench.experiment.reading.validate import at
 from trackbench.tuning.settings import tuned
 
 Chosen = Mapping[str, Any]
-"""Chosen of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
+"""Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
 def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:

@@ -33,10 +33,10 @@ _NEEDS = {
     "sensor.jacobian": "a sensor with a Jacobian",
     "sensor.per_axis": "a sensor of planar positions, as it works axis by axis (try imm, or cmkf)",
     "sensor.reading": "a sensor of range and azimuth",
-    "prior.first": "a start from two scans of a radar at the origin",
-    "prior.gaussian": "a start from two scans of a radar at the origin",
-    "prior.positions": "a start from two scans of a radar at the origin",
-    "prior.azimuths": "a start from two scans of a radar at the origin",
+    **dict.fromkeys(
+        ["prior.first", "prior.gaussian", "prior.positions", "prior.azimuths"],
+        "a start from two scans of a radar at the origin",
+    ),
 }
 """What a filter needs, in words (other needs are named as they are)."""
 

@@ -131,14 +131,10 @@ def _with_absolute_files(
 
 
 def _with_preset(cls: type[Any], source: Source, keys: Keys) -> dict[str, Any]:
-    data = {k: v for k, v in at(source, keys).items() if k != "kind"}
-    name = data.get("preset")
-    presets = cls.presets
-    if presets and name is None:
-        data.pop("preset", None)
-    if name is None or not presets:
+    presets, data = cls.presets, {k: v for k, v in at(source, keys).items() if k != "kind"}
+    name = data.pop("preset", None) if presets else None
+    if name is None:
         return data
-    del data["preset"]
     where = (*keys, "preset")
     if not isinstance(name, str) or name not in presets:
         other = unknown(str(name), list(presets))

@@ -27,6 +27,13 @@ _TYPES = {
     "dataclass": "a mapping",
     "finite_number": "a finite number",
 }
+_LIMITS = {
+    "greater_than_equal": ("less than", "ge"),
+    "greater_than": ("not greater than", "gt"),
+    "less_than_equal": ("greater than", "le"),
+    "less_than": ("not less than", "lt"),
+}
+"""What is said of a number beyond a limit, and the limit's name."""
 
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
@@ -193,14 +200,9 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
         return "NaN is not a finite number"
     if kind in ("less_than", "greater_than") and isinstance(value, float) and isinf(value):
         return f"{shown} is not a finite number"
-    if kind == "greater_than_equal":
-        return f"{shown} is less than {_show(ctx['ge'])}"
-    if kind == "greater_than":
-        return f"{shown} is not greater than {_show(ctx['gt'])}"
-    if kind == "less_than_equal":
-        return f"{shown} is greater than {_show(ctx['le'])}"
-    if kind == "less_than":
-        return f"{shown} is not less than {_show(ctx['lt'])}"
+    if kind in _LIMITS:
+        words, limit = _LIMITS[kind]
+        return f"{shown} is {words} {_show(ctx[limit])}"
     if kind == "literal_error":
         return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
     if kind == "union_tag_invalid":
@@ -225,11 +227,7 @@ def _existing(source: Source, keys: Keys, loc: tuple[str | int, ...]) -> Keys:
 
 
 def _show(value: Any) -> str:
-    if isinstance(value, float) and value == int(value) if _finite(value) else False:
+    if isinstance(value, float) and value.is_integer():
         return f"{value:g}"
     text = json.dumps(value) if not isinstance(value, str) else repr(value)
     return text if len(text) < 60 else text[:57] + "..."
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, float) and abs(value) < float("inf")

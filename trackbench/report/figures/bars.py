@@ -57,8 +57,7 @@ class Bars(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A row per filter, a panel per point of the grid."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
         labels = results.chosen(self.filters)
         labels = [b for b in labels if b not in lines]
@@ -79,7 +78,7 @@ class Bars(FigureKind):
             ax.grid(visible=False, axis="y")
         axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 

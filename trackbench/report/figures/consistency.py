@@ -104,8 +104,7 @@ class Dots(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A column of panels per metric."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
@@ -128,5 +127,5 @@ class Dots(FigureKind):
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(head)
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         return figure

@@ -89,7 +89,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(head)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        style.title(figure, self.title, len(drawn), len(every))
+        style.title(figure, self.title, len(every))
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 
