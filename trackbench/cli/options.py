@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -113,24 +114,17 @@ def api_options(given: dict[str, Any]) -> "Options":
     """The API's options from a command's own."""
     from trackbench import api
 
-    engines = ("serial", "processes", "dask")
-    quick_runs, fit = (20, ("block=fit",)) if given.get("quick") else (None, ())
-    return api.Options(
-        set=(*fit, *(given["set_"] or ())),
-        only=tuple(given["only"] or ()),
-        runs=given.get("runs") or quick_runs,
-        seed=given.get("seed"),
-        grid=tuple(given.get("grid") or ()),
-        product=given.get("product", False),
-        out=given.get("out"),
-        engine=one_of("--engine", given.get("engine", "serial"), engines),  # type: ignore[arg-type]
-        workers=given.get("workers"),
-        scheduler=given.get("scheduler"),
-        fresh=given.get("fresh", False),
-        save_tracks=given.get("save_tracks", False),
-        formats=formats(given.get("format_", "png")),
-        allow_plugins=given["allow_plugins"],
-    )
+    known = {field.name for field in fields(api.Options)}
+    options = {key: value for key, value in given.items() if key in known and value is not None}
+    if "engine" in given:
+        one_of("--engine", given["engine"], ("serial", "processes", "dask"))
+    if "format_" in given:
+        options["formats"] = formats(given["format_"])
+    fit = []
+    if given.get("quick"):
+        fit = ["block=fit"]
+        options.setdefault("runs", 20)
+    return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 
 
 def formats(text: str) -> list[str]:
