@@ -26,10 +26,10 @@ from trackbench.evaluation.summary import (
 from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import CsvWriter, Row, made, replacing, shortened, write_text
 from trackbench.experiment.planning.plan import Key
+from trackbench.experiment.reading.asked import Shared, shared
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
-from trackbench.experiment.reading.shared import Shared, shared
 from trackbench.experiment.storing.given import FILE, points_text
 from trackbench.experiment.storing.manifest import manifest_of
 from trackbench.experiment.storing.outputs import remove_outputs
