@@ -15,9 +15,9 @@ from trackbench.tuning.trials import Tried, make_trial
 _MOST_KEYS = 5
 
 
-def with_defaults(source: Source, settings: Settings, points: list[Point | None]) -> Settings:
+def with_defaults(source: Source, settings: Settings, points: list[Point]) -> Settings:
     """Metric and runs written out, if anything is tuned by them."""
-    if not settings.tune or not points or points[0] is None:
+    if not settings.tune or not points:
         return settings
     tuning, scenario = settings.tuning, points[0].scenario
     if tuning.metric is None:
@@ -28,7 +28,7 @@ def with_defaults(source: Source, settings: Settings, points: list[Point | None]
 
 
 def tuned_axes(
-    source: Source, settings: Settings, points: list[Point | None]
+    source: Source, settings: Settings, points: list[Point]
 ) -> dict[str, tuple[Axis, ...]]:
     """The axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
@@ -46,14 +46,14 @@ def tuned_axes(
         else:
             axes = [_axis(source, label, key, keys[key]) for key in keys]
             good = len(source.problems) == before
-            if None not in axes and points and points[0] is not None and good:
+            if None not in axes and points and good:
                 whole = _tried(source, points[0], label, [a for a in axes if a is not None])
                 if not settings.only or tuned(label) in settings.only:
                     out[label] = whole
     return out
 
 
-def _check(source: Source, settings: Settings, points: list[Point | None]) -> None:
+def _check(source: Source, settings: Settings, points: list[Point]) -> None:
     tuning = settings.tuning
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
@@ -61,7 +61,7 @@ def _check(source: Source, settings: Settings, points: list[Point | None]) -> No
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
         source.blame(keys, what)
-    scenarios = [p.scenario for p in points if p]
+    scenarios = [p.scenario for p in points]
     most = min((scenario.recorded_runs or 0 for scenario in scenarios), default=0)
     beside = 0 if any(scenario.training for scenario in scenarios) else settings.runs
     if most and beside + tuning.runs > most:

@@ -141,22 +141,21 @@ def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> 
 
 
 def check_drawable(
-    source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point | None]
+    source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
 ) -> None:
-    """What tables and figures say themselves about these points."""
-    there = [point for point in points if point is not None]
-    for name, part in parts.items() if there and len(there) == len(points) else ():
-        _blame_each(source, (group, name), part.conflicts(there))
+    """What tables and figures say themselves about these points, which are all or none."""
+    for name, part in parts.items() if points else ():
+        _blame_each(source, (group, name), part.conflicts(points))
 
 
 def check_figures(
     source: Source,
     settings: Settings,
     figures: dict[str, DrawnExhibit],
-    points: list[Point | None],
+    points: list[Point],
 ) -> None:
     """A figure may show only runs and components that there are."""
-    sizes = [len(p.scenario.components) for p in points if p is not None]
+    sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
         for key in figure.numbers:
@@ -166,9 +165,9 @@ def check_figures(
                 source.blame(("figures", name, key), what)
 
 
-def with_recorded_runs(source: Source, settings: Settings, points: list[Point | None]) -> Settings:
+def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
     """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
-    counts = [p.scenario.recorded_runs for p in points if p is not None]
+    counts = [p.scenario.recorded_runs for p in points]
     most = min((count for count in counts if count is not None), default=None)
     if most is None:
         return settings

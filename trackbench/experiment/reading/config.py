@@ -136,10 +136,12 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         _sections(source)
         raise UserError(*sorted(set(source.problems)))
     labels = chosen_labels(source, settings)
-    points = []
+    made = []
     for values, marks in grid_points(source, settings):
         take(source, values, marks)
-        points.append(_point(source, labels, values))
+        made.append(_point(source, labels, values))
+    points = [point for point in made if point is not None]
+    whole_grid = points if len(points) == len(made) else []
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others)
     if whole:
@@ -153,15 +155,14 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
     for group, built in parts.items():
         check_named_filters(source, settings, group, built)
-        check_drawable(source, group, built, points)
+        check_drawable(source, group, built, whole_grid)
     check_key_figure(source, settings)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
-    check_metrics(source, settings, points, parts, left_out)
+    check_metrics(source, settings, whole_grid, parts, left_out)
     published = _published(source, settings, folder)
     source.check()
-    there = [p for p in points if p is not None]
-    return Experiment(settings, there, left_out, tables, figures, source, published, plugins, axes)
+    return Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
 
 
 def _without_mistakes(source: Source) -> Settings | None:

@@ -35,22 +35,22 @@ class AskedMeasure:
 def check_metrics(
     source: Source,
     settings: Settings,
-    points: list[Point | None],
+    points: list[Point],
     parts: dict[Group, dict[str, Exhibit]],
     others: dict[str, AnyFilter],
 ) -> None:
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
 
+    ``points`` are all, or none if any is mistaken: then what there is is not known.
     ``others`` are filters that are not run, whose metrics may be named. What filters note that are
     mistaken or fail is not known.
     """
     asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
-    there = [p for p in points if p is not None]
-    if not there or len(there) < len(points):
+    if not points:
         return
-    names = names_of(settings, there, others, noted=False)
+    names = names_of(settings, points, others, noted=False)
     if any(not a.named or _unknown(a, names, settings) for a in asked):
-        names = names_of(settings, there, others, noted=True)
+        names = names_of(settings, points, others, noted=True)
     for a in asked:
         what = _unknown(a, names, settings) or _left_out(a, names, settings)
         if what is not None:
