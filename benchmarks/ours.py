@@ -34,9 +34,9 @@ def shipped(name: str, **keys: Any) -> Any:
     from trackbench.experiment.reading.parts import build_kind
     from trackbench.experiment.reading.source import read
 
-    source, problems = read(SCENARIOS / f"{name}.yaml"), []
+    source = read(SCENARIOS / f"{name}.yaml")
     source.data.update(keys)
-    return build_kind("scenarios", source, (), problems)
+    return build_kind("scenarios", source, ())
 
 
 def believing(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:

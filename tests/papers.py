@@ -10,7 +10,6 @@ from math import ceil, sqrt
 from typing import Any
 
 from tests.conftest import EXPERIMENTS
-from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.source import Source, read
@@ -144,10 +143,9 @@ def _maneuver(
 
 
 def _made(keys: Mapping) -> Tracking:
-    problems: list[Problem] = []
-    built = build_kind("scenarios", Source({"scenario": keys}), ("scenario",), problems)
-    if problems:
-        raise UserError(*problems)
+    source = Source({"scenario": keys})
+    built = build_kind("scenarios", source, ("scenario",))
+    source.check()
     assert isinstance(built, Tracking)
     return built
 

@@ -6,9 +6,8 @@ import sys
 
 def main() -> None:
     """Run the command line; interrupted while it is still being imported, it leaves with 130, too."""
-    gc.set_threshold(
-        50_000
-    )  # nearly all that is imported, read and drawn stays: looking it through takes long
+    # Nearly all that is imported, read and drawn stays: looking it through takes long.
+    gc.set_threshold(50_000)
     try:
         from trackbench.cli import main as run
 

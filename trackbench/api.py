@@ -86,7 +86,7 @@ def check_tuned(configs: Sequence[Config], options: Options) -> None:
         experiment = prepare(config, options)
         if not experiment.tuned:
             what = "names no filter to be tuned: tune: {LABEL: {KEY: log:1e-6..10}}"
-            raise UserError(Problem(experiment.source.mark(("tune",)), "tune", what))
+            raise UserError(experiment.source.problem(("tune",), what))
 
 
 def load(folder: Path | str) -> Results:

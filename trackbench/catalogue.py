@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast, get_args
 
-from trackbench.glossary import described, facts, statistics_known
+from trackbench.glossary import columns, described, facts, statistics_known
 from trackbench.hooks import hooks, offered
 from trackbench.keys import part_group
 from trackbench.metrics import METRICS
@@ -20,8 +20,7 @@ def listing(groups: Sequence[str]) -> str:
     parts = []
     for group in groups:
         found = documentation(cast(Group, group))
-        width = max(map(len, found))
-        rows = [f"  {kind:<{width}}  {_paragraphs(doc)[0]}" for kind, doc in found.items()]
+        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in found.items())
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
 
@@ -139,22 +138,17 @@ def _hooks_of(group: Group) -> str:
     """What the classes of a group must have, and what they may have beside it."""
     base = base_of(group)
     found = list(hooks(base))
-    width = max(len(hook.form) for hook in found)
-    rows = [
-        [f"  {h.form:<{width}}  {h.text}" for h in found if h.needed is n] for n in (True, False)
-    ]
-    must = [f"a class of the group {group} has:", *rows[0]]
-    return "\n".join(
-        [f"{_paragraphs(base.__doc__ or '')[0]}", "", *must, "", "and may have:", *rows[1]]
-    )
+    rows = list(columns((hook.form, hook.text) for hook in found))
+    needed = sum(hook.needed for hook in found)  # which come first
+    must = [f"a class of the group {group} has:", *rows[:needed]]
+    may = ["and may have:", *rows[needed:]]
+    return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
 
 
 def _described(kind: str, group: Group, cls: type[Any]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
-    rows = _rows(group, cls)
-    widths = [max(len(row[i]) for row in rows) for i in range(2)] if rows else []
-    lines += [f"  {r[0]:<{widths[0]}}  {r[1]:<{widths[1]}}  {r[2]}".rstrip() for r in rows]
+    lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
         given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {given}")

@@ -20,12 +20,12 @@ how it is written:
 def metrics() -> str:
     """Every metric of which something is known."""
     rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in METRICS.values()]
-    return "\n".join(["metrics:", *_columns((name, _facts(m, m.unit), m.help) for name, m in rows)])
+    return "\n".join(["metrics:", *columns((name, _facts(m, m.unit), m.help) for name, m in rows)])
 
 
 def statistics() -> str:
     """Every statistic, and how one writes what is measured."""
-    rows = _columns((name, "", text) for name, text in statistics_known().items())
+    rows = columns((name, "", text) for name, text in statistics_known().items())
     return "\n".join(["statistics:", *rows, "", WRITTEN])
 
 
@@ -64,7 +64,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
         rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
     parts = [
         f"metrics of {path}, per run or per step:",
-        *_columns(rows),
+        *columns(rows),
         f"\nwindows of steps: {', '.join(named['windows']) or 'none but the whole'}",
         f"statistics: {', '.join(named['statistics'])}",
         f"numbers beside them: {', '.join(named['numbers'])}\n",
@@ -123,7 +123,8 @@ def _facts(metric: Metric, unit: str) -> str:
     return ", ".join(filter(None, [unit, better]))
 
 
-def _columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    """Rows as indented lines, each column as wide as it has to be; one that is empty is left out."""
     found = list(rows)
     widths = [max(map(len, column)) for column in zip(*found, strict=True)]
     for row in found:

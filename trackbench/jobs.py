@@ -13,14 +13,14 @@ from trackbench.evaluation.precision import looks
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import Engine, cpu_count, engine
 from trackbench.experiment.computing.growing import begun
-from trackbench.experiment.planning.plan import Plan, check_memory, describe, make_plan
+from trackbench.experiment.planning.plan import Plan, announced, check_memory, make_plan
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
 from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.plain import Config
 from trackbench.experiment.reading.shipped import located
 from trackbench.report.sweep import as_sweep
-from trackbench.tuning.entries import Values
+from trackbench.tuning.entries import Chosen
 from trackbench.tuning.record import Record
 from trackbench.tuning.tuner import tune
 
@@ -69,7 +69,7 @@ def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
 
 
 def prepare(
-    config: Config, options: Options, found: Mapping[str, Values] | None = None
+    config: Config, options: Options, found: Mapping[str, Chosen] | None = None
 ) -> Experiment:
     """Read and validate a config, with the options' overrides.
 
@@ -77,11 +77,11 @@ def prepare(
     """
     return configurations.load(
         file_of(config, options),
-        list(options.set),
-        list(options.only),
+        options.set,
+        options.only,
         options.runs,
         options.seed,
-        list(options.grid),
+        options.grid,
         options.product,
         options.allow_plugins,
         found,
@@ -138,7 +138,7 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     plan = plan_of(experiment, most, options)
     workers = min(most_workers(options), len(plan.unique))
     needed = check_memory(experiment, workers, options.save_tracks)
-    line = describe(experiment, plan, workers, needed)
+    line = announced(experiment, plan, workers, needed)
     first = begun(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
 

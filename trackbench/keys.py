@@ -22,6 +22,8 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 """A number in [0, 1]."""
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
+Digits = Annotated[int, Interval(ge=1, le=15)]
+"""Significant digits of a number that is shown."""
 
 ONE_LINE = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]+$"
 """Pattern of a label: one line of visible characters."""

@@ -11,14 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
-from trackbench.experiment.computing.growing import grown, said
+from trackbench.experiment.computing.growing import grown, why_ended
 from trackbench.experiment.computing.runner import Outcome, execute
 from trackbench.experiment.files import touched
-from trackbench.experiment.planning.plan import (
-    Key,
-    Plan,
-    cautions,
-)
+from trackbench.experiment.planning.plan import Key, Plan, cautions
 from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.plain import Config
@@ -167,7 +163,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
-    for line in [*_what_happened(outcome), *said(job.experiment, job.most, outcome)]:
+    for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
         say(line, options)
     with touched() as paths:
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
@@ -190,11 +186,13 @@ def _what_happened(outcome: Outcome) -> Iterator[str]:
         kept = outcome.reused + outcome.computed
         yield f"reused {outcome.reused} of {counted(kept, 'block')} from {outcome.store.root}/"
     if outcome.damaged:
-        were = "was" if outcome.damaged == 1 else "were"
-        yield f"{counted(outcome.damaged, 'damaged block')} {were} computed again"
+        yield f"{_were(outcome.damaged, 'damaged block')} computed again"
     if outcome.deaths:
-        were = "was" if outcome.deaths == 1 else "were"
-        yield f"note: a worker died; {counted(outcome.deaths, 'block')} {were} started again"
+        yield f"note: a worker died; {_were(outcome.deaths, 'block')} started again"
+
+
+def _were(number: int, word: str) -> str:
+    return f"{counted(number, word)} {'was' if number == 1 else 'were'}"
 
 
 def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:

@@ -61,6 +61,17 @@ def test_a_grid_over_nothing(tmp_path: Path, axis: str, what: str) -> None:
     assert mistakes(tmp_path, grid=[axis]) == [f"--grid {axis}: {what}"]
 
 
+def test_a_path_leads_through_an_item_that_is_no_mapping(tmp_path: Path) -> None:
+    imm = "IMM: {kind: imm, motions: [null, cv], transition: [[0.9, 0.1], [0.1, 0.9]]}"
+    text = CONFIG.replace("UKF: {kind: ukf}", imm)
+    for item in (0, 1):
+        found = mistakes(tmp_path, text, set=[f"filters.IMM.motions.{item}.q=1"])
+        assert (
+            f"--set filters.IMM.motions.{item}.q=1: filters.IMM.motions.{item}: needs a kind"
+            in found
+        )
+
+
 def test_a_value_of_a_grid_that_is_given_twice(tmp_path: Path) -> None:
     text = CONFIG + "grid: {filters.PF.N: [20, 5, 20]}\n"
     (found,) = mistakes(tmp_path, text)

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import EXPERIMENTS, shipped
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.published import read_published
+from trackbench.experiment.reading.published_files import read_published
 
 FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
 

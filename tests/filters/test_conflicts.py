@@ -26,9 +26,9 @@ FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
 
 def refusals(tracker: Any, scenario: Any) -> list[Problem]:
     """What a config with this filter on this scenario is told."""
-    problems: list[Problem] = []
-    check_fit(Source({"f": {}}), ("f",), tracker, scenario, problems)
-    return problems
+    source = Source({"f": {}})
+    check_fit(source, ("f",), tracker, scenario)
+    return source.problems
 
 
 @pytest.mark.parametrize(("kind", "keys", "key"), FROM_TWO_SCANS)

@@ -17,7 +17,7 @@ from trackbench.report.costs import Curve, Spot, beside, curves, front
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import own_values
 from trackbench.report.results import Results
-from trackbench.report.tables.equal_cost import EqualCost
+from trackbench.report.tables.efficiency import EqualCost
 from trackbench.report.terms import Term
 from trackbench.verification import verify
 

@@ -10,11 +10,9 @@ import typer
 from trackbench import __version__
 from trackbench.cli.checking import cache, check
 from trackbench.cli.lines import tell
-from trackbench.cli.running import run, sweep
-from trackbench.cli.shipped import copy, show
+from trackbench.cli.running import run, sweep, tune
 from trackbench.cli.stored import compare, plot, report, verify
-from trackbench.cli.tuning import tune
-from trackbench.cli.vocabulary import describe, list_, new, schema
+from trackbench.cli.vocabulary import copy, describe, list_, new, schema, show
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -1,5 +1,8 @@
 """The options that several commands have: their types for typer, and what the API makes of them."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -76,28 +79,52 @@ Product = Annotated[
 ]
 
 
+def _shared(
+    set_: Set = None,
+    only: Only = None,
+    runs: Runs = None,
+    seed: Seed = None,
+    out: Out = None,
+    engine: EngineName = "processes",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    fresh: Fresh = False,
+    dry_run: DryRun = False,
+    format_: Format = "png,svg",
+    allow_plugins: AllowPlugins = False,
+    json: Json = False,
+) -> None:
+    """The options that all commands have which run experiments: their types and defaults."""
+
+
+def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
+    """A command with these options behind its own, in its ``**given``; one of its own comes first."""
+    own = dict(inspect.signature(command).parameters)
+    given = own.popitem()[1]
+    assert given.kind is inspect.Parameter.VAR_KEYWORD
+    shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in own}
+    parameters = [*own.values(), *shared.values()]
+    by_name = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
+    command.__signature__ = inspect.Signature(by_name, return_annotation=None)  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in parameters}
+    return command
+
+
 def api_options(given: dict[str, Any]) -> "Options":
     """The API's options from a command's own."""
     from trackbench import api
 
-    engines = ("serial", "processes", "dask")
-    quick_runs, fit = (20, ("block=fit",)) if given.get("quick") else (None, ())
-    return api.Options(
-        set=(*fit, *(given["set_"] or ())),
-        only=tuple(given["only"] or ()),
-        runs=given.get("runs") or quick_runs,
-        seed=given.get("seed"),
-        grid=tuple(given.get("grid") or ()),
-        product=given.get("product", False),
-        out=given.get("out"),
-        engine=one_of("--engine", given.get("engine", "serial"), engines),  # type: ignore[arg-type]
-        workers=given.get("workers"),
-        scheduler=given.get("scheduler"),
-        fresh=given.get("fresh", False),
-        save_tracks=given.get("save_tracks", False),
-        formats=formats(given.get("format_", "png")),
-        allow_plugins=given["allow_plugins"],
-    )
+    known = {field.name for field in fields(api.Options)}
+    options = {key: value for key, value in given.items() if key in known and value is not None}
+    if "engine" in given:
+        one_of("--engine", given["engine"], ("serial", "processes", "dask"))
+    if "format_" in given:
+        options["formats"] = formats(given["format_"])
+    fit = []
+    if given.get("quick"):
+        fit = ["block=fit"]
+        options.setdefault("runs", 20)
+    return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 
 
 def formats(text: str) -> list[str]:

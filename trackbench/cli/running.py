@@ -1,4 +1,4 @@
-"""The commands that run an experiment, once or over a grid."""
+"""The commands that run an experiment: once, over a grid, with tuned filters."""
 
 import signal
 from contextlib import closing, suppress
@@ -16,8 +16,8 @@ from trackbench.cli.options import (
     Quick,
     SaveTracks,
     api_options,
+    runs_experiments,
 )
-from trackbench.cli.shared import runs_experiments
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
@@ -55,6 +55,26 @@ def sweep(
     _begin(given)
     given |= {"grid": grid, "product": product, "out": out}
     execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
+
+
+@runs_experiments
+def tune(
+    config: Config,
+    metric: Annotated[
+        str | None,
+        typer.Option(help="what is made small: rms(rmse_position), anees, {log_score: 1, ...}"),
+    ] = None,
+    evaluations: Annotated[int | None, typer.Option(min=2, help="trials of each filter")] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it"),
+    ] = False,
+    **given: Any,
+) -> None:
+    """Tune the filters that the config's `tune` names, and run what is found beside them."""
+    also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
+    words = [f"{key}={value}" for key, value in also.items() if value is not None]
+    execute("tune", [config], given | {"fresh": fresh, "set_": [*(given["set_"] or ()), *words]})
 
 
 def _begin(given: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""The commands about what a config may say: the kinds, their keys, a file to start from."""
+"""The commands about what a config may say: the kinds, their keys, and files to start from."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from trackbench.cli.completion import all_kinds, configs, groups
 from trackbench.cli.lines import echo_line
-from trackbench.cli.options import AllowPlugins, Json, one_of
+from trackbench.cli.options import AllowPlugins, Json, Name, one_of
 
 
 def list_(
@@ -30,28 +30,36 @@ def list_(
 ) -> None:
     """List what a config may name; `list metrics CONFIG`: what can be measured in an experiment."""
     from trackbench import glossary
-    from trackbench.catalogue import experiments, listing, rows
+    from trackbench.catalogue import rows
     from trackbench.registry import GROUPS
 
     known = (*GROUPS, "experiments", "metrics", "statistics")
     word = None if group is None else one_of("list", group, known)
-    if json:
-        every = (*GROUPS, "experiments") if word is None else (word,)
-        asked = config if word == "metrics" else None
-        for row in glossary.rows_of_config(asked, allow_plugins) if asked else rows(every):
-            echo_line(row)
-    elif word == "statistics":
-        typer.echo(glossary.statistics())
-    elif word == "metrics":
-        typer.echo(
-            glossary.metrics_of_config(config, allow_plugins) if config else glossary.metrics()
-        )
-    elif word == "experiments":
-        typer.echo(experiments())
-    else:
-        typer.echo(listing(GROUPS if word is None else (word,)))
-        if word is None:
-            typer.echo(f"\n{experiments()}")
+    asked = config if word == "metrics" else None
+    if not json:
+        typer.echo(_listing(word, asked, allow_plugins))
+        return
+    every = (*GROUPS, "experiments") if word is None else (word,)
+    for row in glossary.rows_of_config(asked, allow_plugins) if asked else rows(every):
+        echo_line(row)
+
+
+def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
+    """What is listed under a word; under none all groups of kinds."""
+    from trackbench import glossary
+    from trackbench.catalogue import experiments, listing
+    from trackbench.registry import GROUPS
+
+    if config:
+        return glossary.metrics_of_config(config, allow_plugins)
+    if word is None:
+        return f"{listing(GROUPS)}\n\n{experiments()}"
+    others = {
+        "statistics": glossary.statistics,
+        "metrics": glossary.metrics,
+        "experiments": experiments,
+    }
+    return others[word]() if word in others else listing((word,))
 
 
 def describe(
@@ -72,6 +80,26 @@ def describe(
             echo_line(entry)
         return
     typer.echo(description(kind))
+
+
+def show(name: Name) -> None:
+    """Print a shipped experiment's config."""
+    from trackbench.experiment.reading.shipped import named
+
+    typer.echo(named(name).read_text(encoding="utf-8"), nl=False)
+
+
+def copy(
+    name: Name,
+    to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
+) -> None:
+    """Copy a shipped experiment and its parts to be edited; nothing is written over."""
+    from trackbench.experiment.reading.shipped import copied
+
+    written = copied(name, to)
+    for path in written:
+        typer.echo(f"wrote {path}")
+    typer.echo(f"run it: trackbench run {to / name}.yaml")
 
 
 def new(

@@ -21,14 +21,9 @@ _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
     """A CSV with numbers in their shortest exact form."""
     with replacing(path) as file:
-        writer = csv_writer(file)
+        writer = CsvWriter(file)
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def csv_writer(file: IO[bytes]) -> "_Rows":
-    """A writer of rows as they come, without holding them."""
-    return _Rows(file)
 
 
 def shortened(numbers: Iterable[float], digits: int) -> list[str]:
@@ -70,9 +65,9 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def made(folder: Path) -> Path:
-    """The folder, made if it is not there; raises WriteError if it cannot be."""
+    """The folder, made with those above it if it is not there; raises WriteError if it cannot be."""
     try:
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(folder, error) from error
     return folder
@@ -110,16 +105,18 @@ def remove_partial(folder: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-class _Rows:
-    """Writes rows as `csv.writer` does, thousands at a time."""
+class CsvWriter:
+    """Writes rows as they come, as `csv.writer` does, thousands at a time."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
 
     def writerow(self, row: Row) -> None:
+        """Write one."""
         self.writerows([row])
 
     def writerows(self, rows: Iterable[Row]) -> None:
+        """Write all of them."""
         left = iter(rows)
         while some := list(islice(left, _AT_ONCE)):
             text = StringIO()

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.evaluation.statistics import interval, mean, without_rounding
-from trackbench.report import merits, style
+from trackbench.report import merits, wording
 from trackbench.report.lost import in_words
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
-from trackbench.report.standing import Candidate, Standing, metrics_of, standings
+from trackbench.report.standing import Candidate, Standing, ranking_metrics, standings
 from trackbench.report.table import rounded
 from trackbench.report.wording import listed, metric_words, named, percent, verb, with_unit
 
-LEGEND = (
+HOW_DECIDED = (
     "Filters are told apart by the differences of their mean per run on common runs, at 5 % with Holm's "
     "correction over all pairs; one that loses more runs than another (sign tests, so corrected, too) "
     "is not ranked."
@@ -111,9 +111,10 @@ def _difference(standing: Standing, pair: Pair) -> str:
 def _otherwise(results: Results, standing: Standing) -> str:
     """By which other metrics another filter is better than the best."""
     better: dict[str, list[str]] = {}
-    for metric in metrics_of(results)[1:] if standing.best is not None else []:
+    for metric in ranking_metrics(results)[1:] if standing.best is not None else []:
         for other in standings(results, metric):
-            if other.best and standing.best and standing.best.name in other.names_of_worse:
+            worse = [c.name for c, _ in other.worse]
+            if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
     parts = [f"by {listed(words)} {name} is" for name, words in better.items()]
     return f"But {', '.join(parts[:2])} better." if parts else ""
@@ -127,7 +128,7 @@ def _over_points(found: Sequence[Standing]) -> str:
         by_count.setdefault(n, []).append(named(label))
     if not by_count:
         return ""
-    paths = " and ".join(style.axis(path) for path in found[0].where)
+    paths = " and ".join(wording.axis(path) for path in found[0].where)
     (most, leaders), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
     text = f"By mean {metric_words(found[0].metric)} per run {listed(leaders)} {verb(leaders)} best, or"

@@ -8,7 +8,8 @@ from typing import Any
 
 from trackbench.experiment.reading.combining import combinations, single_paths
 from trackbench.experiment.reading.definition import labels_to_run
-from trackbench.experiment.reading.published import Published, read_published
+from trackbench.experiment.reading.published import Published
+from trackbench.experiment.reading.published_files import read_published
 from trackbench.experiment.reading.source import Source, read
 from trackbench.registry import Group, kinds
 from trackbench.report import style
@@ -48,11 +49,9 @@ class Asked:
 
     def left_out(self, group: Group) -> dict[str, str]:
         """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
-        known = kinds(group) if self.config.get("plugins") else None
         named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
-        return {
-            name: kind for name, kind in named.items() if known is not None and kind not in known
-        }
+        known = kinds(group) if self.config.get("plugins") else named.values()
+        return {name: kind for name, kind in named.items() if kind not in known}
 
     @cached_property
     def published(self) -> Published:

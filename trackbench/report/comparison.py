@@ -19,15 +19,8 @@ NUMBER_HEADER = [
     *["z_of_batches", "fragile", "best"],
 ]
 CLAIM_HEADER = [
-    "claim",
-    "verdict",
-    "z",
-    "paired",
-    "note",
-    "paper",
-    "source",
-    "z_of_batches",
-    "fragile",
+    *["claim", "verdict", "z", "paired", "note"],
+    *["paper", "source", "z_of_batches", "fragile"],
 ]
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
@@ -103,11 +96,7 @@ def markdown(results: Results, comparison: Comparison) -> str:
         f"# Published and measured: {title}",
         "\n".join(f"- {line}" for line in summary_lines(comparison)),
     ]
-    parts += [table.markdown().rstrip() for table in number_tables(comparison)]
-    if comparison.ranks:
-        parts.append(rank_table(comparison.ranks).markdown().rstrip())
-    if comparison.claims:
-        parts.append(claim_table(comparison.claims).markdown().rstrip())
+    parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join([*parts, LEGEND]) + "\n"
 
 
@@ -123,21 +112,25 @@ LEGEND = (
 )
 
 
-def number_tables(comparison: Comparison) -> list[TextTable]:
+def verdict_tables(comparison: Comparison) -> list[TextTable]:
+    """Numbers per published table, agreement of orders, claims."""
+    tables = _number_tables(comparison)
+    tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
+    return [*tables, _claim_table(comparison.claims)] if comparison.claims else tables
+
+
+def _number_tables(comparison: Comparison) -> list[TextTable]:
     """A table of verdicts per published table, and of those with several readings all of them."""
-    tables: dict[tuple[str, str], TextTable] = {}
-    readings: dict[tuple[str, str], TextTable] = {}
+    tables: dict[str, dict[str, TextTable]] = {}
     for number in comparison.numbers:
-        best = number.best
-        p = best.published
-        title = f"{p.paper}, {p.table}: published and measured"
-        table = tables.setdefault((p.paper, p.table), TextTable(title, _HEADS))
-        table.rows.append(_row(best, number.readings))
+        place = f"{number.best.published.paper}, {number.best.published.table}"
+        found = {"published and measured": [_row(number.best, number.readings)]}
         if number.readings > 1:
-            title = f"{p.paper}, {p.table}: every reading"
-            table = readings.setdefault((p.paper, p.table), TextTable(title, _HEADS))
-            table.rows += [_row(row) for row in number.rows]
-    return [t for key in tables for t in (tables[key], readings.get(key)) if t is not None]
+            found["every reading"] = [_row(row) for row in number.rows]
+        for what, rows in found.items():
+            empty = TextTable(f"{place}: {what}", _HEADS)
+            tables.setdefault(place, {}).setdefault(what, empty).rows += rows
+    return [table for of_place in tables.values() for table in of_place.values()]
 
 
 _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z of batches", "Note"]
@@ -167,7 +160,7 @@ def _batches(verdict: Verdict) -> str:
     return "; ".join(_z(z) for z in verdict.batches)
 
 
-def claim_table(claims: list[Judged]) -> TextTable:
+def _claim_table(claims: list[Judged]) -> TextTable:
     """Claims with verdict and z."""
     table = TextTable(
         "Claims (z: standard errors in the claim's favour, weakest comparison)",
@@ -181,7 +174,7 @@ def claim_table(claims: list[Judged]) -> TextTable:
     return table
 
 
-def rank_table(ranks: list[Ranked]) -> TextTable:
+def _rank_table(ranks: list[Ranked]) -> TextTable:
     """Agreement of orders per column."""
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)

@@ -20,7 +20,7 @@ from trackbench.core.elementary import exp, log
 from trackbench.evaluation.measure import Measure, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import named, points_of
+from trackbench.report.grids import named_form, points_of
 from trackbench.report.results import Results
 from trackbench.report.terms import Term, quietly, together
 
@@ -39,7 +39,7 @@ class Spot(NamedTuple):
     """why each run (M,) is lost, 0 where it is not"""
 
 
-class Found(NamedTuple):
+class AtCost(NamedTuple):
     """A filter at a cost, between two of its sizes or at one."""
 
     size: float
@@ -73,18 +73,18 @@ class Curve:
         """Whether it cannot be made any dearer."""
         return len(self.spots) == 1
 
-    def at(self, cost: Term) -> Found | None:
+    def at(self, cost: Term) -> AtCost | None:
         """At a CPU time per step, s; None where it cannot be had: below or beyond all its own.
 
         Where several sizes take that time, at the largest. What is fixed is had at all above its own.
         """
         own = next((spot for spot in self.spots if spot.cost is cost), None)
         if own is not None:
-            return Found(own.size, logged(own.error), lost=own.lost)
+            return AtCost(own.size, logged(own.error), lost=own.lost)
         if self.is_fixed:
             (spot,) = self.spots
             dear = spot.cost.value > cost.value
-            return None if dear else Found(spot.size, logged(spot.error), lost=spot.lost)
+            return None if dear else AtCost(spot.size, logged(spot.error), lost=spot.lost)
         x = [float(log(spot.cost.value)) for spot in self.spots]
         wanted = float(log(cost.value))
         for i in reversed(range(len(x) - 1)):
@@ -93,7 +93,7 @@ class Curve:
         return None
 
     @quietly
-    def _between(self, i: int, x: Sequence[float], wanted: float, of_cost: float) -> Found:
+    def _between(self, i: int, x: Sequence[float], wanted: float, of_cost: float) -> AtCost:
         (a, b), share = self.spots[i : i + 2], (wanted - x[i]) / (x[i + 1] - x[i])
         y = [logged(spot.error) for spot in self.spots]
         slope = (y[i + 1].value - y[i].value) / (x[i + 1] - x[i])
@@ -105,7 +105,7 @@ class Curve:
             if 0 <= n < len(x) - 2
         ]
         sizes = [float(log(spot.size)) for spot in (a, b)]
-        return Found(
+        return AtCost(
             float(exp((1.0 - share) * sizes[0] + share * sizes[1])),
             together(value, y[i], y[i + 1], 1.0 - share, share),
             abs(slope) * float(np.sqrt(of_cost**2 + ends[0] ** 2 + ends[1] ** 2)),
@@ -122,7 +122,7 @@ def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
     ]
 
 
-def mistakes(
+def cost_conflicts(
     points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
 ) -> dict[str, str]:
     """What is wrong with a table or figure over costs, by key: ``varied`` are filters that must vary."""
@@ -161,14 +161,18 @@ def curves(
         Curve(label, keys, tuple(spots[size] for size in sorted(spots) if _is_there(spots[size])))
         for (label, _), (keys, spots) in found.items()
     ]
-    return [replace(curve, name=_name(curve, made)) for curve in made if curve.spots]
+    forms = {label: [c.keys for c in made if c.label == label] for label in labels}
+    return [
+        replace(curve, name=named_form(curve.label, curve.keys, forms[curve.label]))
+        for curve in made
+        if curve.spots
+    ]
 
 
 def _spot(expressions: Expressions, label: str, metric: Measure, size: float) -> Spot:
     results, point = expressions.results, expressions.point
     steps, time = results.steps(point), expressions.term(_TIME.of(label))
-    blocks = None if time.blocks is None else time.blocks / steps
-    cost = time._replace(value=time.value / steps, stderr=time.stderr / steps, blocks=blocks)
+    cost = time.scaled(time.value / steps, over=steps)
     lost = expressions.runs.get((label, "lost"), np.empty(0))
     return Spot(size, cost, expressions.term(metric.of(label)), lost)
 
@@ -179,16 +183,10 @@ def _is_there(spot: Spot) -> bool:
     return all(0.0 < value < np.inf for value in values)
 
 
-def _name(curve: Curve, others: Sequence[Curve]) -> str:
-    return named(curve.label, curve.keys, [c.keys for c in others if c.label == curve.label])
-
-
 @quietly
 def logged(term: Term) -> Term:
     """The logarithm of a positive number, with its error (delta method)."""
-    parts = [None if x is None else x / term.value for x in (term.influences, term.blocks)]
-    value, stderr = float(log(term.value)), term.stderr / term.value
-    return term._replace(value=value, stderr=stderr, influences=parts[0], blocks=parts[1])
+    return term.scaled(float(log(term.value)), over=term.value)
 
 
 def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:
@@ -197,7 +195,7 @@ def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:
     return float((second - first) / (x[i + 2] - x[i]))
 
 
-def beside(a: Found, b: Found) -> tuple[Term, float]:
+def beside(a: AtCost, b: AtCost) -> tuple[Term, float]:
     """The logarithm of the ratio of two errors, paired by runs, and what else makes it uncertain."""
     difference = together(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
     return difference, float(np.hypot(a.other, b.other))

@@ -12,7 +12,7 @@ from trackbench.report.verdicts import Compared, Comparison
 _VERBS = ("agrees", "differs", "holds", "fails")
 
 
-class Part(NamedTuple):
+class Tally(NamedTuple):
     """So many verdicts of one word: ``18``, ``differs``, ``differ``, ``(3 fragile)``."""
 
     number: int
@@ -25,33 +25,31 @@ class Bar(NamedTuple):
     """The verdicts on numbers, or on claims."""
 
     title: str
-    parts: list[Part]
+    parts: list[Tally]
 
     @property
     def words(self) -> str:
-        """The bar as a line."""
-        return f"{self.title}: {in_words(self.parts)}"
+        """The bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
+        parts = (
+            f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
+        )
+        return f"{self.title}: {', '.join(parts)}"
 
 
-def parts(found: Iterable[Compared | Judged]) -> list[Part]:
+def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     """The parts in a fixed order, without those of which there is none."""
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.fragile)
     words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
-    return [Part(n, word, _verb(word, n), fragile[word]) for word in words if (n := numbers[word])]
-
-
-def _verb(word: str, number: int) -> str:
-    return word.removesuffix("s") if number > 1 and word in _VERBS else word
-
-
-def in_words(found: Iterable[Part]) -> str:
-    """``10 agree (2 fragile), 1 differs``."""
-    return ", ".join(
-        f"{n} {verb}" + (f" ({fragile} fragile)" if fragile else "")
-        for n, _, verb, fragile in found
-    )
+    several = {
+        word: word.removesuffix("s") for word in words if word in _VERBS and numbers[word] > 1
+    }
+    return [
+        Tally(numbers[word], word, several.get(word, word), fragile[word])
+        for word in words
+        if numbers[word]
+    ]
 
 
 def bars(comparison: Comparison) -> list[Bar]:

@@ -34,8 +34,8 @@ class Expressions:
 
     results: Results
     point: dict[str, Any]
-    chosen: Mask | None = None
-    """the runs (M,) that count"""
+    chosen: Mask | bool = True
+    """the runs (M,) that count; all of them"""
     parts: int = 1
     """the batches that the runs are split into, of which they are one"""
     whole: "Expressions | None" = None
@@ -47,15 +47,18 @@ class Expressions:
         batch = batch_of(runs, number)
         return [replace(self, chosen=batch == i, parts=number, whole=self) for i in range(number)]
 
-    def term(self, m: Measure, common: Mask | None = None) -> Term:
+    def term(self, m: Measure, common: Mask | bool = True) -> Term:
         """A filter's measure; over the ``common`` runs (M,) only, if they are given."""
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
         if m.is_efficiency:
             return self._efficiency(m, common)
         over_runs = self._of_runs(m)
+        if over_runs is not None and (m.filter, over_runs.name) in self.runs:
+            values = self.runs[m.filter, over_runs.name] / over_runs.divisor
+            return self._statistic(m.filter, over_runs.statistic, values, common)
         if over_runs is not None:
-            return self._over_runs(m.filter, over_runs, common)
+            return MISSING
         return self._at_step(m) if m.steps is not None else self._plain(m)
 
     def at_each_step(self, m: Measure) -> list[Measure]:
@@ -96,9 +99,10 @@ class Expressions:
         return self.results.runs(self.point)
 
     @cached_property
-    def _summary(self) -> dict[tuple[str, str], Term]:
+    def stored(self) -> dict[tuple[str, str], Term]:
+        """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         if self.whole is not None:
-            return self.whole._summary
+            return self.whole.stored
         frame = self.results.at(self.results.summary, self.point)
         rows = frame.to_dict("records")
         found = {
@@ -118,20 +122,19 @@ class Expressions:
             return _OverRuns(shared, str(m if self.parts == 1 else in_batches(m, self.parts)))
         nees = in_window(m.base, m.window)
         if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
-            a, b = (self._summary.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
+            a, b = (self.stored.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
             if a is not None and b is not None and 0.0 < b.value < np.inf:  # else nobody's part
                 return _OverRuns("mean", nees, round(a.value / b.value))
         return None
 
-    def _found(self, *sides: Measure) -> Mask | None:
+    def _found(self, *sides: Measure) -> Mask | bool:
         """Runs that every side's metric exists for."""
-        common: Mask | None = None
+        common: Mask | bool = True
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
                 values = self._seen(m)
                 if values is not None:
-                    there = ~np.isnan(values)
-                    common = there if common is None else common & there
+                    common = common & ~np.isnan(values)
         return common
 
     def _seen(self, m: Measure) -> Array | None:
@@ -142,12 +145,6 @@ class Expressions:
         over_runs = self._of_runs(m)
         return self.runs.get((m.filter, over_runs.name)) if over_runs else None
 
-    def _over_runs(self, label: str, wanted: _OverRuns, common: Mask | None) -> Term:
-        values = self.runs.get((label, wanted.name))
-        if values is None:
-            return MISSING
-        return self._statistic(label, wanted.statistic, values / wanted.divisor, common)
-
     @quietly
     def _below(self, mine: Measure, other: Measure) -> Term:
         """The share of the common runs in which a filter's metric is below another's."""
@@ -155,15 +152,14 @@ class Expressions:
         if a is None or b is None:
             return MISSING
         below = np.where(np.isnan(a) | np.isnan(b), np.nan, a < b)
-        return Share(*self._statistic(mine.filter, "mean", below, None))
+        return Share(*self._statistic(mine.filter, "mean", below))
 
-    def _statistic(self, label: str, name: str, values: Array, common: Mask | None) -> Term:
+    def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""
-        chosen = np.ones(len(values), bool) if self.chosen is None else self.chosen
         there = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
-        lost = int((chosen & (~there if codes is None else codes > 0)).sum())
-        kept = chosen & there if common is None else chosen & there & common
+        lost = int((self.chosen & (~there if codes is None else codes > 0)).sum())
+        kept = self.chosen & there & common
         x = values[kept]
         if not len(x):
             return MISSING._replace(lost=lost)
@@ -171,15 +167,14 @@ class Expressions:
         influences[kept] = influence(name, x)
         return Term(*OVER_RUNS[name](x), influences, len(x), lost)
 
-    def _efficiency(self, m: Measure, common: Mask | None) -> Term:
+    def _efficiency(self, m: Measure, common: Mask | bool) -> Term:
         """From the runs that neither the filter nor the reference lost."""
         floor, distance = self.beside_reference(m)
         if floor is None or distance is None:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
-        chosen = np.ones(len(both), bool) if self.chosen is None else self.chosen
-        kept = both & chosen if common is None else both & chosen & common
-        lost = int((chosen & ~both).sum())
+        kept = self.chosen & both & common
+        lost = int((self.chosen & ~both).sum())
         if not kept.any():
             return MISSING._replace(lost=lost)
         found, influences = efficiency(floor[kept], distance[kept]), np.full(len(both), np.nan)
@@ -210,8 +205,8 @@ class Expressions:
     def _plain(self, m: Measure) -> Term:
         """A row of summary.csv or timing.csv, or a number that the config gives the filter."""
         label, name = m.filter, str(m)
-        if (label, name) in self._summary:
-            return self._summary[label, name]
+        if (label, name) in self.stored:
+            return self.stored[label, name]
         if label not in self.results.filters:
             return MISSING
         given = self.results.given(self.point).filters[label].get(name)

@@ -11,7 +11,7 @@ from trackbench.experiment.reading.combining import (
 )
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.validate import unknown
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.results import Results
 
 
@@ -52,7 +52,7 @@ def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str,
     return {path: value for path, value in singles if label in filters_of(path, every)}
 
 
-def named(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
+def named_form(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
     """A filter's label, with the keys that are not the same in all of its forms."""
     told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
-    return f"{label} ({style.heading(told)})" if told else label
+    return f"{label} ({wording.heading(told)})" if told else label

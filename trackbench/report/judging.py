@@ -45,12 +45,12 @@ def judge(claim: Claim, evidence: Evidence | None) -> Judged:
         verdict = verdict._replace(word=UNDECIDED)
     fragile = verdict.is_close or any(score.off.term.fragile for score in found)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
-    note = joined(*losing, _why(evidence.whole, weakest), steps, claim.note)
+    note = noted(*losing, _why(evidence.whole, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.splits, fragile, note)
 
 
 def _unjudged(claim: Claim, why: str) -> Judged:
-    return Judged(claim, Verdict(NOT_MEASURED, nan), False, False, joined(why, claim.note))
+    return Judged(claim, Verdict(NOT_MEASURED, nan), False, False, noted(why, claim.note))
 
 
 def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
@@ -146,6 +146,6 @@ def no_results(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
     return "" if evidence is not None else f"no results at {row.point}"
 
 
-def joined(*notes: str) -> str:
+def noted(*notes: str) -> str:
     """Those notes that say anything."""
     return "; ".join(filter(None, notes))

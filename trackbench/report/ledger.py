@@ -1,16 +1,22 @@
 """Several results folders together: results/index.html, and results/README.md as the ledger."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from trackbench.experiment.files import write_text
 from trackbench.experiment.problems import Problem, UserError
-from trackbench.report.comparison import LEGEND, summary_lines
-from trackbench.report.index import together, write_index
+from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
+from trackbench.report.counts import Bar, bars
+from trackbench.report.drawings import key_picture
 from trackbench.report.opening import open_with_notes
-from trackbench.report.page import verdict_tables
 from trackbench.report.results import Results
+from trackbench.report.templating import write_page
+from trackbench.report.thumbnail import thumbnail
 from trackbench.report.verdicts import Comparison, compare
+
+Overview: TypeAlias = list[tuple[Results, Comparison]]
 
 _HEAD = """# What reproduces
 
@@ -19,13 +25,66 @@ Every number and claim of the papers that an experiment here measures, with its 
 """
 
 
+@dataclass(frozen=True)
+class Card:
+    """An experiment in the index; ``link`` is empty if it has no report."""
+
+    name: str
+    title: str
+    filters: int
+    runs: int
+    counted: list[Bar]
+    thumbnail: Any
+    link: str
+
+
 def write_overview(folder: Path) -> list[Path]:
     """Write index.html and README.md over the results folders in ``folder``."""
     found = [(results, compare(results)) for results in _opened(folder)]
-    index = write_index(folder, found)
+    everything = _together([comparison for _, comparison in found])
+    index = _write_index(folder, found, everything)
     ledger = folder / "README.md"
-    write_text(ledger, _ledger(folder, found))
+    write_text(ledger, _ledger(folder, found, everything))
     return [index, ledger]
+
+
+def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
+    return write_page(
+        folder / "index.html",
+        "index.html",
+        live=False,
+        title="Experiments and what they say of the papers",
+        experiments=[_card(folder, *item) for item in found],
+        counted=bars(everything),
+        verdict_lines=summary_lines(everything),
+        ledger=verdict_tables(everything),
+        legend=LEGEND.replace("`", ""),
+    )
+
+
+def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
+    from markupsafe import Markup
+
+    config, report = results.config, results.folder / "report.html"
+    picture = key_picture(results)
+    return Card(
+        name=config["name"],
+        title=results.filled(config["title"]),
+        filters=len(results.filters),
+        runs=config["runs"],
+        counted=bars(comparison),
+        thumbnail=Markup(thumbnail(picture)) if picture else "",
+        link=report.relative_to(folder).as_posix() if report.is_file() else "",
+    )
+
+
+def _together(comparisons: list[Comparison]) -> Comparison:
+    """All of several experiments."""
+    return Comparison(
+        [row for c in comparisons for row in c.rows],
+        [row for c in comparisons for row in c.claims],
+        [row for c in comparisons for row in c.ranks],
+    )
 
 
 def _opened(folder: Path) -> list[Results]:
@@ -46,8 +105,8 @@ def _opened(folder: Path) -> list[Results]:
     return opened
 
 
-def _ledger(folder: Path, found: list[tuple[Results, Comparison]]) -> str:
-    lines = [f"- {line}" for line in summary_lines(together([c for _, c in found]))]
+def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
+    lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
     for results, comparison in found:
         title = results.title

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from itertools import count
 from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -56,10 +57,9 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
         {"labels": labels, "axes": [_told(figure, ax) for ax in _panels(figure)]},
         ensure_ascii=False,
     )
-    for letter, name in (("&", "&amp;"), ('"', "&quot;"), ("<", "&lt;"), (">", "&gt;")):
-        told = told.replace(letter, name)
     content = _MARK.sub(r'data-\1="\2"', content)
-    return content.replace("<svg ", f'<svg data-live="{told}" ', 1)
+    quoted = escape(told, {'"': "&quot;"})
+    return content.replace("<svg ", f'<svg data-live="{quoted}" ', 1)
 
 
 def _panels(figure: "Figure") -> list["Axes"]:

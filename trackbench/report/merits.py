@@ -7,6 +7,7 @@ agree; it is not if the interval lies beyond 1. Nothing is said of what is neith
 
 from collections.abc import Sequence
 from math import hypot, inf, isfinite, isnan
+from operator import attrgetter
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,17 +20,30 @@ from trackbench.report.standing import Candidate, Standing
 from trackbench.report.table import rounded
 from trackbench.report.wording import listed, named, two_digits, verb
 
-Calibration: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
+Credibility: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 
 
 class Time(NamedTuple):
     """CPU seconds of a run, their standard error and its degrees of freedom."""
 
-    candidate: Candidate
     value: float
     stderr: float
     freedom: int
+    candidate: Candidate
+    looped: str
+    """a word of those that are looped over in Python, whose time is not the method's"""
+
+    @property
+    def name(self) -> str:
+        """The filter's."""
+        return f"{self.candidate.name}{self.looped}"
+
+    def __str__(self) -> str:
+        scale, unit = next(((s, u) for s, u in _SECONDS if self.value * s >= 1.0), _SECONDS[-1])
+        if isnan(self.stderr):
+            return f"{two_digits(self.value * scale)} {unit}"
+        return f"{rounded(self.value * scale, self.stderr * scale, 3)} {unit}"
 
     def above(self, other: "Time") -> bool:
         """Whether it is longer beyond what the blocks scatter; of a single block it is not known."""
@@ -41,18 +55,17 @@ class Time(NamedTuple):
 
 def cost(results: Results, standing: Standing) -> str:
     """The CPU time of the best filter, or the cheapest of several, beside that of the others."""
-    as_good = sorted(_times(results, standing.among_the_best), key=_seconds)
+    as_good = _times(results, standing.among_the_best)
     if not as_good:
         return ""
     cheapest, most = as_good[0], as_good[-1]
-    took, name = _duration(cheapest), _named(results, cheapest)
     if len(as_good) == 1:
-        text = f"A run of {name} takes {took} of CPU time"
+        text = f"A run of {cheapest.name} takes {cheapest} of CPU time"
     elif all(time.above(cheapest) for time in as_good[1:]):
-        text = f"The cheapest of these is {name}: {took} of CPU time a run, against"
-        text += f" {_duration(most)} of {_named(results, most)}"
+        text = f"The cheapest of these is {cheapest.name}: {cheapest} of CPU time a run, against"
+        text += f" {most} of {most.name}"
     else:
-        return f"A run takes {took} ({name}) to {_duration(most)} ({_named(results, most)}) of CPU time."
+        return f"A run takes {cheapest} ({cheapest.name}) to {most} ({most.name}) of CPU time."
     return f"{text}{_beside_worse(results, cheapest, standing)}."
 
 
@@ -61,9 +74,8 @@ def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
     worse = _times(results, [c for c, _ in standing.worse])
     faster = [time for time in worse if cheapest.above(time)]
     if faster:
-        least = min(faster, key=_seconds)
-        ratio = two_digits(cheapest.value / least.value)
-        return f"; the fastest of the others, {_named(results, least)}, is {ratio} times as fast"
+        ratio = two_digits(cheapest.value / faster[0].value)
+        return f"; the fastest of the others, {faster[0].name}, is {ratio} times as fast"
     if worse and all(time.above(cheapest) for time in worse):
         return ", less than any that is worse"
     return ""
@@ -71,7 +83,7 @@ def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
 
 def calibration(results: Results, standing: Standing) -> str:
     """Which of the best are calibrated, overconfident, too cautious, each with its number."""
-    words: dict[Calibration, list[str]] = {}
+    words: dict[Credibility, list[str]] = {}
     for candidate in standing.among_the_best:
         found = consistency(results, candidate)
         if found is not None:
@@ -82,13 +94,12 @@ def calibration(results: Results, standing: Standing) -> str:
 
 def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     """The same of one filter at several points of the grid."""
-    times = sorted(_times(results, candidates), key=_seconds)
-    lines = []
+    times, lines = _times(results, candidates), []
     if times:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
-        name = f"{named(times[0].candidate.label)}{_looped(results, times[0])}"
+        name = f"{named(times[0].candidate.label)}{times[0].looped}"
         lines = [f"A run of {name} takes {' to '.join(ends)} ms of CPU time."]
-    words: dict[Calibration, int] = {}
+    words: dict[Credibility, int] = {}
     for candidate in candidates:
         found = consistency(results, candidate)
         if found is not None:
@@ -97,11 +108,11 @@ def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     return [*lines, f"{named(candidates[0].label)} is {', '.join(parts)}."] if parts else lines
 
 
-def _said(word: Calibration) -> str:
+def _said(word: Credibility) -> str:
     return f"calibrated within {100 * NEAR:g} %" if word == "calibrated" else word
 
 
-def consistency(results: Results, candidate: Candidate) -> tuple[Calibration, str] | None:
+def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, str] | None:
     """Whether the normalised error squared is 1, in a word and with the number; None if undecided."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
@@ -118,7 +129,7 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Calibration, st
     return _judged(low, high, f"{word} {rounded(*Estimate(*found), 3)}")
 
 
-def _judged(low: float, high: float, number: str) -> tuple[Calibration, str] | None:
+def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | None:
     if not isfinite(low + high):
         return None
     if low >= 1.0 - NEAR and high <= 1.0 + NEAR:
@@ -129,32 +140,13 @@ def _judged(low: float, high: float, number: str) -> tuple[Calibration, str] | N
 
 
 def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
-    return [time for c in candidates if (time := _time(results, c)) is not None]
-
-
-def _time(results: Results, candidate: Candidate) -> Time | None:
-    frame = results.at(results.timing, candidate.point)
-    for row in frame[frame["filter"] == candidate.label].to_dict("records"):
-        freedom = str(row.get("blocks", "")).count(";")
-        return Time(candidate, float(row["cpu_s_per_run"]), float(row["stderr"]), freedom)
-    return None
-
-
-def _seconds(time: Time) -> float:
-    return time.value
-
-
-def _duration(time: Time) -> str:
-    scale, unit = next(((s, u) for s, u in _SECONDS if time.value * s >= 1.0), _SECONDS[-1])
-    if isnan(time.stderr):
-        return f"{two_digits(time.value * scale)} {unit}"
-    return f"{rounded(time.value * scale, time.stderr * scale, 3)} {unit}"
-
-
-def _named(results: Results, time: Time) -> str:
-    return f"{time.candidate.name}{_looped(results, time)}"
-
-
-def _looped(results: Results, time: Time) -> str:
-    """A word of those that are looped over in Python, whose time is not the method's."""
-    return " (looped over in Python)" if time.candidate.label in results.one_by_one else ""
+    """The shortest first; those of the same length in the order of their filters."""
+    found = []
+    for candidate in candidates:
+        looped = " (looped over in Python)" if candidate.label in results.one_by_one else ""
+        frame = results.at(results.timing, candidate.point)
+        for row in frame[frame["filter"] == candidate.label][:1].to_dict("records"):
+            freedom = str(row.get("blocks", "")).count(";")
+            value, stderr = float(row["cpu_s_per_run"]), float(row["stderr"])
+            found.append(Time(value, stderr, freedom, candidate, looped))
+    return sorted(found, key=attrgetter("value"))

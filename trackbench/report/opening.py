@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.definition import Settings
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.validate import build
@@ -36,19 +36,17 @@ def open_results(folder: Path) -> Results:
         raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
     results = Results(folder)
     _check_manifest(results)
-    problems: list[Problem] = []
-    if not isinstance(results.source.data, dict):
-        problems.append(Problem(results.source.mark(()), "", "is not an experiment's config"))
-    elif build(Settings, results.source, (), problems) is not None:
+    source = results.source
+    if not isinstance(source.data, dict):
+        source.blame((), "is not an experiment's config")
+    elif build(Settings, source, ()) is not None:
         missing = set(results.summary["filter"]) - set(results.labels)
         if _grid_columns(results) != results.grid:
-            what = "the results were computed over another grid"
-            problems.append(Problem(results.source.mark(("grid",)), "grid", what))
+            source.blame(("grid",), "the results were computed over another grid")
         elif missing:
             what = f"{min(missing)!r} has results but is not a filter here any more"
-            problems.append(Problem(results.source.mark(("filters",)), "filters", what))
-    if problems:
-        raise UserError(*problems)
+            source.blame(("filters",), what)
+    source.check()
     return results
 
 

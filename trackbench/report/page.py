@@ -6,16 +6,9 @@ from typing import Any
 
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.resolved import as_yaml
-from trackbench.report import style
-from trackbench.report.answer import LEGEND as HOW_DECIDED
-from trackbench.report.answer import answer
-from trackbench.report.comparison import (
-    LEGEND,
-    claim_table,
-    number_tables,
-    rank_table,
-    summary_lines,
-)
+from trackbench.report import wording
+from trackbench.report.answer import HOW_DECIDED, answer
+from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import bars
 from trackbench.report.drawings import drawings
 from trackbench.report.results import Results
@@ -60,17 +53,18 @@ def write_report(
         tables=tables,
         pairs=pairs if pairs.rows else None,
         undecided=undecided,
-        rerun=_shown_path(results.folder / "config.yaml")
-        + (" --allow-plugins" if results.config.get("plugins") else ""),
+        rerun=_rerun(results),
         config=as_yaml(results.config),
         versions=_versions(results),
         sections=[(id_, name) for id_, name, there in sections if there],
     )
 
 
-def _shown_path(path: Path) -> str:
-    """The path as the user gave it, for a shell; of an absolute one the end, which is so for others."""
-    return shlex.quote(path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:]))
+def _rerun(results: Results) -> str:
+    """The config's path as it was given, for a shell; of an absolute one the end, as others have it."""
+    path = results.folder / "config.yaml"
+    shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
+    return shlex.quote(shown) + (" --allow-plugins" if results.config.get("plugins") else "")
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
@@ -86,13 +80,6 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     together = [single_paths(path) for path in results.grid]
     grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
     return [*facts, ("Grid", grid)] if grid else facts
-
-
-def verdict_tables(comparison: Comparison) -> list[TextTable]:
-    """Numbers per published table, agreement of orders, claims."""
-    tables = number_tables(comparison)
-    tables += [rank_table(comparison.ranks)] if comparison.ranks else []
-    return [*tables, claim_table(comparison.claims)] if comparison.claims else tables
 
 
 def _pairs(results: Results) -> tuple[TextTable, int]:
@@ -117,7 +104,7 @@ def _pairs(results: Results) -> tuple[TextTable, int]:
 
 
 def _point_cell(value: Any) -> Text:
-    return Text(style.number(value), value if isinstance(value, int | float) else None)
+    return Text(wording.number(value), value if isinstance(value, int | float) else None)
 
 
 def _versions(results: Results) -> TextTable:

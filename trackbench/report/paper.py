@@ -38,14 +38,8 @@ class Sheet:
 
 
 def _letters(points: float, smaller: float, **more: Any) -> tuple[tuple[str, Any], ...]:
-    large = (
-        "font.size",
-        "axes.titlesize",
-        "axes.labelsize",
-        "figure.titlesize",
-        "figure.labelsize",
-    )
-    sizes = dict.fromkeys(large, points)
+    large = ("axes.titlesize", "axes.labelsize", "figure.titlesize", "figure.labelsize")
+    sizes = dict.fromkeys(("font.size", *large), points)
     return tuple((sizes | {"legend.fontsize": smaller} | more).items())
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.statistics import Estimate, holm, mean
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.grids import own_values, points_of, scenes
 from trackbench.report.lost import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
@@ -47,7 +47,7 @@ class Candidate:
     @property
     def setting(self) -> str:
         """What the grid gives it; in parentheses if it is several values."""
-        text = style.heading(self.own)
+        text = wording.heading(self.own)
         return f"({text})" if len(self.own) > 1 else text
 
     @cached_property
@@ -95,26 +95,21 @@ class Standing(NamedTuple):
         return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
 
     @property
-    def names_of_worse(self) -> list[str]:
-        """Of those that are worse than the best."""
-        return [c.name for c, _ in self.worse]
-
-    @property
     def more_is_better(self) -> bool:
         """Whether the larger value is the better one."""
         return self.metric.family[0].more_is_better
 
 
 def standings(results: Results, metric: str = "") -> list[Standing]:
-    """One for each scenario of the grid, by the first metric of `metrics_of` or a given one."""
-    metric = metric or next(iter(metrics_of(results)), "")
+    """One for each scenario of the grid, by the first metric of `ranking_metrics` or a given one."""
+    metric = metric or next(iter(ranking_metrics(results)), "")
     places = scenes(results) if metric else []
     return [_standing(results, where, metric, len(places)) for where in places]
 
 
 def best_settings(results: Results) -> list[Standing]:
     """Of each filter to which the grid gives several values: which of them are best, by scenario."""
-    metric = next(iter(metrics_of(results)), "")
+    metric = next(iter(ranking_metrics(results)), "")
     found: list[list[Candidate]] = []
     wheres: list[dict[str, Any]] = []
     for where in scenes(results) if metric else []:
@@ -130,7 +125,7 @@ def best_settings(results: Results) -> list[Standing]:
     ]
 
 
-def metrics_of(results: Results) -> list[str]:
+def ranking_metrics(results: Results) -> list[str]:
     """The metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from trackbench.core.arrays import Array
-from trackbench.experiment.reading.combining import single_paths
-from trackbench.report import live
+from trackbench.report import live, wording
 from trackbench.report.paper import sheet
 from trackbench.report.saving import saved, spell_out
 from trackbench.report.svg import compact
@@ -33,7 +32,6 @@ TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 SPREAD = "± 2 standard errors"
 _MOST_BANDS = 3
 _BARS = 12  # along a line
-_UNITS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 
 _RC: Any = {
     "axes.spines.top": False,
@@ -130,6 +128,7 @@ def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
 
 
 MOST_PANELS = 12
+_MOSAIC = 3
 
 
 def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Figure", Any]:
@@ -143,56 +142,34 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Fi
     return figure, panes[:number]
 
 
-def title(figure: "Figure", text: str, shown: int = 1, of: int = 1) -> None:
-    """The heading, with how many of the grid's points are shown if not all are."""
-    part = f"the first {shown} of {of} points" if of > shown else ""
+def mosaic(number: int, row_in: float, beside_in: float) -> tuple["Figure", list["Axes"]]:
+    """A figure and so many axes in rows of three, and those that fill the last row, left blank."""
+    across = min(max(number, 1), _MOSAIC)
+    rows = -(-max(number, 1) // across)
+    figure, axes = subplots(rows, across, beside_in + row_in * rows, squeeze=False)
+    for ax in axes.flat[number:]:
+        ax.set_axis_off()
+    return figure, list(axes.flat)
+
+
+def title(figure: "Figure", text: str, points: int = 1) -> None:
+    """The heading, with how many of the grid's points are shown if there are too many."""
+    part = f"the first {MOST_PANELS} of {points} points" if points > MOST_PANELS else ""
     if not sheet().titled:
         text = ""
     if text or part:
         figure.suptitle(": ".join(filter(None, [text, part])))
 
 
-def heading(point: dict[str, Any]) -> str:
-    """A grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
-    parts = zip(map(quantity, point), point.values(), strict=True)
-    return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
-
-
 def headings(points: Sequence[dict[str, Any]]) -> list[str]:
-    """The same of the points of `panels`, in lines that have room."""
+    """What the points of `panels` are, in lines that have room."""
     across = min(len(points), sheet().across)
-    return [wrapped(heading(point), across) for point in points]
+    return [wrapped(wording.heading(point), across) for point in points]
 
 
 def wrapped(text: str, across: int = 1) -> str:
     """A text in lines that have room over one of so many panels beside each other."""
     return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
-
-
-def axis(path: str) -> str:
-    """A grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
-    key, unit = quantity(path)
-    return f"{key} ({unit})" if unit else key
-
-
-def quantity(path: str) -> tuple[str, str]:
-    """A grid's path as words, and the unit that its name ends in."""
-    key = name(path)
-    for ending, unit in _UNITS.items():
-        if key.endswith(f"_{ending}"):
-            return key.removesuffix(f"_{ending}").replace("_", " "), unit
-    return key.replace("_", " "), ""
-
-
-def name(path: str) -> str:
-    """The last word of a grid's path, of the first of several that vary together."""
-    return single_paths(path)[0].rpartition(".")[2]
-
-
-def number(value: Any) -> str:
-    """A grid's value: six digits of a number, words and truth values as they are."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f"{value:g}" if is_number else str(value)
 
 
 def plain_log_axis(ax: "Axes", most: float = 100.0) -> None:

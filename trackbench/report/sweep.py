@@ -11,7 +11,7 @@ from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.combining import filters_of, separate, single_paths
 from trackbench.experiment.reading.definition import DrawnExhibit, Experiment, Settings
 from trackbench.experiment.reading.published import Published
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.figures.swept import SweepFigure
 from trackbench.report.results import Results
 from trackbench.report.standing import Candidate, Standing, best_settings
@@ -56,7 +56,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
 def _title(paths: list[str], settings: Settings) -> str:
     """``q of KF``."""
     whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
-    keys = " and ".join(style.axis(path) for path in paths)
+    keys = " and ".join(wording.axis(path) for path in paths)
     return f"{keys} of {listed(list(whose))}" if whose else keys
 
 
@@ -98,7 +98,7 @@ def best_points(results: Results) -> Iterator[Best]:
 
 
 def _best(standing: Standing, best: Candidate) -> Best:
-    metric, where = standing.metric, style.heading(standing.where)
+    metric, where = standing.metric, wording.heading(standing.where)
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
     if standing.ties:

@@ -11,6 +11,7 @@ from trackbench.evaluation.statistics import Estimate, paired_difference
 from trackbench.experiment.problems import counted
 from trackbench.report.lost import in_words
 from trackbench.report.notebook import table_html
+from trackbench.report.terms import Term
 from trackbench.report.text import Text, TextTable
 
 if TYPE_CHECKING:
@@ -23,6 +24,11 @@ class Cell(NamedTuple):
     estimate: Estimate
     runs: int
     lost: int
+
+    @classmethod
+    def of(cls, term: Term) -> "Cell":
+        """A measured number."""
+        return cls(term.estimate, term.runs, term.lost)
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import isfinite, log
 
 from trackbench.metrics import Better
-from trackbench.report.wording import named
+from trackbench.report.wording import named, three_digits
 
 _FIRST = 3
 _BEST = {
@@ -30,11 +30,6 @@ def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
     told = [f"{named(label)} ({three_digits(there[label])})" for label in order]
     rest = f"; {last}: {told[-1]}" if len(told) > _FIRST else ""
     return f"{what}, {first}: {', '.join(told[:_FIRST])}{rest}."
-
-
-def three_digits(x: float) -> str:
-    """``0.00421``, ``1010``."""
-    return f"{float(f'{x:.3g}'):g}"
 
 
 def _far(value: float, better: Better) -> float:

@@ -46,6 +46,14 @@ class Term(NamedTuple):
         """Value and standard error."""
         return Estimate(self.value, self.stderr)
 
+    def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "Term":
+        """Of another value that moves by so much of this one's changes."""
+        of_runs, of_blocks = (
+            None if x is None else x * by / over for x in (self.influences, self.blocks)
+        )
+        stderr = self.stderr * abs(by) / over
+        return self._replace(value=value, stderr=stderr, influences=of_runs, blocks=of_blocks)
+
     def by_sides(self, a: "Term", b: "Term", factor: float) -> "Term":
         """This difference ``a - factor b``, tested by the limits of both, if they are of common runs."""
         if self.influences is None or a.influences is None or b.influences is None:
@@ -129,15 +137,7 @@ def quotient(a: Term, b: Term) -> Term:
 @quietly
 def gain(ratio: Term) -> Term:
     """Percent by which the ratio is below one."""
-    of_runs, of_blocks = (
-        None if x is None else -100.0 * x for x in (ratio.influences, ratio.blocks)
-    )
-    return ratio._replace(
-        value=100.0 * (1.0 - ratio.value),
-        stderr=100.0 * ratio.stderr,
-        influences=of_runs,
-        blocks=of_blocks,
-    )
+    return ratio.scaled(100.0 * (1.0 - ratio.value), by=-100.0)
 
 
 @quietly

@@ -49,7 +49,7 @@ def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -
     return over_steps(shares_of_runs(results, point, label, m))
 
 
-class Judged(NamedTuple):
+class Uniformity(NamedTuple):
     """Filters with the PITs of theirs that are not uniform; others; how many tests there were."""
 
     bad: dict[str, list[str]]
@@ -57,7 +57,7 @@ class Judged(NamedTuple):
     tests: int
 
 
-def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Judged:
+def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
     """By the histograms of (filter, PIT), with probability alpha of any false verdict (Holm 1979)."""
     tests = [
         (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
@@ -68,4 +68,4 @@ def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Judged:
             bad.setdefault(label, {})[head] = None
     good = [label for label, _, _ in tests if label not in bad]
     found_bad = {label: list(heads) for label, heads in bad.items()}
-    return Judged(found_bad, list(dict.fromkeys(good)), len(tests))
+    return Uniformity(found_bad, list(dict.fromkeys(good)), len(tests))

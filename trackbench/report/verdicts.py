@@ -8,18 +8,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
+from operator import methodcaller
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.evaluation.measure import Measure
 from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report import agreement
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, Verdict
 from trackbench.report.evidence import Evidence, evidence_at
-from trackbench.report.expressions import Expressions
-from trackbench.report.judging import Judged, joined, judge, no_results
+from trackbench.report.judging import Judged, judge, no_results, noted
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Term
 
@@ -130,16 +129,12 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
-        note = joined(no_results(number, evidence), number.note)
+        note = noted(no_results(number, evidence), number.note)
         yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), False, note)
         return
     for label in number.labels:
-        measured, of_batches = evidence.of(partial(_term, number.expression.of(label)))
+        measured, of_batches = evidence.of(methodcaller("term", number.expression.of(label)))
         verdict = agreement.of_number(number, measured, of_batches)
-        note = joined(measured.losses, number.chosen, number.note)
+        note = noted(measured.losses, number.chosen, number.note)
         fragile = measured.fragile or verdict.is_close
         yield Compared(number, label, measured, verdict, fragile, note)
-
-
-def _term(m: Measure, expressions: Expressions) -> Term:
-    return expressions.term(m)

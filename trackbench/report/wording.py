@@ -1,11 +1,14 @@
 """Numbers and names as they stand in a sentence."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from trackbench.evaluation.measure import Measure
+from trackbench.experiment.reading.combining import single_paths
 from trackbench.metrics import unit_of
 
 MOST_NAMES = 4
+_UNITS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
@@ -42,6 +45,11 @@ def two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
 
+def three_digits(x: float) -> str:
+    """``0.00421``, ``1010``."""
+    return f"{float(f'{x:.3g}'):g}"
+
+
 def named(label: str) -> str:
     """A label as it stands in a sentence: one with a comma in quotes."""
     return f"\u201c{label}\u201d" if "," in label else label
@@ -62,3 +70,35 @@ def joined(names: Iterable[str]) -> str:
 def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
     """The form for one or for several."""
     return one if len(names) == 1 else many
+
+
+def heading(point: dict[str, Any]) -> str:
+    """A grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
+    parts = zip(map(quantity, point), point.values(), strict=True)
+    return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
+
+
+def axis(path: str) -> str:
+    """A grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
+    key, unit = quantity(path)
+    return f"{key} ({unit})" if unit else key
+
+
+def quantity(path: str) -> tuple[str, str]:
+    """A grid's path as words, and the unit that its name ends in."""
+    key = name(path)
+    for ending, unit in _UNITS.items():
+        if key.endswith(f"_{ending}"):
+            return key.removesuffix(f"_{ending}").replace("_", " "), unit
+    return key.replace("_", " "), ""
+
+
+def name(path: str) -> str:
+    """The last word of a grid's path, of the first of several that vary together."""
+    return single_paths(path)[0].rpartition(".")[2]
+
+
+def number(value: Any) -> str:
+    """A grid's value: six digits of a number, words and truth values as they are."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:g}" if is_number else str(value)

@@ -9,7 +9,8 @@ import numpy as np
 from trackbench.core import elementary
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_RANGE = re.compile(rf"(log:)?({_NUMBER})\.\.({_NUMBER})")
+RANGE = rf"(log:)?({_NUMBER})\.\.({_NUMBER})"
+"""Pattern of the ends of an axis, linear or logarithmic."""
 _DIGITS = 4
 
 
@@ -74,7 +75,7 @@ def read_axis(key: str, written: Any) -> Axis:
         if any(value in written[:i] for i, value in enumerate(written)):
             raise ValueError("a choice is given twice")
         return Axis(key, choices=tuple(written))
-    match = _RANGE.fullmatch(written) if isinstance(written, str) else None
+    match = re.fullmatch(RANGE, written) if isinstance(written, str) else None
     if match is None:
         raise ValueError(f"{written!r}: write a..b, log:a..b or a list of choices")
     log, low, high = bool(match.group(1)), float(match.group(2)), float(match.group(3))

@@ -1,24 +1,23 @@
 """What an experiment's tuning may ask for: every mistake with its line, and the axes of its keys."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.reading.checks import no_filter
+from trackbench.experiment.reading.checks import blame_label
 from trackbench.experiment.reading.definition import Point, Settings
-from trackbench.experiment.reading.source import Source, dotted
+from trackbench.experiment.reading.source import Source
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.objective import bad_terms, default_metric
 from trackbench.tuning.settings import tuned
-from trackbench.tuning.trials import make_trial
+from trackbench.tuning.trials import Tried, make_trial
 
 _MOST_KEYS = 5
 
 
-def with_defaults(source: Source, settings: Settings, points: list[Point | None]) -> Settings:
+def with_defaults(source: Source, settings: Settings, points: list[Point]) -> Settings:
     """Metric and runs written out, if anything is tuned by them."""
-    if not settings.tune or not points or points[0] is None:
+    if not settings.tune or not points:
         return settings
     tuning, scenario = settings.tuning, points[0].scenario
     if tuning.metric is None:
@@ -29,44 +28,40 @@ def with_defaults(source: Source, settings: Settings, points: list[Point | None]
 
 
 def tuned_axes(
-    source: Source,
-    settings: Settings,
-    points: list[Point | None],
-    problems: list[Problem],
+    source: Source, settings: Settings, points: list[Point]
 ) -> dict[str, tuple[Axis, ...]]:
     """The axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
-    found = list(_mistakes(source, settings, points))
-    out: dict[str, tuple[Axis, ...]] = {}
+    before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
+    _check(source, settings, points)
     for label, keys in settings.tune.items():
         if label not in settings.filters:
-            found.append(no_filter(source, settings, ("tune", label), label))
+            blame_label(source, settings, ("tune", label), label)
         elif not 1 <= len(keys) <= _MOST_KEYS:
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
-            found.append(Problem(source.key_mark(("tune", label)), dotted(("tune", label)), what))
+            source.blame_key(("tune", label), what)
         elif label == settings.reference:
-            what = "the reference filter is what others are measured to"
-            found.append(Problem(source.key_mark(("tune", label)), dotted(("tune", label)), what))
+            source.blame_key(("tune", label), "the reference filter is what others are measured to")
         else:
-            axes = [_axis(source, label, key, keys[key], found) for key in keys]
-            if None not in axes and points and points[0] is not None and not found:
-                whole = _tried(source, points[0], label, [a for a in axes if a is not None], found)
+            axes = [_axis(source, label, key, keys[key]) for key in keys]
+            good = len(source.problems) == before
+            if None not in axes and points and good:
+                whole = _tried(source, points[0], label, [a for a in axes if a is not None])
                 if not settings.only or tuned(label) in settings.only:
                     out[label] = whole
-    problems += found
     return out
 
 
-def _mistakes(source: Source, settings: Settings, points: list[Point | None]) -> Iterator[Problem]:
+def _check(source: Source, settings: Settings, points: list[Point]) -> None:
     tuning = settings.tuning
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
-        yield Problem(source.key_mark(("tune",)), "tune", what)
+        source.blame_key(("tune",), what)
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
-        yield Problem(source.mark(keys), dotted(keys), what)
-    scenarios = [p.scenario for p in points if p]
+        source.blame(keys, what)
+    scenarios = [p.scenario for p in points]
     most = min((scenario.recorded_runs or 0 for scenario in scenarios), default=0)
     beside = 0 if any(scenario.training for scenario in scenarios) else settings.runs
     if most and beside + tuning.runs > most:
@@ -77,42 +72,33 @@ def _mistakes(source: Source, settings: Settings, points: list[Point | None]) ->
             if beside
             else f"{tuning.runs} is more than the {most} recorded runs"
         )
-        yield Problem(source.mark(("tuning", "runs")), "tuning.runs", what)
+        source.blame(("tuning", "runs"), what)
 
 
-def _axis(
-    source: Source, label: str, key: str, written: Any, problems: list[Problem]
-) -> Axis | None:
+def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
     try:
         return read_axis(key, written)
     except ValueError as error:
-        where = ("tune", label, key)
-        problems.append(Problem(source.mark(where), dotted(where), str(error)))
+        source.blame(("tune", label, key), str(error))
         return None
 
 
-def _tried(
-    source: Source, point: Point, label: str, axes: list[Axis], problems: list[Problem]
-) -> tuple[Axis, ...]:
+def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
     """The axes, those of whole numbers found out by trying; both ends and every choice must do."""
     middle: dict[str, Any] = {axis.key: axis.at(0.5) for axis in axes}
     out = []
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
-            if make_trial(source, point, label, between, []) is None:
+            if not isinstance(make_trial(source, point, label, between), Tried):
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
         out.append(axis)
     for axis in out:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
-            bad: list[Problem] = []
-            make_trial(source, point, label, {**middle, axis.key: value}, bad)
-            where = ("tune", label, axis.key)
-            problems += (
-                Problem(source.mark(where), dotted(where), f"at {value}: {_said(p, label)}")
-                for p in bad
-            )
+            tried = make_trial(source, point, label, {**middle, axis.key: value})
+            for problem in [] if isinstance(tried, Tried) else tried:
+                source.blame(("tune", label, axis.key), f"at {value}: {_said(problem, label)}")
     return tuple(out)
 
 

@@ -10,11 +10,11 @@ from trackbench.experiment.reading.source import Keys, Source
 from trackbench.experiment.reading.validate import at
 from trackbench.tuning.settings import tuned
 
-Values = Mapping[str, Any]
+Chosen = Mapping[str, Any]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
-def add_tuned(source: Source, found: Mapping[str, Values]) -> None:
+def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
     """Beside each filter that is tuned one with what was ``found``, or before that with its own keys.
 
     An entry that stands there already, as in the config of a results folder, stays unless something
@@ -34,7 +34,7 @@ def add_tuned(source: Source, found: Mapping[str, Values]) -> None:
         _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
 
 
-def with_values(source: Source, label: str, values: Values) -> Source:
+def with_values(source: Source, label: str, values: Chosen) -> Source:
     """A config of which this filter has other values; the rest is shared."""
     data = {**source.data, "filters": {**source.data["filters"]}}
     data["filters"][label] = copy.deepcopy(data["filters"][label])
@@ -43,7 +43,7 @@ def with_values(source: Source, label: str, values: Values) -> Source:
     return own
 
 
-def _set(source: Source, label: str, tuned_as: str, values: Values) -> None:
+def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
     for path, value in values.items():
         mark = source.mark(("tune", tuned_as, path))
         override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
@@ -60,10 +60,8 @@ def _is_entry(source: Source, label: str) -> bool:
 
 def _copy(source: Source, keys: Keys, to: Keys) -> None:
     """The value with the positions of all that is in it."""
-    at(source, to[:-1])[to[-1]] = copy.deepcopy(at(source, keys))
-    for marks in (source.marks, source.key_marks):
-        inner = {k[len(keys) :]: mark for k, mark in marks.items() if k[: len(keys)] == keys}
-        marks.update({to + rest: mark for rest, mark in inner.items()})
+    at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
+    source.graft(to, source.part(keys, copied))
 
 
 def _order(source: Source, labels: Iterable[str]) -> None:

@@ -40,7 +40,7 @@ _AROUND = (
     0.03,
     0.08,
     0.2,
-)  # shares at which a key is looked at around the best
+)  # of an axis, where a key is looked at from the best
 _WORST = 1e300
 _LOST = 1e12  # what a lost run counts: more than any objective
 

@@ -8,14 +8,14 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.derived import sizes
 from trackbench.experiment.planning.plan import block_width
-from trackbench.experiment.problems import Problem, UserError
+from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.asked import kinds_of
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.resolved import as_config
 from trackbench.tuning.axes import Axis
 from trackbench.tuning.objective import Objective, Score
 from trackbench.tuning.search import Shares, Values
-from trackbench.tuning.trials import Trial, make_trial
+from trackbench.tuning.trials import Tried, make_trial
 
 
 class Training:
@@ -41,26 +41,27 @@ class Training:
         """The blocks of a trial, as few as its particles allow; none if there is no such filter."""
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
-        trial = make_trial(self._experiment.source, self._point, self._label, chosen, [])
-        return [] if trial is None else [self._block(trial, i) for i in range(self._blocks(trial))]
+        trial = make_trial(self._experiment.source, self._point, self._label, chosen)
+        if not isinstance(trial, Tried):
+            return []
+        return [self._block(trial, i) for i in range(self._blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
         """Of a trial's values per run; raises UserError if the metric is not among them."""
         for name in self.objective.metrics:
             if name not in per_run:  # of recorded data it is not known beforehand what there is
-                mark = self._experiment.source.mark(("tuning", "metric"))
                 what = f"{self._label} has no {name!r} here"
-                raise UserError(Problem(mark, "tuning.metric", what))
+                raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
         return self.objective.score(per_run)
 
-    def _blocks(self, trial: Trial) -> int:
+    def _blocks(self, trial: Tried) -> int:
         return ceil(self._experiment.settings.tuning.runs / self._most(trial))
 
-    def _most(self, trial: Trial) -> int:
+    def _most(self, trial: Tried) -> int:
         asked = self._experiment.settings.block
         return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
 
-    def _block(self, trial: Trial, number: int) -> BlockTask:
+    def _block(self, trial: Tried, number: int) -> BlockTask:
         """All blocks but the last are full, and none is wider than it has to be."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))

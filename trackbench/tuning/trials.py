@@ -11,29 +11,26 @@ from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.source import Source
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed import Assume
-from trackbench.tuning.entries import Values, with_values
+from trackbench.tuning.entries import Chosen, with_values
 
 
 @dataclass(frozen=True)
-class Trial:
+class Tried:
     """A filter and what it assumes."""
 
     filter: AnyFilter
     assume: Assume | None
 
 
-def make_trial(
-    source: Source, point: Point, label: str, values: Values, problems: list[Problem]
-) -> Trial | None:
-    """The filter with these values; None, with the reasons, if there is none."""
-    changed, found = with_values(source, label, values), list[Problem]()
-    tracker: Any = build_kind("filters", changed, ("filters", label), found)
-    assume = read_assumed(changed, label, found)
-    if tracker is not None and not found:
+def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tried | list[Problem]:
+    """The filter with these values; the reasons if there is none."""
+    changed = with_values(source, label, values)
+    tracker: Any = build_kind("filters", changed, ("filters", label))
+    assume = read_assumed(changed, label)
+    if tracker is not None and not changed.problems:
         assumed = {label: assume} if assume is not None else {}
         tried = Point(point.values, point.scenario, {label: tracker}, assumed)
-        seen = check_assumed(changed, tried, label, found)
+        seen = check_assumed(changed, tried, label)
         if seen is not None:
-            check_fit(changed, ("filters", label), tracker, seen, found)
-    problems += found
-    return None if found else Trial(tracker, assume)
+            check_fit(changed, ("filters", label), tracker, seen)
+    return changed.problems or Tried(tracker, assume)

@@ -30,14 +30,14 @@ from trackbench.verification.rounding import (
     usual,
 )
 
-Key: TypeAlias = tuple[Any, ...]
+ColumnKey: TypeAlias = tuple[Any, ...]
 """Values of the grid's paths, filter, metric."""
 
 
 class Column(NamedTuple):
     """A metric of a filter over the runs (M,): as stored, computed again, and how far apart."""
 
-    key: Key
+    key: ColumnKey
     stored: Array
     again: Array
     off: Array
@@ -98,7 +98,7 @@ def _compute(experiment: Experiment, out: Path, runs: int, tracks: bool) -> None
         write_results(out, fewer, next(outcomes), tracks)
 
 
-def _values(results: Results, runs: int, whole: bool) -> dict[Key, Array]:
+def _values(results: Results, runs: int, whole: bool) -> dict[ColumnKey, Array]:
     """Values of the first runs; shares of an average over time depend on all runs, as a summary does."""
     return {
         (*point.values(), *key): values[:runs]
@@ -108,7 +108,7 @@ def _values(results: Results, runs: int, whole: bool) -> dict[Key, Array]:
     }
 
 
-def _column(key: Key, stored: Array, again: Array) -> Column:
+def _column(key: ColumnKey, stored: Array, again: Array) -> Column:
     return Column(key, stored, again, relative(stored, again, usual(stored)))
 
 
@@ -128,7 +128,7 @@ def _judged(columns: list[Column], drawing: Collection[str]) -> Iterator[Finding
         yield _of_filter(label, [c for c in columns if c.label == label], p, label in drawing)
 
 
-def _of_filter(label: str, mine: list[Column], p: dict[Key, float], draws: bool) -> Finding:
+def _of_filter(label: str, mine: list[Column], p: dict[ColumnKey, float], draws: bool) -> Finding:
     off = np.concatenate([c.off for c in mine])
     worst = max(mine, key=lambda c: c.off.max())
     begin = f"per_run.csv: {label}: {np.count_nonzero(off)} of {off.size} values differ"

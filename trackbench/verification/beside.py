@@ -1,7 +1,6 @@
 """What is stored beside the values per run, held against the same computed again."""
 
 from collections.abc import Collection, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,7 +45,7 @@ def same_arrays(
     results: Results, again: Results, name: str, labels: Collection[str]
 ) -> Iterator[Finding]:
     """What differs in a file of tracks; of filters only in those of these labels."""
-    stored, now = (_arrays(of.folder / name) for of in (results, again))
+    stored, now = results.arrays(name), again.arrays(name)
     if stored.keys() != now.keys():
         yield changed(f"{name}: holds other arrays than are computed again")
         return
@@ -65,13 +64,6 @@ def same_arrays(
 def _finding(what: str, off: Array, least: float) -> Finding:
     by = f"{what} by {off.max():.1e} at most"
     return rounding(by) if off.max() <= least else changed(f"{by}, more than rounding")
-
-
-def _arrays(path: Path) -> dict[str, Array]:
-    if not path.is_file():
-        return {}
-    with np.load(path) as arrays:
-        return dict(arrays)
 
 
 def _rows(frame: "pd.DataFrame", labels: Collection[str | None]) -> "pd.DataFrame":

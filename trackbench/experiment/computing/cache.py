@@ -12,10 +12,9 @@ from pathlib import Path
 
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.experiment.computing.codec import decode, encode
-from trackbench.experiment.files import write_bytes, write_text
+from trackbench.experiment.files import made, write_bytes, write_text
 from trackbench.experiment.planning.code import code_digest
 from trackbench.experiment.planning.digest import block_key
-from trackbench.experiment.problems import WriteError
 
 _CODE_DIGITS = 12
 
@@ -49,18 +48,12 @@ class BlockStore:
         for used, result in results.items():
             key = block_key(task, used)
             file = self._file(key)
-            try:
-                file.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise WriteError(file.parent, error) from error
+            made(file.parent)
             write_bytes(file, encode(result, key))
 
     def prepare(self) -> None:
         """Make the folder, out of version control's sight; raises WriteError."""
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WriteError(self.root, error) from error
+        made(self.root)
         if not (self.root / ".gitignore").exists():
             write_text(self.root / ".gitignore", "*\n")
 

@@ -56,7 +56,7 @@ def short(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[Key, Looke
                 yield key, found
 
 
-def said(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
+def why_ended(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
     """Why the runs ended, if anything was asked of them."""
     if not experiment.settings.until:
         return

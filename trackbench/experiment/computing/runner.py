@@ -1,7 +1,7 @@
 """Run plans: compute the blocks that are not kept yet, keep each, go on when one filter fails."""
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -73,7 +73,7 @@ def execute(
     outcomes = [Outcome(plan, store) for plan in plans]
     queue = Queue(workers)
     for outcome in outcomes:
-        _want(outcome, queue, fresh)
+        _want(outcome, queue, _missing(outcome, fresh))
     with closing(queue.run(open_engine)) as finished:
         for i, outcome in enumerate(outcomes):
             started = time.perf_counter()
@@ -96,9 +96,9 @@ def execute(
             yield outcome
 
 
-def _want(outcome: Outcome, queue: Queue, fresh: bool) -> None:
-    """Let the plan's blocks that are not kept wait."""
-    for task in _missing(outcome, fresh):
+def _want(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
+    """Let blocks of the plan that are not kept wait."""
+    for task in tasks:
         queue.add(task, outcome.plan.plugins)
         outcome.missing.add(task)
 
@@ -107,11 +107,8 @@ def _enlarge(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
     """Go on with more runs; what was computed a moment ago is not computed again."""
     before = set(outcome.plan.unique)
     outcome.plan = bigger
-    for task in bigger.unique:
-        if task in before or outcome.store.get(task) is not None:
-            continue
-        queue.add(task, bigger.plugins)
-        outcome.missing.add(task)
+    new = (task for task in bigger.unique if task not in before)
+    _want(outcome, queue, (task for task in new if outcome.store.get(task) is None))
     bar.total = len(bigger.unique)
     bar.set_postfix_str(outcome.still)
 

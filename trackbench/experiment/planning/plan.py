@@ -9,11 +9,10 @@ from typing import TypeAlias
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.machine import memory
 from trackbench.experiment.problems import Problem, UserError, counted
-from trackbench.experiment.reading.asked import foretold
+from trackbench.experiment.reading.asked import foretold, shared
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.metric_names import number_per_run
 from trackbench.experiment.reading.plugins import Plugin
-from trackbench.experiment.reading.shared import shared
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
 
@@ -146,7 +145,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
     return most
 
 
-def describe(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
+def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
     """One line on what is about to be done."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)

@@ -6,9 +6,9 @@ from typing import Any
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.compose import split_assignment
 from trackbench.experiment.reading.source import Source, dotted, scalar
+from trackbench.tuning.axes import RANGE
 
-_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_RANGE = re.compile(rf"(log:)?({_NUMBER})\.\.({_NUMBER}):([0-9]{{1,9}})")
+_RANGE = re.compile(rf"{RANGE}:([0-9]{{1,9}})")
 _MOST_VALUES = 1000
 
 

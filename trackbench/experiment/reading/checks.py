@@ -33,27 +33,26 @@ _NEEDS = {
     "sensor.jacobian": "a sensor with a Jacobian",
     "sensor.per_axis": "a sensor of planar positions, as it works axis by axis (try imm, or cmkf)",
     "sensor.reading": "a sensor of range and azimuth",
-    "prior.first": "a start from two scans of a radar at the origin",
-    "prior.gaussian": "a start from two scans of a radar at the origin",
-    "prior.positions": "a start from two scans of a radar at the origin",
-    "prior.azimuths": "a start from two scans of a radar at the origin",
+    **dict.fromkeys(
+        ["prior.first", "prior.gaussian", "prior.positions", "prior.azimuths"],
+        "a start from two scans of a radar at the origin",
+    ),
 }
 """What a filter needs, in words (other needs are named as they are)."""
 
 
-def chosen_labels(source: Source, settings: Settings, problems: list[Problem]) -> list[str]:
+def chosen_labels(source: Source, settings: Settings) -> list[str]:
     """Labels of the filters to run, once every label that the top level names is one of a filter."""
     known = list(settings.filters)
     if not known:
-        problems.append(Problem(source.mark(("filters",)), "filters", "name at least one filter"))
+        source.blame(("filters",), "name at least one filter")
     for i, label in enumerate(settings.only):
         if label not in known:
-            problems.append(no_filter(source, settings, ("only", i), label))
+            blame_label(source, settings, ("only", i), label)
     if settings.bound in known:
-        what = f"{settings.bound!r} is already the label of a filter"
-        problems.append(Problem(source.mark(("bound",)), "bound", what))
+        source.blame(("bound",), f"{settings.bound!r} is already the label of a filter")
     if settings.reference is not None and settings.reference not in known:
-        problems.append(no_filter(source, settings, ("reference",), settings.reference))
+        blame_label(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
 
 
@@ -68,56 +67,44 @@ def has(scenario: Scenario, need: str) -> bool:
     return any(hasattr(getattr(scenario.model, part), either) for either in name.split("|"))
 
 
-def check_fit(
-    source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario, problems: list[Problem]
-) -> None:
+def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
     for need in tracker.needs:
         if not has(scenario, need):
-            what = f"{tracker.kind} needs {_in_words(need)}, which there is not here"
-            problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
+            what = f"{tracker.kind} needs {_NEEDS.get(need, need)}, which there is not here"
+            source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
     if not unmet:
-        problems += _conflicts(source, keys, foreign.conflicts(tracker, scenario))
+        _blame_each(source, keys, foreign.conflicts(tracker, scenario))
 
 
-def check_bound(source: Source, scenario: Scenario, problems: list[Problem]) -> None:
+def check_bound(source: Source, scenario: Scenario) -> None:
     """A lower bound that the experiment asks for must exist."""
     if source.data.get("bound") is None:
         return
     why = scenario.no_bound
     if why is not None:
         what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
-        problems.append(Problem(source.mark(("bound",)), "bound", what))
+        source.blame(("bound",), what)
 
 
-def _in_words(need: str) -> str:
-    return _NEEDS.get(need, need)
-
-
-def _conflicts(source: Source, keys: Keys, found: dict[str, str]) -> Iterator[Problem]:
+def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
     """What a part says of its keys; an empty key is the part itself."""
     for key, what in found.items():
-        where = (*keys, *key.split(".")) if key else keys
-        yield Problem(source.mark(where), dotted(where), what)
+        source.blame((*keys, *key.split(".")) if key else keys, what)
 
 
-def check_key_figure(source: Source, settings: Settings, problems: list[Problem]) -> None:
+def check_key_figure(source: Source, settings: Settings) -> None:
     """The figure that the report begins with is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        what = unknown(name, list(settings.figures))
-        problems.append(Problem(source.mark(("key_figure",)), "key_figure", what))
+        source.blame(("key_figure",), unknown(name, list(settings.figures)))
 
 
 def check_named_filters(
-    source: Source,
-    settings: Settings,
-    group: Group,
-    parts: dict[str, Exhibit],
-    problems: list[Problem],
+    source: Source, settings: Settings, group: Group, parts: dict[str, Exhibit]
 ) -> None:
     """Tables and figures may name filters only that the experiment has.
 
@@ -127,7 +114,7 @@ def check_named_filters(
         for key in ("filters", *part.label_keys):
             for where, label in _labels(getattr(part, key), (group, name, key)):
                 if label not in (*settings.filters, settings.bound):
-                    problems.append(no_filter(source, settings, where, label))
+                    blame_label(source, settings, where, label)
 
 
 def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
@@ -147,57 +134,47 @@ def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
         yield from _labels(part, (*where, key))
 
 
-def no_filter(source: Source, settings: Settings, where: Keys, label: str) -> Problem:
-    """What to say of a label that no filter has."""
-    what = f"{label!r} is not a filter here; {unknown(label, list(settings.filters))}"
-    return Problem(source.mark(where), dotted(where), what)
+def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> None:
+    """Note a label that no filter has."""
+    other = unknown(label, list(settings.filters))
+    source.blame(where, f"{label!r} is not a filter here; {other}")
 
 
 def check_drawable(
-    source: Source,
-    group: Group,
-    parts: dict[str, Exhibit],
-    points: list[Point | None],
-    problems: list[Problem],
+    source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
 ) -> None:
-    """What tables and figures say themselves about these points."""
-    there = [point for point in points if point is not None]
-    for name, part in parts.items() if there and len(there) == len(points) else ():
-        problems += _conflicts(source, (group, name), part.conflicts(there))
+    """What tables and figures say themselves about these points, which are all or none."""
+    for name, part in parts.items() if points else ():
+        _blame_each(source, (group, name), part.conflicts(points))
 
 
 def check_figures(
     source: Source,
     settings: Settings,
     figures: dict[str, DrawnExhibit],
-    points: list[Point | None],
-    problems: list[Problem],
+    points: list[Point],
 ) -> None:
     """A figure may show only runs and components that there are."""
-    sizes = [len(p.scenario.components) for p in points if p is not None]
+    sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
         for key in figure.numbers:
             number, most = getattr(figure, key), limits[key]
             if number > most:
-                where = ("figures", name, key)
                 what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
-                problems.append(Problem(source.mark(where), dotted(where), what))
+                source.blame(("figures", name, key), what)
 
 
-def with_recorded_runs(
-    source: Source, settings: Settings, points: list[Point | None], problems: list[Problem]
-) -> Settings:
+def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
     """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
-    counts = [p.scenario.recorded_runs for p in points if p is not None]
+    counts = [p.scenario.recorded_runs for p in points]
     most = min((count for count in counts if count is not None), default=None)
     if most is None:
         return settings
     if "runs" in source.data and settings.runs <= most:
         most = settings.runs
     elif "runs" in source.data:
-        what = f"{settings.runs} is more than the {most} recorded runs"
-        problems.append(Problem(source.mark(("runs",)), "runs", what))
+        source.blame(("runs",), f"{settings.runs} is more than the {most} recorded runs")
     # There will never be more: a wider block would filter runs that are not there.
     block = settings.block or (None if settings.until else "fit")
     return replace(settings, runs=most, block=block)

@@ -53,10 +53,11 @@ def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
     """Set the value at ``keys``, making mappings on the way; all positions in it become ``mark``."""
     data = source.data
     for depth, key in enumerate(keys[:-1]):
-        if isinstance(data, dict) and not isinstance(data.get(key), dict | list):
-            data[key] = {}
+        inner = data.get(key) if isinstance(data, dict) else data[key]
+        if not isinstance(inner, dict | list):
+            data[key] = inner = {}
             source.marks[keys[: depth + 1]] = mark
-        data = data[key]
+        data = inner
     before = data.get(keys[-1]) if isinstance(data, dict) else data[keys[-1]]
     data[keys[-1]] = value
     if isinstance(before, dict | list):
@@ -134,9 +135,7 @@ def split_path(source: Source, path: str) -> Keys:
 
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
-    parent: Any = source.data
-    for key in keys[:-1]:
-        parent = parent[key]
+    parent = at(source, keys[:-1])
     data = parent[keys[-1]]
     changes: dict[str, Any] = {}
     name = data
@@ -159,11 +158,10 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     part = read(path)
     if not isinstance(part.data, dict):
         raise UserError(Problem(part.mark(()), dotted(keys), "is not a mapping with a kind"))
-    own = {k: m for k, m in source.marks.items() if k[: len(keys)] == keys and len(k) > len(keys)}
-    own_keys = {k: m for k, m in source.key_marks.items() if k[: len(keys)] == keys}
+    own = source.part(keys, changes)
+    own.marks.pop((), None)  # the part stands where its file begins
     source.graft(keys, part)
-    source.marks.update(own)
-    source.key_marks.update(own_keys)
+    source.graft(keys, own)
     parent[keys[-1]] = laid_over(part.data, changes, by_kind=True)
     if "use" in part.data:
         parent[keys[-1]]["use"] = part.data["use"]

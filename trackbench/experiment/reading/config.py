@@ -6,7 +6,7 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -33,13 +33,14 @@ from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.plain import source_of
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.points import grid_points, take
-from trackbench.experiment.reading.published import Published, read_published
+from trackbench.experiment.reading.published import Published
+from trackbench.experiment.reading.published_files import read_published
 from trackbench.experiment.reading.source import Source, read, unseen
 from trackbench.experiment.reading.untold import fill_in
 from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_defaults
-from trackbench.tuning.entries import Values, add_tuned
+from trackbench.tuning.entries import Chosen, add_tuned
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
@@ -50,14 +51,14 @@ _ALONE = {
 
 def load(
     config: Path | Mapping[str, Any],
-    overrides: list[str] | None = None,
-    only: list[str] | None = None,
+    overrides: Sequence[str] = (),
+    only: Sequence[str] = (),
     runs: int | None = None,
     seed: int | None = None,
-    grid: list[str] | None = None,
+    grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
-    found: Mapping[str, Values] | None = None,
+    found: Mapping[str, Chosen] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
@@ -68,21 +69,13 @@ def load(
     """
     source, home = _source(config)
     if not isinstance(source.data, dict):
-        raise UserError(
-            Problem(source.mark(()), "", "an experiment is a mapping of keys to values")
-        )
+        raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
     unread = inline_parts(source, home)
-    for text in overrides or []:
-        keys, value, mark = assignment(source, text)
-        override(source, keys, value, mark)
-    for key, number in (("runs", runs), ("seed", seed)):
-        if number is not None:
-            override(source, (key,), number, Mark(f"--{key}"))
-    if grid and not source.data.get("grid") and "product" not in source.data:
-        override(source, ("product",), product, Mark("--product"))
-    for text in grid or []:
-        add_axis(source, text)
-    _set_only(source, only or [])
+    for text in overrides:
+        override(source, *assignment(source, text))
+    _set_numbers(source, runs=runs, seed=seed)
+    _set_grid(source, grid, product)
+    _set_only(source, only)
     add_tuned(source, found or {})
     plugins = load_plugins(source, home, allow_plugins)
     try:
@@ -112,7 +105,20 @@ def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserErro
     return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
 
 
-def _set_only(source: Source, labels: list[str]) -> None:
+def _set_numbers(source: Source, **numbers: int | None) -> None:
+    for key, number in numbers.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
+
+
+def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:
+    if axes and not source.data.get("grid") and "product" not in source.data:
+        override(source, ("product",), product, Mark("--product"))
+    for text in axes:
+        add_axis(source, text)
+
+
+def _set_only(source: Source, labels: Sequence[str]) -> None:
     for label in labels:
         if unseen(label):
             raise UserError(Problem(Mark(f"--only {label}"), "", str(unseen(label))))
@@ -123,99 +129,94 @@ def _set_only(source: Source, labels: list[str]) -> None:
 
 
 def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
-    problems: list[Problem] = []
     # Go on after a mistake as far as can be, so that one round of corrections is enough.
-    whole = build(Settings, source, (), problems)
-    settings = whole or _without_mistakes(source, problems)
+    whole = build(Settings, source, ())
+    settings = whole or _without_mistakes(source)
     if settings is None:
-        _sections(source, problems)
-        raise UserError(*sorted(set(problems)))
-    labels = chosen_labels(source, settings, problems)
-    points = []
-    for values, marks in grid_points(source, settings, problems):
+        _sections(source)
+        raise UserError(*sorted(set(source.problems)))
+    labels = chosen_labels(source, settings)
+    made = []
+    for values, marks in grid_points(source, settings):
         take(source, values, marks)
-        points.append(_point(source, labels, values, problems))
+        made.append(_point(source, labels, values))
+    points = [point for point in made if point is not None]
+    whole_grid = points if len(points) == len(made) else []
     others = [label for label in settings.filters if label not in labels]
-    left_out = _filters(source, others, problems)
+    left_out = _filters(source, others)
     if whole:
-        settings = with_recorded_runs(source, settings, points, problems)
+        settings = with_recorded_runs(source, settings, points)
     settings = with_defaults(source, settings, points)
-    axes = tuned_axes(source, settings, points, problems)
+    axes = tuned_axes(source, settings, points)
     if whole:
         fill_in(source, settings, points)
-    tables = _parts("tables", source, problems)
-    figures = _parts("figures", source, problems)
+    tables = _parts("tables", source)
+    figures = _parts("figures", source)
     parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
     for group, built in parts.items():
-        check_named_filters(source, settings, group, built, problems)
-        check_drawable(source, group, built, points, problems)
-    check_key_figure(source, settings, problems)
+        check_named_filters(source, settings, group, built)
+        check_drawable(source, group, built, whole_grid)
+    check_key_figure(source, settings)
     if whole:  # else the runs may not be known
-        check_figures(source, settings, figures, points, problems)
-    check_metrics(source, settings, points, parts, left_out, problems)
-    published = _published(source, settings, folder, problems)
-    if problems:
-        raise UserError(*sorted(set(problems)))
-    there = [p for p in points if p is not None]
-    return Experiment(settings, there, left_out, tables, figures, source, published, plugins, axes)
+        check_figures(source, settings, figures, points)
+    check_metrics(source, settings, whole_grid, parts, left_out)
+    published = _published(source, settings, folder)
+    source.check()
+    return Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
 
 
-def _without_mistakes(source: Source, problems: list[Problem]) -> Settings | None:
+def _without_mistakes(source: Source) -> Settings | None:
     """The settings without their mistakes, if no other part of the file hangs on those keys."""
-    mistaken = {p.path.partition(".")[0] for p in problems}
+    mistaken = {p.path.partition(".")[0] for p in source.problems}
     known = [key.name for key in fields(Settings)]
     # A key that nobody knows is left out, unless it may be one of those that others hang on.
     meant = {near for key in mistaken for near in get_close_matches(key, known, 1, _ALIKE)}
     if not meant <= _ALONE:
         return None
     data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
-    return build(Settings, Source(data, source.marks, source.key_marks), (), [])
+    return build(Settings, Source(data, source.marks, source.key_marks), ())
 
 
-def _point(
-    source: Source, labels: list[str], values: dict[str, Any], problems: list[Problem]
-) -> Point | None:
-    scenario = build_kind("scenarios", source, ("scenario",), problems)
-    filters = _filters(source, labels, problems)
-    assumed = {b: a for b in labels if (a := read_assumed(source, b, problems)) is not None}
+def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point | None:
+    scenario = build_kind("scenarios", source, ("scenario",))
+    filters = _filters(source, labels)
+    assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
     if scenario is None:
         return None
     point = Point(dict(values), scenario, filters, assumed)
-    check_bound(source, scenario, problems)
+    check_bound(source, scenario)
     for label, tracker in filters.items():
-        seen = check_assumed(source, point, label, problems)
+        seen = check_assumed(source, point, label)
         if tracker is not None and seen is not None:
-            check_fit(source, ("filters", label), tracker, seen, problems)
+            check_fit(source, ("filters", label), tracker, seen)
     return point
 
 
-def _filters(source: Source, labels: list[str], problems: list[Problem]) -> dict[str, Any]:
-    return {b: build_kind("filters", source, ("filters", b), problems) for b in labels}
+def _filters(source: Source, labels: list[str]) -> dict[str, Any]:
+    return {b: build_kind("filters", source, ("filters", b)) for b in labels}
 
 
-def _sections(source: Source, problems: list[Problem]) -> None:
+def _sections(source: Source) -> None:
     if isinstance(source.data.get("scenario"), dict):
-        build_kind("scenarios", source, ("scenario",), problems)
+        build_kind("scenarios", source, ("scenario",))
     for group in ("filters", "tables", "figures"):
         if isinstance(source.data.get(group), dict):
             for label in source.data[group]:
-                build_kind(group, source, (group, label), problems)
+                build_kind(group, source, (group, label))
 
 
-def _parts(group: Group, source: Source, problems: list[Problem]) -> dict[str, Any]:
+def _parts(group: Group, source: Source) -> dict[str, Any]:
     """The tables or figures, without those that have mistakes."""
     names = source.data.get(group) or {}
-    built = {name: build_kind(group, source, (group, name), problems) for name in names}
+    built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}
 
 
-def _published(
-    source: Source, settings: Settings, folder: Path, problems: list[Problem]
-) -> Published:
+def _published(source: Source, settings: Settings, folder: Path) -> Published:
     mark, labels = source.mark(("published",)), [*settings.filters]
     labels += [settings.bound] if settings.bound else []
     try:
         return read_published(folder, settings.published, settings.name, labels, mark)
     except UserError as error:
-        problems += [p for p in error.problems if isinstance(p, Problem)]
+        source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()

@@ -24,10 +24,10 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 
 def _error(value: float | str) -> float | str:
     """A standard error, or a share of the number that it belongs to; ValueError if it is neither."""
-    share = value.removesuffix("%") if isinstance(value, str) and value.endswith("%") else None
+    is_share = isinstance(value, str) and value.endswith("%")
     try:
         number = (
-            float(value) if share is None and not isinstance(value, str) else float(share or "")
+            float(str(value).removesuffix("%")) if is_share or not isinstance(value, str) else 0
         )
     except ValueError:
         number = 0.0

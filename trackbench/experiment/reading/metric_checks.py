@@ -9,10 +9,9 @@ from typing import Any
 from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.measure import Measure, measured, role_of
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.definition import Exhibit, Point, Settings
 from trackbench.experiment.reading.metric_names import Names, kept_metrics, names_of
-from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.source import Keys, Source
 from trackbench.experiment.reading.validate import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
@@ -23,7 +22,7 @@ _OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage
 
 
 @dataclass(frozen=True)
-class Asked:
+class AskedMeasure:
     """What a part of the config asks for, where, and what it may be."""
 
     keys: Keys
@@ -36,68 +35,67 @@ class Asked:
 def check_metrics(
     source: Source,
     settings: Settings,
-    points: list[Point | None],
+    points: list[Point],
     parts: dict[Group, dict[str, Exhibit]],
     others: dict[str, AnyFilter],
-    problems: list[Problem],
 ) -> None:
     """Every metric that tables, figures and settings name must be one that there is, and is kept.
 
+    ``points`` are all, or none if any is mistaken: then what there is is not known.
     ``others`` are filters that are not run, whose metrics may be named. What filters note that are
     mistaken or fail is not known.
     """
     asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
-    there = [p for p in points if p is not None]
-    if not there or len(there) < len(points):
+    if not points:
         return
-    names = names_of(settings, there, others, noted=False)
+    names = names_of(settings, points, others, noted=False)
     if any(not a.named or _unknown(a, names, settings) for a in asked):
-        names = names_of(settings, there, others, noted=True)
+        names = names_of(settings, points, others, noted=True)
     for a in asked:
         what = _unknown(a, names, settings) or _left_out(a, names, settings)
         if what is not None:
-            problems.append(Problem(source.mark(a.keys), dotted(a.keys), what))
+            source.blame(a.keys, what)
 
 
-def _asked_by_settings(settings: Settings) -> Iterator[Asked]:
+def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
     for key, role, words in (
         ("medians", "series", settings.medians),
         ("metrics", "base", settings.metrics),
         ("per_step", "base", settings.per_step),
     ):
         for i, word in enumerate(words or ()):
-            yield Asked((key, i), measured(word), role)
+            yield AskedMeasure((key, i), measured(word), role)
     for word in settings.until:
-        yield Asked(("until", word), measured(word), "row")
+        yield AskedMeasure(("until", word), measured(word), "row")
     metric = settings.tuning.metric if settings.tune else None
     known = {word for word, _ in bad_terms(metric)}
     for word in [metric] if isinstance(metric, str) else metric or ():
         where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
         if word not in known:  # which is said elsewhere
-            yield Asked(where, measured(as_expression(word)), "summary")
+            yield AskedMeasure(where, measured(as_expression(word)), "summary")
 
 
-def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[Asked]:
+def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[AskedMeasure]:
     """What tables and figures measure: by keys of a type such as `OfRun`, and by their ``needs``."""
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.needs.items():
-                yield Asked((group, name), measured(word), role, named=False)
+                yield AskedMeasure((group, name), measured(word), role, named=False)
             yield from _asked_by(part, (group, name))
 
 
-def _asked_by(part: Any, keys: Keys) -> Iterator[Asked]:
+def _asked_by(part: Any, keys: Keys) -> Iterator[AskedMeasure]:
     for key in fields(part):
         hint = hints_of(type(part))[key.name]
         yield from _asked_in(getattr(part, key.name), hint, (*keys, key.name))
 
 
-def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
+def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[AskedMeasure]:
     if isinstance(value, Measure):
-        yield Asked(keys, value, role_of(hint))
+        yield AskedMeasure(keys, value, role_of(hint))
         if role_of(hint) == "rank" and not value.steps:
             for bar in bars(value.family[1]):
-                yield Asked(keys, value._replace(metric=bar), "per_run", named=False)
+                yield AskedMeasure(keys, value._replace(metric=bar), "per_run", named=False)
     elif is_dataclass(value):
         yield from _asked_by(value, keys)
     elif isinstance(value, dict):
@@ -105,7 +103,7 @@ def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[Asked]:
             yield from _asked_in(inner, hint, (*keys, head))
 
 
-def _unknown(asked: Asked, names: Names, settings: Settings) -> str | None:
+def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
     """That there is no such metric, if the config names it."""
     role, word = _where(asked, settings)
     if role == "made" and settings.reference is None:
@@ -136,7 +134,7 @@ def _is_of_truth(m: Measure) -> bool:
     return found.series in _OF_TRUTH and not of_prediction
 
 
-def _left_out(asked: Asked, names: Names, settings: Settings) -> str | None:
+def _left_out(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
     """That the metric is not kept in the file it is taken from."""
     role, word = _where(asked, settings)
     if role == "made":
@@ -161,7 +159,7 @@ def _not_made(m: Measure, settings: Settings) -> str | None:
     return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
 
 
-def _where(asked: Asked, settings: Settings) -> tuple[str, str]:
+def _where(asked: AskedMeasure, settings: Settings) -> tuple[str, str]:
     """The file that holds what is asked for, and its name there."""
     m = asked.measure
     if asked.role == "base":

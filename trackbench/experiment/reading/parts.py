@@ -7,7 +7,6 @@ from typing import Any, NamedTuple, TypeVar, cast, get_args
 
 from trackbench.experiment.blame import blamed, is_foreign
 from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
@@ -24,60 +23,53 @@ _GONE = {
 """What to say of kinds that there were."""
 
 
-def build_kind(group: Group, source: Source, keys: Keys, problems: list[Problem]) -> Any:
+def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """The registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
     data = at(source, keys)
     if not isinstance(data, dict) or "kind" not in data:
-        what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-        problems.append(Problem(source.mark(keys), dotted(keys), what))
+        needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+        source.blame(keys, needs)
         return None
     kind = data["kind"]
     cls = of_kind(group, kind) if isinstance(kind, str) else None
     if cls is None:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
         what = _GONE.get((group, kind), what) if isinstance(kind, str) else what
-        problems.append(Problem(source.mark((*keys, "kind")), dotted((*keys, "kind")), what))
+        source.blame((*keys, "kind"), what)
         return None
-    own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys, problems))
+    own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys))
     also = ["preset"] if cls.presets else []
     if group == "filters":  # of every filter: see `trackbench.experiment.reading.assuming`
         own.pop("assume", None)
         also.append("assume")
-    return _built(cls, own, source, keys, problems, also)
+    return _built(cls, own, source, keys, also)
 
 
-def build_plain(cls: type[T], source: Source, keys: Keys, problems: list[Problem]) -> T | None:
+def build_plain(cls: type[T], source: Source, keys: Keys) -> T | None:
     """A dataclass without a kind from the mapping at ``keys``, with the parts it has."""
     data = at(source, keys)
     if not isinstance(data, dict):
-        problems.append(Problem(source.mark(keys), dotted(keys), "is not a mapping"))
+        source.blame(keys, "is not a mapping")
         return None
-    return _built(cls, data, source, keys, problems)
+    return _built(cls, data, source, keys)
 
 
 def _built(
-    cls: type[T],
-    own: dict[str, Any],
-    source: Source,
-    keys: Keys,
-    problems: list[Problem],
-    also: Sequence[str] = (),
+    cls: type[T], own: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
-    inner = _Inner(source, problems, [])
-    own = inner.numbered(cls, own, keys)
-    part = Source(own, {}, {})
-    for mine, marks in ((part.marks, source.marks), (part.key_marks, source.key_marks)):
-        mine.update({k[len(keys) :]: m for k, m in marks.items() if k[: len(keys)] == keys})
-    found: list[Problem] = []
+    inner = _Inner(source, [])
+    part = source.part(keys, inner.numbered(cls, own, keys))
     built = None
     try:
         with guarded():
-            built = build(cls, part, (), found, inner.made, also)
+            built = build(cls, part, (), inner.made, also)
     except Exception as error:
         if not is_foreign(cls):
             raise
-        found.append(Problem(part.mark(()), "", blamed(error, cls)))
-    problems += [replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in found]
+        part.blame((), blamed(error, cls))
+    source.problems += [
+        replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in part.problems
+    ]
     return None if None in inner.made else built
 
 
@@ -85,7 +77,6 @@ class _Inner(NamedTuple):
     """The parts within a part, made one after another; a number stands for each in the mapping."""
 
     source: Source
-    problems: list[Problem]
     made: list[Any]
 
     def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
@@ -116,11 +107,11 @@ class _Inner(NamedTuple):
         """The part at ``keys``; a word is a kind without keys of its own."""
         value = at(self.source, keys)
         if not isinstance(value, str):
-            return build_kind(group, self.source, keys, self.problems)
+            return build_kind(group, self.source, keys)
         mark, parent = self.source.mark(keys), at(self.source, keys[:-1])
         parent[keys[-1]] = {"kind": value}
         self.source.marks[(*keys, "kind")] = mark
-        return build_kind(group, self.source, keys, self.problems)
+        return build_kind(group, self.source, keys)
 
 
 def _with_absolute_files(
@@ -139,23 +130,17 @@ def _with_absolute_files(
     return out
 
 
-def _with_preset(
-    cls: type[Any], source: Source, keys: Keys, problems: list[Problem]
-) -> dict[str, Any]:
-    data = {k: v for k, v in at(source, keys).items() if k != "kind"}
-    name = data.get("preset")
-    presets = cls.presets
-    if presets and name is None:
-        data.pop("preset", None)
-    if name is None or not presets:
+def _with_preset(cls: type[Any], source: Source, keys: Keys) -> dict[str, Any]:
+    presets, data = cls.presets, {k: v for k, v in at(source, keys).items() if k != "kind"}
+    name = data.pop("preset", None) if presets else None
+    if name is None:
         return data
-    del data["preset"]
     where = (*keys, "preset")
     if not isinstance(name, str) or name not in presets:
-        what = f"{name!r} is not a preset of {cls.kind}; {unknown(str(name), list(presets))}"
-        problems.append(Problem(source.mark(where), dotted(where), what))
+        other = unknown(str(name), list(presets))
+        source.blame(where, f"{name!r} is not a preset of {cls.kind}; {other}")
         return data
     if any(presets.values()) and all(laid_over(p, data) == data for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
-        problems.append(Problem(source.mark(where), dotted(where), what))
+        source.blame(where, what)
     return laid_over(presets[name], data)

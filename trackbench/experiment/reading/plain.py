@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.reading.source import Keys, Source, dotted, unseen
+from trackbench.experiment.problems import Mark, UserError
+from trackbench.experiment.reading.source import Keys, Source, unseen
 
 Config: TypeAlias = Path | str | Mapping[str, Any]
 """A file, the name of a shipped experiment, or what a file would say as a mapping."""
@@ -15,25 +15,25 @@ _DEEPEST = 50
 
 def source_of(config: Mapping[str, Any]) -> Source:
     """The mapping as plain data of its own; raises UserError with everything that no YAML could say."""
-    source, problems = Source(None), list[Problem]()
-    source.data = _plain(config, (), source, problems)
-    if problems:
-        raise UserError(*problems)
+    source = Source(None)
+    source.data = _plain(config, (), source)
+    if source.problems:
+        raise UserError(*source.problems)
     source.key_marks = dict(source.marks)
     return source
 
 
-def _plain(value: Any, keys: Keys, source: Source, problems: list[Problem]) -> Any:
+def _plain(value: Any, keys: Keys, source: Source) -> Any:
     source.marks[keys] = _MARK
     for what in _mistakes(value, keys):
-        problems.append(Problem(_MARK, dotted(keys), what))
+        source.blame(keys, what)
         return None
     if isinstance(value, Mapping):
-        return {key: _plain(inner, (*keys, key), source, problems) for key, inner in value.items()}
+        return {key: _plain(inner, (*keys, key), source) for key, inner in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(inner, (*keys, i), source, problems) for i, inner in enumerate(value)]
+        return [_plain(inner, (*keys, i), source) for i, inner in enumerate(value)]
     if hasattr(value, "tolist"):  # of numpy
-        return _plain(value.tolist(), keys, source, problems)
+        return _plain(value.tolist(), keys, source)
     return str(value) if isinstance(value, Path) else value
 
 

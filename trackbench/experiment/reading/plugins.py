@@ -16,8 +16,8 @@ from types import ModuleType
 from trackbench import registry
 from trackbench.experiment.blame import BadPluginError, place_within, said
 from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.problems import Problem, RunError, UserError, reason
-from trackbench.experiment.reading.source import Source, dotted
+from trackbench.experiment.problems import RunError, UserError, reason
+from trackbench.experiment.reading.source import Source
 from trackbench.hooks import MistakenHookError
 from trackbench.keys import regular
 from trackbench.registry import kinds
@@ -92,7 +92,7 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
         try:
             plugins.append(_loaded(folder, name, allowed))
         except BadPluginError as why:
-            problems += [Problem(source.mark(where), dotted(where), what) for what in why.args]
+            problems += [source.problem(where, what) for what in why.args]
     if problems:
         raise UserError(*problems)
     _check_apart(plugins, source)
@@ -108,7 +108,7 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
             if owner is not plugin and owner.module != plugin.module:
                 what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
                 where = ("plugins", i)
-                raise UserError(Problem(source.mark(where), dotted(where), what))
+                raise UserError(source.problem(where, what))
 
 
 def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:

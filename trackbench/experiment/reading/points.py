@@ -1,10 +1,9 @@
 """The points of a grid, with the positions of their values."""
 
-from collections.abc import Iterator
 from typing import Any
 
-from trackbench.experiment.problems import Mark, Problem
-from trackbench.experiment.reading.checks import no_filter
+from trackbench.experiment.problems import Mark
+from trackbench.experiment.reading.checks import blame_label
 from trackbench.experiment.reading.combining import (
     combinations,
     number_of_points,
@@ -18,12 +17,10 @@ from trackbench.experiment.reading.source import Keys, Source, dotted
 _MOST_POINTS = 10_000
 
 
-def grid_points(
-    source: Source, settings: Settings, problems: list[Problem]
-) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
     """Of each point the value of each path, and where it is written."""
     grid = settings.grid
-    if not _is_possible(source, settings, problems):
+    if not _is_possible(source, settings):
         return []
     out = []
     for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
@@ -41,46 +38,45 @@ def take(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None
             override(source, split_path(source, path), own, marks[joint])
 
 
-def _is_possible(source: Source, settings: Settings, problems: list[Problem]) -> bool:
+def _is_possible(source: Source, settings: Settings) -> bool:
     grid = settings.grid
     for path, values in grid.items():
         where = ("grid", path)
         for keys in (split_path(source, single) for single in single_paths(path)):
             if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
-                what = "a grid varies scenario.KEY or filters.LABEL.KEY"
-                problems.append(Problem(source.key_mark(where), dotted(where), what))
+                source.blame_key(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
                 return False
             if keys[0] == "filters" and keys[1] not in settings.filters:
-                problems.append(no_filter(source, settings, where, str(keys[1])))
+                blame_label(source, settings, where, str(keys[1]))
                 return False
         if not values:
-            problems.append(Problem(source.mark(where), dotted(where), "has no values"))
-        problems += _repeated(source, path, values)
-    overlaps = list(_overlapping(source, grid))
-    problems += overlaps
+            source.blame(where, "has no values")
+        _check_repeated(source, path, values)
+    overlaps = _overlapping(source, grid)
     number = number_of_points(grid, settings.filters, settings.reference, settings.product)
     if number > _MOST_POINTS:
-        what = f"{number} points; a grid has at most {_MOST_POINTS}"
-        problems.append(Problem(source.mark(("grid",)), "grid", what))
+        source.blame(("grid",), f"{number} points; a grid has at most {_MOST_POINTS}")
         return False
     return not overlaps
 
 
-def _overlapping(source: Source, grid: dict[str, list[Any]]) -> Iterator[Problem]:
+def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
     """Of two axes that set the same value, one would head rows with what the other took back."""
     varied: dict[Keys, str] = {}
+    found = False
     for path in grid:
         for keys in (split_path(source, single) for single in single_paths(path)):
             for other, name in varied.items():
                 if all(a == b for a, b in zip(keys, other, strict=False)):
                     what = f"{dotted(max(keys, other, key=len))} is varied by {name!r}, too"
-                    yield Problem(source.key_mark(("grid", path)), dotted(("grid", path)), what)
+                    source.blame_key(("grid", path), what)
+                    found = True
             varied[keys] = path
+    return found
 
 
-def _repeated(source: Source, path: str, values: list[Any]) -> Iterator[Problem]:
+def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
     """Two points of the same values would be one point with every run twice."""
     for i, value in enumerate(values):
         if value in values[:i]:
-            where = ("grid", path, i)
-            yield Problem(source.mark(where), dotted(where), f"{value!r} is given twice")
+            source.blame(("grid", path, i), f"{value!r} is given twice")

@@ -1,20 +1,19 @@
-"""Published numbers and claims: CSV files that say what a paper prints and what measures it here.
+"""Published numbers and claims: what a paper prints, and what measures it here.
 
 A file of numbers has a ``value`` column, a file of claims a ``claim`` column; the columns are the fields
 below. A row counts for the experiments that its ``experiment`` column names (all, if it is empty).
 """
 
-import csv
-import io
-from dataclasses import MISSING, dataclass, field, fields
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 from trackbench.evaluation.measure import Measure
-from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
-from trackbench.experiment.reading.validate import build, unknown
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
+
+
+def split(text: str) -> list[str]:
+    """Parts between semicolons."""
+    return [part.strip() for part in text.split(";") if part.strip()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,142 +130,8 @@ class Published:
     files: dict[str, str] = field(default_factory=dict)
     """content by file name"""
 
-
-def read_published(
-    folder: Path,
-    paths: list[str],
-    experiment: str,
-    labels: list[str] | None = None,
-    mark: Mark | None = None,
-) -> Published:
-    """The rows for one experiment; raises UserError with every mistake in the files.
-
-    Rows may name ``labels`` only, if they are given: a run with ``--only`` leaves labels out.
-    """
-    found, problems = Published(), []
-    for path in paths:
-        try:
-            text = text_of(folder / path)
-        except OSError as error:
-            where = mark or Mark(str(folder / "config.yaml"))
-            what = f"cannot read {folder / path}: {reason(error)}"
-            problems.append(Problem(where, "published", what))
-            continue
-        name = Path(path).name
-        if name in found.files:
-            problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
-        found.files[name] = text
-        _read(str(folder / path), text, experiment, labels, found, problems)
-    if problems:
-        raise UserError(*problems)
-    return found
-
-
-def split(text: str) -> list[str]:
-    """Parts between semicolons."""
-    return [part.strip() for part in text.split(";") if part.strip()]
-
-
-def _read(
-    name: str,
-    text: str,
-    experiment: str,
-    labels: list[str] | None,
-    found: Published,
-    problems: list[Problem],
-) -> None:
-    reader = csv.reader(io.StringIO(text))
-    try:
-        rows = [(reader.line_num, cells) for cells in reader]
-    except csv.Error as error:
-        problems.append(Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}"))
-        return
-    line, header = rows[0] if rows else (1, [])
-    for key in dict.fromkeys(key for key in header if header.count(key) > 1):
-        problems.append(Problem(Mark(name, line, 1), key, "there are two columns of this name"))
-    cls: type[Any] = Claim if "claim" in header else PublishedNumber
-    for line, cells in rows[1:]:
-        if not cells:
-            continue
-        source = _source(name, line, cls, header, cells, problems)
-        mistakes: list[Problem] = []
-        row = build(cls, source, (0,), mistakes)
-        problems += [Problem(p.mark, p.path.removeprefix("0."), p.what) for p in mistakes]
-        wanted = split(source.data[0].get("experiment", ""))
-        if row is None or (wanted and experiment not in wanted):
-            continue
-        _check(row, source, labels, problems)
-        (found.claims if cls is Claim else found.numbers).append(row)
-
-
-def _source(
-    name: str,
-    line: int,
-    cls: type[Any],
-    header: list[str],
-    cells: list[str],
-    problems: list[Problem],
-) -> Source:
-    """One row as a mapping with positions; empty cells are left out, numbers are read as in YAML."""
-    start = Mark(name, line, 1)
-    if len(cells) != len(header):
-        what = f"{len(cells)} cells under {len(header)} headings"
-        problems.append(Problem(start, "", what))
-    words = {f.name for f in fields(cls) if f.type in (str, "str")}
-    data: dict[str, Any] = {}
-    source = Source([data], {(0,): start}, {(0,): start})
-    column = 1
-    for key, cell in zip(header, cells, strict=False):
-        if cell != "" or (key in words and _required(cls, key)):
-            data[key] = cell if key in words else _number(cell)
-            source.marks[0, key] = source.key_marks[0, key] = Mark(name, line, column)
-            if unseen(cell):
-                problems.append(Problem(Mark(name, line, column), key, str(unseen(cell))))
-        column += len(_as_written(cell)) + 1
-    return source
-
-
-def _number(cell: str) -> Any:
-    value = scalar(cell)
-    return value if type(value) in (int, float) else cell
-
-
-def _required(cls: type[Any], key: str) -> bool:
-    return any(f.name == key and f.default is MISSING for f in fields(cls))
-
-
-def _as_written(cell: str) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="").writerow([cell])
-    return out.getvalue() if cell else ""
-
-
-def _check(
-    row: PublishedNumber | Claim,
-    source: Source,
-    labels: list[str] | None,
-    problems: list[Problem],
-) -> None:
-    """The row's labels exist in the experiment, its point and its expressions can be read."""
-
-    def wrong(key: str, what: str) -> None:
-        problems.append(Problem(source.mark((0, key)), key, what))
-
-    def known(key: str, label: str) -> None:
-        if labels is not None and label not in labels:
-            wrong(key, f"{label!r} is not a filter here; {unknown(label, labels)}")
-
-    if not all("=" in part for part in split(row.point)):
-        wrong("point", f"{row.point!r} is not path=value; path=value")
-    for key in ("label", "left", "right"):
-        for label in split(getattr(row, key, "")):
-            known(key, label)
-    for key in ("expression", "right_expression"):
-        expression: Measure | None = getattr(row, key, None)
-        if expression and expression.other:
-            known(key, expression.other)
-    first, second = row.expression, getattr(row, "right_expression", None)
-    if isinstance(row, PublishedNumber) and first and first.is_many:
-        wrong("expression", f"{str(first)!r} is no number: name one step")
-    elif second and second.is_many and not (first and first.steps == second.steps):
-        wrong("right_expression", f"{str(second)!r} is not at the steps of {str(first)!r}")
+    @property
+    def expressions(self) -> list[Measure]:
+        """Every expression of every row."""
+        rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
+        return [e for row in rows for e in row.expressions]

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from trackbench.experiment.files import write_bytes
+from trackbench.experiment.files import made, write_bytes
 from trackbench.experiment.problems import Mark, Problem, UserError
 
 _TIMES = "times.csv"
@@ -87,7 +87,7 @@ def copied(name: str, target: Path) -> list[Path]:
         what = "is there with another content"
         raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in other))
     for path in content.keys() - there:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        made(path.parent)
         write_bytes(path, content[path])
     return sorted(content.keys() - there)
 

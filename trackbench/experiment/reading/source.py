@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import cache
 from io import IncrementalNewlineDecoder
+from math import inf, nan
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -31,12 +32,7 @@ _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INT = re.compile(r"[-+]?[0-9]+")
-_SPECIAL = {
-    ".inf": float("inf"),
-    "+.inf": float("inf"),
-    "-.inf": float("-inf"),
-    ".nan": float("nan"),
-}
+_SPECIAL = {".inf": inf, "+.inf": inf, "-.inf": -inf, ".nan": nan}
 _PLAIN_TAGS = [
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
@@ -46,11 +42,12 @@ _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~
 
 @dataclass
 class Source:
-    """Plain data with the position of every value and of every key."""
+    """Plain data with the position of every value and of every key, and the mistakes found in it."""
 
     data: Any
     marks: dict[Keys, Mark] = field(default_factory=dict)
     key_marks: dict[Keys, Mark] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
 
     def mark(self, keys: Keys) -> Mark:
         """Where the value stands, or the nearest thing around it."""
@@ -62,8 +59,34 @@ class Source:
         """Where the key itself stands."""
         return self.key_marks.get(keys) or self.mark(keys)
 
+    def problem(self, keys: Keys, what: str) -> Problem:
+        """A mistake in the value at ``keys``."""
+        return Problem(self.mark(keys), dotted(keys), what)
+
+    def blame(self, keys: Keys, what: str) -> None:
+        """Note a mistake in the value at ``keys``."""
+        self.problems.append(self.problem(keys, what))
+
+    def blame_key(self, keys: Keys, what: str) -> None:
+        """Note a mistake in the key itself."""
+        self.problems.append(Problem(self.key_mark(keys), dotted(keys), what))
+
+    def check(self) -> None:
+        """Raise UserError with every mistake that was noted, if there are any."""
+        if self.problems:
+            raise UserError(*sorted(set(self.problems)))
+
+    def part(self, keys: Keys, data: Any) -> "Source":
+        """What stands at ``keys``, as a source of its own: ``data`` and the positions in it."""
+        n = len(keys)
+        marks, key_marks = (
+            {k[n:]: mark for k, mark in every.items() if k[:n] == keys}
+            for every in (self.marks, self.key_marks)
+        )
+        return Source(data, marks, key_marks)
+
     def graft(self, keys: Keys, other: "Source") -> None:
-        """Take over the positions of a part that came from another file."""
+        """Take over the positions of a part that came from elsewhere."""
         for mine, theirs in ((self.marks, other.marks), (self.key_marks, other.key_marks)):
             mine.update({keys + at: mark for at, mark in theirs.items()})
 

@@ -11,16 +11,15 @@ from trackbench.models.base import moving
 _MARK = Mark("default without a truth")
 
 
-def fill_in(source: Source, settings: Settings, points: list[Point | None]) -> None:
+def fill_in(source: Source, settings: Settings, points: list[Point]) -> None:
     """Tables and figures of innovations, where neither is named and nothing is left out of the files."""
-    there = [point for point in points if point is not None]
     chosen = settings.metrics is not None or settings.per_step is not None
-    if chosen or not there or any(p.scenario.has_truth for p in there):
+    if chosen or not points or any(p.scenario.has_truth for p in points):
         return
     if "tables" not in source.data:
         override(source, ("tables",), {"innovations": {"kind": "innovations"}}, _MARK)
     if "figures" not in source.data:
-        override(source, ("figures",), _figures(there[0]), _MARK)
+        override(source, ("figures",), _figures(points[0]), _MARK)
 
 
 def _figures(point: Point) -> dict[str, Any]:

@@ -27,6 +27,13 @@ _TYPES = {
     "dataclass": "a mapping",
     "finite_number": "a finite number",
 }
+_LIMITS = {
+    "greater_than_equal": ("less than", "ge"),
+    "greater_than": ("not greater than", "gt"),
+    "less_than_equal": ("greater than", "le"),
+    "less_than": ("not less than", "lt"),
+}
+"""What is said of a number beyond a limit, and the limit's name."""
 
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
@@ -93,18 +100,17 @@ def build(
     cls: type[T],
     source: Source,
     keys: Keys,
-    problems: list[Problem],
     parts: Sequence[Any] = (),
     also: Sequence[str] = (),
 ) -> T | None:
-    """The dataclass from the mapping at ``keys``, or None with the reasons added to ``problems``.
+    """The dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
 
     A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
     ``also`` names keys that stand beside the dataclass's own.
     """
     data = at(source, keys)
     if not isinstance(data, dict):
-        problems.append(Problem(source.mark(keys), dotted(keys), f"{_show(data)} is not a mapping"))
+        source.blame(keys, f"{_show(data)} is not a mapping")
         return None
     try:
         # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
@@ -114,14 +120,12 @@ def build(
             return None
         raise
     except ValidationError as error:
-        seen = set()
+        found: dict[Problem, None] = {}
         for item in error.errors(include_url=False):
             if None in parts and item["type"] == "value_error":  # what is said without a part
                 continue
-            for problem in _problems(item, source, keys, cls, also):
-                if problem not in seen:
-                    problems.append(problem)
-                seen.add(problem)
+            found |= dict.fromkeys(_problems(item, source, keys, cls, also))
+        source.problems += found
         return None
 
 
@@ -164,7 +168,7 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequen
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
         return Problem(source.key_mark(where), path, "this key is required")
-    return Problem(source.mark(where), dotted(where), _words(kind, ctx, value, item["msg"]))
+    return source.problem(where, _words(kind, ctx, value, item["msg"]))
 
 
 def _within(cls: type[Any], path: Keys) -> type[Any] | None:
@@ -196,14 +200,9 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
         return "NaN is not a finite number"
     if kind in ("less_than", "greater_than") and isinstance(value, float) and isinf(value):
         return f"{shown} is not a finite number"
-    if kind == "greater_than_equal":
-        return f"{shown} is less than {_show(ctx['ge'])}"
-    if kind == "greater_than":
-        return f"{shown} is not greater than {_show(ctx['gt'])}"
-    if kind == "less_than_equal":
-        return f"{shown} is greater than {_show(ctx['le'])}"
-    if kind == "less_than":
-        return f"{shown} is not less than {_show(ctx['lt'])}"
+    if kind in _LIMITS:
+        words, limit = _LIMITS[kind]
+        return f"{shown} is {words} {_show(ctx[limit])}"
     if kind == "literal_error":
         return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
     if kind == "union_tag_invalid":
@@ -228,11 +227,7 @@ def _existing(source: Source, keys: Keys, loc: tuple[str | int, ...]) -> Keys:
 
 
 def _show(value: Any) -> str:
-    if isinstance(value, float) and value == int(value) if _finite(value) else False:
+    if isinstance(value, float) and value.is_integer():
         return f"{value:g}"
     text = json.dumps(value) if not isinstance(value, str) else repr(value)
     return text if len(text) < 60 else text[:57] + "..."
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, float) and abs(value) < float("inf")

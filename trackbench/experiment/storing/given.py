@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.derived import sizes
-from trackbench.experiment.files import write_text
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.resolved import as_config
 
@@ -84,11 +83,6 @@ def _within(stored: Any, made: Any) -> bool:
     if isinstance(stored, list) and isinstance(made, list):
         return len(stored) == len(made) and all(map(_within, stored, made))
     return bool(stored == made)
-
-
-def write_points(folder: Path, points: Sequence[Point]) -> None:
-    """Write the file into a results folder."""
-    write_text(folder / FILE, points_text(points, folder))
 
 
 def points_in(text: str) -> Iterator[Given]:

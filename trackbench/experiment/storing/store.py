@@ -24,19 +24,17 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.experiment.computing.runner import Outcome
-from trackbench.experiment.files import csv_writer, made, replacing, shortened, write_text
+from trackbench.experiment.files import CsvWriter, Row, made, replacing, shortened, write_text
 from trackbench.experiment.planning.plan import Key
+from trackbench.experiment.reading.asked import Shared, shared
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
-from trackbench.experiment.reading.shared import Shared, shared
-from trackbench.experiment.storing.given import write_points
+from trackbench.experiment.storing.given import FILE, points_text
 from trackbench.experiment.storing.manifest import manifest_of
 from trackbench.experiment.storing.outputs import remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
 from trackbench.scenarios.base import Scenario
-
-Row = Iterable[Any]
 
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors: far more than any of them means."""
@@ -97,7 +95,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     _write_published(folder / "published", published)
-    write_points(folder, experiment.points)
+    write_text(folder / FILE, points_text(experiment.points, folder))
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
@@ -134,8 +132,8 @@ def _with_shares(
     return result._replace(kept=kept)
 
 
-def _open(files: ExitStack, path: Path, experiment: Experiment) -> Any:
-    writer = csv_writer(files.enter_context(replacing(path)))
+def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
+    writer = CsvWriter(files.enter_context(replacing(path)))
     writer.writerow([*experiment.settings.grid, *_FRAMES[path.name][0]])
     return writer
 
@@ -201,12 +199,12 @@ def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
         yield TimedRow(steps[i], times[i], metric, value, stderr, runs)
 
 
-def _per_step(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
-    yield from _timed(step_rows(result, sizes(scenario)), scenario)
+def _per_step(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
+    return _timed(step_rows(result, sizes(scenario)), scenario)
 
 
-def _summary(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
-    yield from summary_rows(result, sizes(scenario), scenario.windows)
+def _summary(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
+    return summary_rows(result, sizes(scenario), scenario.windows)
 
 
 def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:

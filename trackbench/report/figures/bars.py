@@ -10,7 +10,7 @@ from trackbench.evaluation.measure import Expression, measure
 from trackbench.evaluation.statistics import interval
 from trackbench.keys import OpenShare
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
@@ -50,15 +50,14 @@ class Bars(FigureKind):
         expressions = Expressions(results, point)
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
         values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
-        where = f"At {style.heading(point)}" if point else "Of what is measured"
+        where = f"At {wording.heading(point)}" if point else "Of what is measured"
         there = any(n.expression == self.metric for n in results.published.numbers)
         published = "Diamonds are the numbers that were published." if there else ""
         return sentences(ranking(values, self.metric.family[0].better, where), published)
 
     def draw(self, results: Results) -> "Figure":
         """A row per filter, a panel per point of the grid."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
         labels = results.chosen(self.filters)
         labels = [b for b in labels if b not in lines]
@@ -79,7 +78,7 @@ class Bars(FigureKind):
             ax.grid(visible=False, axis="y")
         axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 

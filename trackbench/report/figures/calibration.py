@@ -13,7 +13,7 @@ from trackbench.evaluation.uniformity import Histogram, kolmogorov_band
 from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.figures.curves import Curves
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
@@ -38,7 +38,7 @@ _NORMAL_95 = 1.959963984540054
 
 @register("figures", "calibration")
 @dataclass(frozen=True, kw_only=True)
-class Calibration(FigureKind):
+class CalibrationFigure(FigureKind):
     """Rank histograms: in which tenth of a filter's distribution the truth is; flat if calibrated.
 
     A filter that is too certain has a U, one that is not certain enough a hump, one with a bias a slope
@@ -73,7 +73,7 @@ class Calibration(FigureKind):
         )
         parts = {"flat but for chance": found.good, "not flat": list(found.bad)}
         words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
-        where = f"At {style.heading(point)}: " if point else ""
+        where = f"At {wording.heading(point)}: " if point else ""
         tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
@@ -91,13 +91,13 @@ class Calibration(FigureKind):
                     ax.set_axis_off()
                 else:
                     _bars(ax, found, results.look(label)["color"], over_steps=not m.steps)
-            head = ", ".join(filter(None, [label, style.heading(point)]))
+            head = ", ".join(filter(None, [label, wording.heading(point)]))
             line[0].set_ylabel(style.words(head, 16))
         for ax, head in zip(axes[0], self.columns, strict=True):
             ax.set_title(f"{head}\n{ax.get_title()}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        style.title(figure, self.title, len(rows), len(every))
+        style.title(figure, self.title, len(every))
         return figure
 
 
@@ -150,7 +150,7 @@ class Reliability(Curves):
             level, share, _, runs = _coverage(results, point, label, self.metric)
             if runs:
                 told.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
-        where = f" at {style.heading(point)}" if point else ""
+        where = f" at {wording.heading(point)}" if point else ""
         return (
             f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
         )

@@ -9,7 +9,7 @@ from trackbench.evaluation.measure import OfStep, OfSummary, measure
 from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.figures.curves import OverTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
@@ -41,7 +41,7 @@ class Anees(OverTime):
         told = [
             f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
         ]
-        where = f" at {style.heading(point)}" if point else ""
+        where = f" at {wording.heading(point)}" if point else ""
         what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
         return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
@@ -104,8 +104,7 @@ class Dots(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A column of panels per metric."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
         figure, axes = style.subplots(
@@ -113,7 +112,7 @@ class Dots(FigureKind):
         )
         for row, point in zip(axes, points, strict=True):
             frame = results.at(results.summary, point)
-            row[len(row) // 2].set_title(style.heading(point))
+            row[len(row) // 2].set_title(wording.heading(point))
             for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
                 found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
                 for i, label in enumerate(labels):
@@ -128,5 +127,5 @@ class Dots(FigureKind):
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(head)
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         return figure

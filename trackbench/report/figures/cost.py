@@ -10,15 +10,15 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Expression, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.costs import (
     COST,
     MICRO,
     Curve,
     Spot,
+    cost_conflicts,
     curves,
     front,
-    mistakes,
     own_sizes,
     shown,
 )
@@ -64,7 +64,7 @@ class AccuracyVsCost(FigureKind):
         """There must be a grid, over which a filter varies."""
         labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
         most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
-        return mistakes(points, self.metric, self.along, {"along": most})
+        return cost_conflicts(points, self.metric, self.along, {"along": most})
 
     def tell(self, results: Results) -> str:
         """What stands on the front."""
@@ -73,10 +73,10 @@ class AccuracyVsCost(FigureKind):
         best = [id(spot) for spot in self._front(there)]
         found = []
         for curve in there:
-            sizes = [style.number(spot.size) for spot in curve.spots if id(spot) in best]
+            sizes = [wording.number(spot.size) for spot in curve.spots if id(spot) in best]
             size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
             found += [f"{curve.name}{size}"] if sizes else []
-        where = f" at {style.heading(scene)}" if scene else ""
+        where = f" at {wording.heading(scene)}" if scene else ""
         return f"On the front{where}: {'; '.join(found)}." if found else ""
 
     def draw(self, results: Results) -> "Figure":
@@ -89,7 +89,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(head)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        style.title(figure, self.title, len(drawn), len(every))
+        style.title(figure, self.title, len(every))
         style.legend_outside(figure, list(axes[:, 0]))
         return figure
 
@@ -127,11 +127,9 @@ class AccuracyVsCost(FigureKind):
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
         """Of a bound, what summary.csv says: no run has a part in it."""
-        rows = results.at(results.summary, point)
-        rows = rows[(rows["filter"] == floor) & (rows["metric"] == str(self.metric))]
-        if len(rows):
-            return float(rows["value"].iloc[0])
-        return Expressions(results, point).term(self.metric.of(floor)).value
+        expressions = Expressions(results, point)
+        stored = expressions.stored.get((floor, str(self.metric)))
+        return (stored or expressions.term(self.metric.of(floor))).value
 
     def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:
         x, y = _values(curve.spots)
@@ -140,7 +138,7 @@ class AccuracyVsCost(FigureKind):
         ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
-            ax.annotate(style.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
+            ax.annotate(wording.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
                         fontsize=6, color=look["color"])  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking
@@ -61,8 +61,7 @@ class Curves(FigureKind):
         self, results: Results, rows: int = 1, **layout: Any
     ) -> tuple["Figure", list[tuple[list["Axes"], dict[str, Any]]]]:
         """A column of panels per grid point; those of one row share their vertical axis."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
         if len(points) > 4:
             height *= 0.75
@@ -76,7 +75,7 @@ class Curves(FigureKind):
                 ax.set_yscale("log")
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
 
     def lines(
@@ -130,7 +129,7 @@ class RmseVsTime(OverTime):
             for label, values in rivals.items()
             if np.isfinite(values).any() and label not in (self.floor, self.baseline)
         }
-        where = f" at {style.heading(point)}" if point else ""
+        where = f" at {wording.heading(point)}" if point else ""
         better = self.metric.family[0].better
         return ranking(averages, better, f"Averaged over the steps{where}")
 

@@ -11,7 +11,7 @@ from trackbench.evaluation.measure import Comparison, measure
 from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
@@ -107,12 +107,12 @@ class HeatMap(FigureKind):
         cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)
         for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
-            names = [style.number(c) for c in columns]
-            _ticks(ax, names, [style.number(v) for v in levels], cell_in)
+            names = [wording.number(c) for c in columns]
+            _ticks(ax, names, [wording.number(v) for v in levels], cell_in)
             ax.set_title(style.words(name))
-            ax.set_xlabel(style.axis(x))
+            ax.set_xlabel(wording.axis(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
-        axes[0][0].set_ylabel(style.axis(y))
+        axes[0][0].set_ylabel(wording.axis(y))
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
         style.title(figure, self.title)
         return figure

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import OfRun, measure
 from trackbench.keys import OpenShare
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
@@ -35,8 +35,7 @@ class CriticalDifference(FigureKind):
 
     def draw(self, results: Results) -> "Figure":
         """A panel per point of the grid, one below the other."""
-        every = results.points()
-        points = every[: style.MOST_PANELS]
+        points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
@@ -53,11 +52,11 @@ class CriticalDifference(FigureKind):
             mean = mean_ranks(values)
             critical = critical_difference(len(there), values.shape[1], self.alpha)
             _panel(ax, there, mean, cliques(mean, critical))
-            where = style.heading(point)
+            where = wording.heading(point)
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
             ax.set_title(style.wrapped(words), pad=14)
-        style.title(figure, self.title, len(points), len(every))
+        style.title(figure, self.title, len(results.points()))
         return figure
 
 

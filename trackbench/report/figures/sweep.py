@@ -10,12 +10,11 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import OfSummary, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.telling import three_digits
-from trackbench.report.wording import named
+from trackbench.report.wording import named, three_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +59,7 @@ class RmseVsParameter(FigureKind):
     def tell(self, results: Results) -> str:
         """Where each filter is best."""
         path, frame = self._shown(results)
-        name, unit = style.quantity(path)
+        name, unit = wording.quantity(path)
         told = []
         for label in results.chosen(self.filters):
             rows = frame[(frame["filter"] == label) & np.isfinite(frame["value"])]
@@ -92,7 +91,7 @@ class RmseVsParameter(FigureKind):
         if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=float("inf"))
-        ax.set_xlabel(self.x_label or style.axis(path))
+        ax.set_xlabel(self.x_label or wording.axis(path))
         ax.set_ylabel(self.y_label)
         style.title(figure, self.title)
         style.legend_outside(figure, ax)

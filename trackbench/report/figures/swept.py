@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,19 +11,17 @@ from trackbench.evaluation.measure import Measure, OfSummary, measured
 from trackbench.experiment.reading.combining import filters_of, is_of_scenario
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.report.standing import metrics_of
-from trackbench.report.telling import three_digits
-from trackbench.report.wording import mean_of, named
+from trackbench.report.standing import ranking_metrics
+from trackbench.report.wording import mean_of, named, three_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ACROSS = 3
 _ROW_IN = 2.6
 _MOST_ERRORS = 2
 _MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
@@ -64,7 +61,7 @@ class SweepFigure(FigureKind):
             rows = held.of(label, metrics[0])
             if rows:
                 best = rows[_best(np.array([row[-2] for row in rows]), metrics[0])]
-                at = style.heading(dict(zip(self.paths, best, strict=False)))
+                at = wording.heading(dict(zip(self.paths, best, strict=False)))
                 told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
         return f"Best: {'; '.join(told)}." if told else ""
 
@@ -90,7 +87,7 @@ class SweepFigure(FigureKind):
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
     there = set(results.summary["metric"])
-    ranked = [measured(f"mean({name})") for name in metrics_of(results)[:_MOST_ERRORS]]
+    ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
     chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
     return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
@@ -127,12 +124,10 @@ def _lines(
     metrics: dict[str, Measure],
     title: str,
 ) -> "Figure":
-    columns = min(max(len(metrics), 1), _ACROSS)
-    rows = ceil(max(len(metrics), 1) / columns)
-    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
     values = held.values[path]
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    for ax, (words, metric) in zip(axes.flat, metrics.items(), strict=False):
+    for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
         drawn = _drawn(held, labels, varied, metric)
         for label in drawn:
             _line(ax, held, label, metric, None if numeric else values, label in varied)
@@ -141,11 +136,9 @@ def _lines(
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=np.inf)
-        ax.set(xlabel=style.axis(path), ylabel=words)
-    for ax in axes.flat[len(metrics) :]:
-        ax.set_axis_off()
+        ax.set(xlabel=wording.axis(path), ylabel=words)
     style.title(figure, title)
-    style.legend_outside(figure, list(axes.flat))
+    style.legend_outside(figure, axes)
     return figure
 
 
@@ -202,24 +195,20 @@ def _heat_maps(
     across, down = held.values[x], held.values[y]
     fields = {label: _field(held, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
-    columns = min(_ACROSS, max(len(fields), 1))
-    rows = ceil(max(len(fields), 1) / columns)
-    figure, axes = style.subplots(rows, columns, 0.6 + _ROW_IN * rows, squeeze=False)
+    figure, axes = style.mosaic(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
-    for ax, (label, values) in zip(axes.flat, fields.items(), strict=False):
+    for ax, (label, values) in zip(axes, fields.items(), strict=False):
         image = ax.imshow(
             values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
         )
-        ax.set_xticks(range(len(across)), [style.number(v) for v in across])
-        ax.set_yticks(range(len(down)), [style.number(v) for v in down])
+        ax.set_xticks(range(len(across)), [wording.number(v) for v in across])
+        ax.set_yticks(range(len(down)), [wording.number(v) for v in down])
         ax.set_title(style.words(label))
         ax.grid(visible=False)
-        _write_values(ax, values, finite, few=columns == 1)
+        _write_values(ax, values, finite, few=len(axes) == 1)
         _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
-    for ax in axes.flat[len(fields) :]:
-        ax.set_axis_off()
-    figure.supxlabel(style.axis(x))
-    figure.supylabel(style.axis(y))
+    figure.supxlabel(wording.axis(x))
+    figure.supylabel(wording.axis(y))
     style.title(figure, title)
     if fields:
         figure.colorbar(image, ax=axes, label=words)

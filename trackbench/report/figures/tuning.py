@@ -1,11 +1,11 @@
 """Figure kind `tuning`: the objective over each key that was tuned."""
 
 from dataclasses import dataclass
-from math import ceil, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING, ClassVar
 
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import style, wording
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _ABROAD = 3.0  # of the best half's spread: trials further up are off the page
 _BARS = 4.0  # standard errors of the best that the page shows at least
-_ROW_IN = 2.4
 
 
 @register("figures", "tuning")
@@ -38,14 +37,9 @@ class TuningFigure(FigureKind):
         """A panel per key."""
         record = results.tuning.get(self.filter)
         axes = record.axes if record is not None else ()
-        columns = min(max(len(axes), 1), 3)
-        rows = ceil(max(len(axes), 1) / columns)
-        figure, panels = style.subplots(rows, columns, 0.5 + _ROW_IN * rows, squeeze=False)
-        for n, ax in enumerate(panels.flat):
-            if record is None or n >= len(axes):
-                ax.set_axis_off()
-                continue
-            _panel(ax, record, axes[n])
+        figure, panels = style.mosaic(len(axes), 2.4, 0.5)
+        for ax, axis in zip(panels, axes, strict=False):
+            _panel(ax, results.tuning[self.filter], axis)
         figure.supylabel(words_of(results.config["tuning"]["metric"]))
         style.title(figure, self.title or style.words(self.filter, 80))
         return figure
@@ -76,7 +70,7 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:
-        ax.set_xticks(range(len(axis.choices)), [style.number(c) for c in axis.choices])
+        ax.set_xticks(range(len(axis.choices)), [wording.number(c) for c in axis.choices])
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)

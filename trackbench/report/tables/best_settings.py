@@ -1,13 +1,11 @@
 """Table kind `best-settings`: of the values that a grid gives each filter, the best ones."""
 
 from dataclasses import dataclass
-from typing import Annotated
-
-from annotated_types import Interval
 
 from trackbench.evaluation.statistics import Estimate
+from trackbench.keys import Digits
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.standing import Standing, best_settings
@@ -27,20 +25,20 @@ class BestSettings(TableKind):
     the nearest of the others is.
     """
 
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         found = best_settings(results)
-        where = [style.axis(path) for path in (found[0].where if found else ())]
+        where = [wording.axis(path) for path in (found[0].where if found else ())]
         heads = [*where, "Filter", "Best at", "Not told apart"]
         value = mean_of(found[0].metric) if found else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
         for standing in found:
             if standing.best is not None:
-                keys = [*map(style.number, standing.where.values()), *_keys(standing)]
+                keys = [*map(wording.number, standing.where.values()), *_keys(standing)]
                 table.add(keys, _cells(standing))
         return table
 

@@ -9,12 +9,12 @@ from trackbench.evaluation.measure import OfRank
 from trackbench.evaluation.statistics import Estimate
 from trackbench.evaluation.uniformity import Histogram
 from trackbench.experiment.reading.definition import Point
-from trackbench.keys import OpenShare
+from trackbench.keys import Digits, OpenShare
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.uniform import Judged, check_rank, histogram, judged, steps_that_are_not
+from trackbench.report.uniform import Uniformity, check_rank, histogram, judged, steps_that_are_not
 from trackbench.report.wording import joined
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
@@ -22,7 +22,7 @@ _HEADS = ["Distance", "p of the distance", "p of the histogram"]
 
 @register("tables", "calibration")
 @dataclass(frozen=True, kw_only=True)
-class Calibration(TableKind):
+class CalibrationTable(TableKind):
     """Kolmogorov's distance of each PIT from the uniform distribution, and tests of it.
 
     At a step (`pit_px@20`) the runs are independent: Kolmogorov's test, and Pearson's of the histogram
@@ -36,7 +36,7 @@ class Calibration(TableKind):
     """labels of the rows; default: all"""
     alpha: OpenShare = 0.01
     """probability that a calibrated filter is said not to be, anywhere in the table"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def __post_init__(self) -> None:
@@ -69,7 +69,7 @@ def _cells(found: Histogram) -> list[Cell]:
     return [Cell(Estimate(x, np.nan), found.runs, 0) for x in numbers]
 
 
-def _verdict(found: Judged, alpha: float) -> Iterator[str]:
+def _verdict(found: Uniformity, alpha: float) -> Iterator[str]:
     """Whose ranks are not uniform, and whose are not seen to be otherwise."""
     by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
     if found.bad:

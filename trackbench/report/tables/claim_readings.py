@@ -5,7 +5,8 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.statistics import Estimate
-from trackbench.experiment.reading.published import Claim, read_published
+from trackbench.experiment.reading.published import Claim
+from trackbench.experiment.reading.published_files import read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report.agreement import CLAIM_WORDS, NOT_MEASURED

@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import Estimate, anees_band
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -27,7 +28,7 @@ class Consistency(TableKind):
 
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

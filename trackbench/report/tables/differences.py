@@ -1,13 +1,18 @@
-"""Table kind `differences`: every filter against one, run by run on common noise."""
+"""Table kinds of paired differences: `differences` to one filter, `claims` over a grid."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
 from trackbench.evaluation.measure import OfRun
+from trackbench.experiment.reading.definition import Labelled
+from trackbench.keys import Digits
 from trackbench.registry import register
+from trackbench.report import agreement, wording
+from trackbench.report.evidence import Evidence
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.terms import Term
 
 
 @register("tables", "differences")
@@ -26,7 +31,7 @@ class Differences(TableKind):
     """header: metric of per_run.csv, such as `rmse_position`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all others"""
-    digits: int = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
@@ -43,3 +48,62 @@ class Differences(TableKind):
                 ]
                 table.add([*(str(v) for v in point.values()), label], cells)
         return table
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClaimRow(Labelled):
+    """That one filter's metric is less than another's."""
+
+    label_keys: ClassVar[tuple[str, ...]] = ("less", "than")
+
+    less: str
+    """label of the filter said to be better"""
+    than: str
+    """label of the filter said to be worse"""
+    metric: OfRun
+    """metric of per_run.csv, smaller is better"""
+
+
+@register("tables", "claims")
+@dataclass(frozen=True, kw_only=True)
+class Claims(TableKind):
+    """A row per claim, a column per value of the grid: paired difference, negative where it holds.
+
+    A claim holds, or fails, beyond three standard errors of the paired difference in each of the
+    experiment's batches; else it is undecided. The notes give the values at which each is the case.
+    """
+
+    label_keys: ClassVar[tuple[str, ...]] = ("claims",)
+
+    claims: dict[str, ClaimRow]
+    """claims by their words"""
+    digits: Digits = 3
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        points = results.points()
+        names = [", ".join(map(wording.number, point.values())) or "all runs" for point in points]
+        table = Table(self.title, ["Claim"], names, self.digits)
+        at = [Evidence.at(results, point) for point in points]
+        for words, claim in self.claims.items():
+            found = [_compared(evidence, claim) for evidence in at]
+            table.add([words], [Cell.of(term) for term, _ in found])
+            table.notes.append(f"{words}: {_ranges(names, [word for _, word in found])}.")
+        return table
+
+
+def _compared(evidence: Evidence, claim: ClaimRow) -> tuple[Term, str]:
+    """The difference of the two filters on common runs, and what it says of the claim."""
+    mean = claim.metric._replace(statistic="mean")
+    less, than = mean.of(claim.less), mean.of(claim.than)
+    off, of_batches = evidence.of(lambda expressions: expressions.difference(less, than))
+    return off, agreement.of_claim(-off.z(), [-of_batch.z() for of_batch in of_batches]).word
+
+
+def _ranges(names: list[str], words: list[str]) -> str:
+    """``holds at 0, 0.1; undecided at 1; fails at 10``."""
+    found: dict[str, list[str]] = {"holds": [], "undecided": [], "fails": []}
+    for name, word in zip(names, words, strict=True):
+        found.get(word, found["undecided"]).append(name)
+    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in found.items() if at)

@@ -1,12 +1,12 @@
-"""Table kind `efficiency`: how near filters come to the exact posterior mean, and what that saves."""
+"""Table kinds of what accuracy costs: `efficiency`, and `equal-cost`, errors at one CPU time."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any, ClassVar
 
 import numpy as np
-from annotated_types import Interval
 
+from trackbench.core.elementary import exp
 from trackbench.evaluation.efficiency import (
     Jackknifed,
     cross_share,
@@ -15,12 +15,27 @@ from trackbench.evaluation.efficiency import (
     runs_saved,
 )
 from trackbench.evaluation.measure import Expression, measure
+from trackbench.evaluation.statistics import Estimate
+from trackbench.experiment.reading.definition import Point
+from trackbench.keys import Digits
 from trackbench.registry import register
-from trackbench.report import style
-from trackbench.report.costs import shown
+from trackbench.report import wording
+from trackbench.report.costs import (
+    COST,
+    MICRO,
+    AtCost,
+    Curve,
+    Spot,
+    beside,
+    cost_conflicts,
+    curves,
+    logged,
+    shown,
+)
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import named, points_of, scenes
+from trackbench.report.grids import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
+from trackbench.report.lost import loses_more
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
@@ -42,7 +57,7 @@ class EfficiencyTable(TableKind):
     """which: `efficiency_position`, `efficiency[late]`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all but the reference"""
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def conflicts(self, points: Sequence[Any]) -> dict[str, str]:
@@ -53,12 +68,12 @@ class EfficiencyTable(TableKind):
         """The table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(style.axis, every[0]), "Filter"], heads, self.digits)
+        table = Table(self.title, [*map(wording.axis, every[0]), "Filter"], heads, self.digits)
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
                     cells = self._cells(Expressions(results, point), label)
-                    keys = [*map(style.number, scene.values()), name]
+                    keys = [*map(wording.number, scene.values()), name]
                     table.add(keys, cells)
                     if abs(cells[-1].estimate.value) > _NOT_ZERO * cells[-1].estimate.stderr:
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
@@ -90,8 +105,110 @@ def _forms(
         if keys is not None and keys not in found:
             found.append(keys)
             points.append(point)
-    yield from zip((named(label, keys, found) for keys in found), points, strict=True)
+    yield from zip((named_form(label, keys, found) for keys in found), points, strict=True)
 
 
 def _cell(found: Jackknifed, runs: int, lost: int) -> Cell:
     return Cell(found.estimate, runs, lost) if runs else Cell.missing()
+
+
+_CLEAR = 3.0
+"""Standard errors from which a difference counts, as everywhere."""
+
+
+@register("tables", "equal-cost")
+@dataclass(frozen=True, kw_only=True)
+class EqualCost(TableKind):
+    """Each filter at the CPU time of one of them, at each number of particles that this one has.
+
+    Between two of its own numbers of particles a filter's logarithmic error is taken as linear in its
+    logarithmic time. The standard error is that of the runs and of the times; beside it stands how much
+    the next term of the interpolation would change. Best, and what is not decided beside it (three
+    standard errors, paired by runs, and what is left out by the interpolation), is said below.
+    """
+
+    label_keys: ClassVar[tuple[str, ...]] = ("of",)
+
+    of: str
+    """label of the filter at whose times the others are looked at"""
+    metric: Expression = measure("mean(rmse)")
+    """what is compared: an RMSE, a distance or an efficiency"""
+    along: str = "N"
+    """the filters' key that buys accuracy with time"""
+    filters: tuple[str, ...] | None = None
+    """labels of the rows; default: all but the reference"""
+    digits: Digits = 4
+    """significant digits of the values"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """There must be a grid, and times of the named filter to look at."""
+        return cost_conflicts(points, self.metric, self.along, {"of": self.of})
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        every, metric = scenes(results), str(self.metric)
+        heads = [*map(wording.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
+        values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
+        table = Table(self.title, heads, values, self.digits)
+        table.least = [] if self.metric.family[0].more_is_better else [values.index(metric)]
+        labels = shown(results, self.filters)
+        for scene in every:
+            wanted = dict.fromkeys([*labels, self.of])
+            there = curves(results, scene, list(wanted), self.metric, self.along)
+            rivals = [curve for curve in there if curve.label in labels]
+            for curve in there:
+                for spot in curve.spots if curve.label == self.of else ():
+                    size = wording.number(spot.size) + curve.name.removeprefix(self.of)
+                    keys = [*map(wording.number, scene.values()), size]
+                    self._add(table, keys, rivals, spot)
+        return table
+
+    def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
+        """The rows at one CPU time, and what follows from them."""
+        own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
+        found = {curve.name: curve.at(budget.cost) for curve in rivals}
+        for name, at in found.items():
+            cells = [Cell.missing()] * 4 if at is None else _cells(at, own)
+            time = Cell(Estimate(*(MICRO * x for x in budget.cost.estimate)), budget.cost.runs, 0)
+            table.add([*keys, name], [time, *cells])
+        there = {name: at for name, at in found.items() if at is not None}
+        if there:
+            text = f"{MICRO * budget.cost.value:.3g} µs a step"
+            where = ", ".join([*map(" = ".join, zip(table.key_headers[:-2], keys, strict=False))])
+            heading = f"{table.key_headers[-2]} = {keys[-1]}" + (f", {where}" if where else "")
+            best = _best(there, self.metric.family[0].more_is_better)
+            table.notes.append(f"{heading} ({text}): {best}.")
+
+
+def _cells(at: AtCost, own: AtCost) -> list[Cell]:
+    """Size, error, what the interpolation leaves out, and the ratio to the named filter's error."""
+    value, (difference, other) = float(exp(at.error.value)), beside(at, own)
+    ratio = float(exp(difference.value))
+    lost = int((at.lost > 0).sum())
+    stderr = value * float(np.hypot(at.error.stderr, at.of_times))
+    numbers = [
+        Estimate(at.size, np.nan),
+        Estimate(value, stderr),
+        Estimate(value * at.curvature, np.nan),
+        Estimate(ratio, ratio * float(np.hypot(difference.stderr, other))),
+    ]
+    return [Cell(number, at.error.runs, lost) for number in numbers]
+
+
+def _best(found: dict[str, AtCost], higher: bool) -> str:
+    """The best filter, those that may be as good, and those that are but lose fewer runs."""
+    sign = -1.0 if higher else 1.0
+    first = min(found, key=lambda name: sign * found[name].error.value)
+    open_, fewer = [], []
+    for name, at in found.items():
+        difference, other = beside(at, found[first])
+        if name == first:
+            continue
+        if not abs(difference.z(0.0, other)) > _CLEAR:
+            open_.append(name)
+        elif loses_more(found[first].lost, at.lost):
+            fewer.append(name)
+    parts = [f"best {first}"]
+    parts += [f"not decided beside it: {', '.join(open_)}"] if open_ else []
+    parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
+    return "; ".join(parts)

@@ -5,11 +5,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trackbench.evaluation.statistics import Estimate, anees_band
+from trackbench.evaluation.statistics import anees_band
+from trackbench.keys import Digits
 from trackbench.registry import register
+from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.terms import MISSING, Term
 
 _COLUMNS = {
     "ANIS": "mean(anis)",
@@ -41,34 +44,23 @@ class Innovations(TableKind):
 
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: int = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
         """The table from a results folder; columns that no filter has are left out."""
-        found = {point: self._cells(results, dict(point)) for point in _points(results)}
+        found = {
+            tuple(point.items()): Expressions(results, point).stored for point in results.points()
+        }
         there = {metric for cells in found.values() for _, metric in cells}
         columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
         for point, cells in found.items():
             for label in results.chosen(self.filters):
-                row = [cells.get((label, m), Cell.missing()) for m in columns.values()]
+                row = [Cell.of(cells.get((label, m), MISSING)) for m in columns.values()]
                 table.add([*(str(v) for _, v in point), label], row)
         table.notes += _bands(found)
         return table
-
-    def _cells(self, results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
-        rows = results.at(results.summary, point).to_dict("records")
-        return {
-            (row["filter"], row["metric"]): Cell(
-                Estimate(row["value"], row["stderr"]), row["runs"], row["lost"]
-            )
-            for row in rows
-        }
-
-
-def _points(results: Results) -> list[tuple[tuple[str, Any], ...]]:
-    return [tuple(point.items()) for point in results.points()]
 
 
 def _errors(results: Results) -> dict[str, str]:
@@ -82,13 +74,13 @@ def _errors(results: Results) -> dict[str, str]:
     return found
 
 
-def _bands(found: dict[Any, dict[tuple[str, str], Cell]]) -> list[str]:
+def _bands(found: dict[Any, dict[tuple[str, str], Term]]) -> list[str]:
     """What a consistent filter's numbers lie between, of the largest number of components."""
     numbers = [
-        cell.estimate.value * cell.runs
-        for cells in found.values()
-        for (_, metric), cell in cells.items()
-        if metric == "mean(innovations)" and cell.runs
+        term.value * term.runs
+        for terms in found.values()
+        for (_, metric), term in terms.items()
+        if metric == "mean(innovations)" and term.runs
     ]
     if not numbers:
         return []

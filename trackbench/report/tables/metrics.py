@@ -3,15 +3,14 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.evaluation.measure import Expression, Measure
 from trackbench.evaluation.metrics import LOST_BECAUSE
-from trackbench.evaluation.statistics import Estimate
 from trackbench.experiment.reading.definition import Labelled
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
@@ -45,7 +44,7 @@ class Metrics(TableKind):
     """header: metric of summary.csv, `cpu_s_per_run`, or an expression, `ratio(cpu_s_per_run, RPF)`"""
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
     gain: Gain | None = None
     """a last row with one filter's improvement over another's, in percent"""
@@ -57,22 +56,17 @@ class Metrics(TableKind):
         table.least = [i for i, m in enumerate(self.columns.values()) if _SMALLER.fullmatch(str(m))]
         table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
         for point in results.points():
-            found, expressions = _index(results, point), Expressions(results, point)
+            expressions = Expressions(results, point)
             keys = [str(v) for v in point.values()]
             for label in labels:
-                cells = [
-                    found.get((label, str(m))) or _evaluated(expressions, m.of(label))
-                    for m in self.columns.values()
-                ]
-                table.add([*keys, label], cells)
+                wanted = [m.of(label) for m in self.columns.values()]
+                table.add([*keys, label], [_cell(expressions, m) for m in wanted])
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
                 table.apart.add(head)
-                cells = [
-                    _evaluated(expressions, m.beside("gain", self.gain.over).of(self.gain.of))
-                    for m in self.columns.values()
-                ]
-                table.add([*keys, head], cells)
+                beside = [m.beside("gain", self.gain.over) for m in self.columns.values()]
+                gains = [expressions.term(m.of(self.gain.of)) for m in beside]
+                table.add([*keys, head], [Cell.of(term) for term in gains])
             table.notes += _lost_notes(results, point, labels)
         slow = [label for label in labels if label in results.one_by_one]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
@@ -85,10 +79,9 @@ class Metrics(TableKind):
         return table
 
 
-def _evaluated(expressions: Expressions, m: Measure) -> Cell:
-    """A cell of a measure that is no row of summary.csv, such as a ratio to another filter."""
-    term = expressions.term(m)
-    return Cell(term.estimate, term.runs, term.lost)
+def _cell(expressions: Expressions, m: Measure) -> Cell:
+    """A row of summary.csv as it stands there; else evaluated, such as a ratio to another filter."""
+    return Cell.of(expressions.stored.get((m.filter, str(m))) or expressions.term(m))
 
 
 def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:
@@ -101,15 +94,3 @@ def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> I
             if number:
                 where = ", ".join(f"{k} = {v}" for k, v in point.items())
                 yield f"{label}{f' at {where}' if where else ''}: {number} runs lost because {reason}."
-
-
-def _index(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
-    """Cells by (filter, metric)."""
-    cells: dict[tuple[str, str], Cell] = {}
-    for row in results.at(results.summary, point).to_dict("records"):
-        cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
-        cells[row["filter"], row["metric"]] = cell
-    for row in results.at(results.timing, point).to_dict("records"):
-        cell = Cell(Estimate(row["cpu_s_per_run"], row["stderr"]), row["runs"], 0)
-        cells[row["filter"], "cpu_s_per_run"] = cell
-    return cells

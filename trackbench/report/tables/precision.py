@@ -1,14 +1,13 @@
 """Table kind `precision`: how many runs each filter needed until its numbers were as exact as asked."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any
-
-from annotated_types import Interval
+from typing import Any
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.precision import Looked, Wanted, looked, looks
 from trackbench.evaluation.statistics import Estimate
+from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -23,7 +22,7 @@ class Precision(TableKind):
     The runs are those at which the errors were looked at; "no" where all of them were not enough.
     """
 
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:

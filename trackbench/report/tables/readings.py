@@ -12,10 +12,11 @@ from trackbench.evaluation.measure import TIME_MEAN, Measure
 from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.experiment.reading.compose import split_path
-from trackbench.experiment.reading.published import PublishedNumber, read_published
-from trackbench.keys import Count
+from trackbench.experiment.reading.published import PublishedNumber
+from trackbench.experiment.reading.published_files import read_published
+from trackbench.keys import Count, Digits
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.agreement import NEAR
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
@@ -77,7 +78,7 @@ class Readings(TableKind):
     statistic of the runs' RMSE; default: what the published rows say"""
     rows: Count = 10
     """how many readings are shown"""
-    digits: int = 3
+    digits: Digits = 3
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
@@ -195,7 +196,7 @@ def readings(
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     points: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
-        points.setdefault(tuple(style.number(point[path]) for path in paths), point)
+        points.setdefault(tuple(wording.number(point[path]) for path in paths), point)
     keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
     last = [where[-1] for where in keys]
     heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Interval
 
 from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.keys import Digits
 from trackbench.registry import register
-from trackbench.report import style
+from trackbench.report import wording
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -32,7 +32,7 @@ class TuningTable(TableKind):
     `Gained` how much larger that is than the tuned one, paired.
     """
 
-    digits: Annotated[int, Interval(ge=1, le=15)] = 4
+    digits: Digits = 4
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
@@ -81,8 +81,8 @@ def _score(
 def _found(record: Record) -> str:
     parts = []
     for axis in record.axes:
-        near = [style.number(value) for value in record.within(axis)]
-        value = style.number(record.best.values[axis.key])
+        near = [wording.number(value) for value in record.within(axis)]
+        value = wording.number(record.best.values[axis.key])
         if axis.choices:
             also = [v for v in near if v != value]
             parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))

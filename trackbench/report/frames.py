@@ -1,0 +1,184 @@
+"""A results folder, read back: its data frames and arrays."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from io import TextIOWrapper
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.storing.given import FILE, Given, points_in
+from trackbench.experiment.storing.packing import opened, there
+from trackbench.experiment.storing.tracks import prefix_of
+from trackbench.report.asked import Asked
+from trackbench.report.runs import NAN, Runs, read_runs
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, repr=False)
+class Frames(Asked):
+    """The files of one results folder, read when asked for."""
+
+    facts: dict[str, Any] | None = None
+    """what the manifest is going to say, as long as it is not written"""
+    points_given: tuple[Given, ...] | None = None
+    """what is known of the points, if not by the folder"""
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """Versions, platform, times."""
+        if self.facts is not None:
+            return self.facts
+        manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+        assert isinstance(manifest, dict)
+        return manifest
+
+    @property
+    def one_by_one(self) -> list[str]:
+        """Labels of the filters whose runs are looped over in Python, which their times show."""
+        found: list[str] = self.manifest.get("one_by_one", [])
+        return found
+
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        found: list[dict[str, Any]] = self.manifest["failed"]
+        return found
+
+    def given(self, point: dict[str, Any]) -> Given:
+        """What is known of a point besides its numbers: scenario, filters, components, shading."""
+        found = next((g for g in self._given if is_same(g.values, point)), None)
+        if found is None:
+            raise UserError(f"{self.folder / FILE}: {point} is not in it: run the experiment again")
+        return found
+
+    @cached_property
+    def _given(self) -> tuple[Given, ...]:
+        if self.points_given is not None:
+            return self.points_given
+        try:
+            return tuple(points_in(self._path(FILE).read_text(encoding="utf-8")))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            what = "cannot be read: run the experiment again"
+            raise UserError(f"{self.folder / FILE}: {what}") from None
+
+    @cached_property
+    def per_run(self) -> "pd.DataFrame":
+        """``filter,run,metric,value``: for people; tables and figures take `runs`."""
+        return self._frame("per_run.csv")
+
+    @cached_property
+    def per_step(self) -> "pd.DataFrame":
+        """``filter,step,time,metric,value,stderr,runs``."""
+        return self._frame("per_step.csv")
+
+    @cached_property
+    def summary(self) -> "pd.DataFrame":
+        """``filter,metric,value,stderr,runs,lost``."""
+        return self._frame("summary.csv")
+
+    @cached_property
+    def timing(self) -> "pd.DataFrame":
+        """``filter,runs,cpu_s,cpu_s_per_run,stderr``."""
+        return self._frame("timing.csv")
+
+    @cached_property
+    def shown(self) -> dict[str, Array]:
+        """What shown.npz holds of all points of the grid; empty if every filter failed."""
+        return self.arrays("shown.npz")
+
+    def arrays(self, name: str) -> dict[str, Array]:
+        """A file of arrays; empty if it is not there."""
+        path = self.folder / name
+        if not path.is_file():
+            return {}
+        with np.load(path) as arrays:
+            return dict(arrays)
+
+    def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
+        """Whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
+
+        None where every filter failed: such points count, too.
+        """
+        i = self.place(point)
+        prefix = prefix_of(i or 0, len(self.every_point))
+        return {
+            name.removeprefix(prefix): array
+            for name, array in self.shown.items()
+            if i is not None and name.startswith(prefix)
+        }
+
+    def steps(self, point: dict[str, Any]) -> int:
+        """Steps that a filter takes in a run at a point."""
+        found, place = self.manifest.get("steps"), self.place(point) or 0
+        number = found[place] if isinstance(found, list) and place < len(found) else found
+        if not isinstance(number, int) or number < 1:
+            what = "does not say how many steps a run has: run the experiment again"
+            raise UserError(f"{self.folder / 'manifest.json'}: {what}")
+        return number
+
+    def runs(self, point: dict[str, Any]) -> Runs:
+        """Values per run at a point; none if every filter failed there."""
+        return self._runs.get(tuple(point.values()), {})
+
+    @cached_property
+    def _runs(self) -> dict[tuple[Any, ...], Runs]:
+        types = self.summary.dtypes[self.grid].to_dict()
+        return read_runs(self._path("per_run.csv"), types, self.filters)
+
+    def open(self, name: str) -> TextIO:
+        """One of the CSV files as text."""
+        return TextIOWrapper(
+            cast(IO[bytes], opened(self._path(name))), encoding="utf-8", newline=""
+        )
+
+    def points(self) -> list[dict[str, Any]]:
+        """The points that have results, in order; one empty point without a grid."""
+        if not self.grid or self.summary.empty:  # every filter failed
+            return self.every_point
+        rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
+        return [dict(zip(self.grid, row, strict=True)) for row in rows]
+
+    def place(self, point: dict[str, Any]) -> int | None:
+        """A point's number in the config's grid; None if it is not there any more."""
+        return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
+
+    def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
+        """The rows of one grid point."""
+        for path, value in point.items():
+            frame = frame[frame[path] == value]
+        return frame
+
+    def _frame(self, name: str) -> "pd.DataFrame":
+        import pandas as pd
+
+        missing = dict.fromkeys(_NUMBERS, NAN)  # no others: a filter may be called nan
+        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=missing)
+
+    def _path(self, name: str) -> Path:
+        """The file, or what it was packed into to keep large results in git."""
+        path = there(self.folder / name)
+        if path is None:
+            raise UserError(f"{self.folder / name}: is missing: run the experiment again")
+        return path
+
+
+def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
+    """Whether a point of the config is one of the files, where nothing and lists are words."""
+    pairs = ((value, read_back[path]) for path, value in point.items())
+    return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
+
+
+_NUMBERS = ("time", "value", "stderr", "cpu_s", "cpu_s_per_run")
+_TYPES: Any = {
+    "filter": str,
+    **dict.fromkeys(["run", "step", "runs", "lost"], int),
+    **dict.fromkeys(_NUMBERS, float),
+}
+"""Of columns, so that they are the same in a file without rows, where every filter failed."""
