@@ -133,9 +133,9 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
 
 
 def _time(results: Results, candidate: Candidate) -> Time | None:
-    frame = results.at(results.timing, candidate.point)
-    for row in frame[frame["filter"] == candidate.label].to_dict("records"):
-        freedom = str(row.get("blocks", "")).count(";")
+    rows = results.columns("timing", candidate.point).where(filter=candidate.label)
+    for row in rows.records():
+        freedom = row.get("blocks", "").count(";")
         return Time(candidate, float(row["cpu_s_per_run"]), float(row["stderr"]), freedom)
     return None
 

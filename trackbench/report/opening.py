@@ -40,7 +40,7 @@ def open_results(folder: Path) -> Results:
     if not isinstance(results.source.data, dict):
         problems.append(Problem(results.source.mark(()), "", "is not an experiment's config"))
     elif build(Settings, results.source, (), problems) is not None:
-        missing = set(results.summary["filter"]) - set(results.labels)
+        missing = set(results.columns("summary")["filter"]) - set(results.labels)
         if _grid_columns(results) != results.grid:
             what = "the results were computed over another grid"
             problems.append(Problem(results.source.mark(("grid",)), "grid", what))
@@ -53,7 +53,7 @@ def open_results(folder: Path) -> Results:
 
 
 def _grid_columns(results: Results) -> list[str]:
-    columns = list(results.summary.columns)
+    columns = list(results.columns("summary"))
     return columns[: columns.index("filter")]
 
 

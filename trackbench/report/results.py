@@ -1,10 +1,12 @@
 """A results folder, read back."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from io import TextIOWrapper
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
@@ -21,10 +23,11 @@ from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.registry import Group, kinds
 from trackbench.report import style
 from trackbench.report.asked import Asked
+from trackbench.report.columns import Columns, read_columns
 from trackbench.report.defaults import default_keys
 from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
-from trackbench.report.runs import NAN, Runs, read_runs
+from trackbench.report.runs import Runs, read_runs
 from trackbench.report.table import Table
 from trackbench.tuning.record import Record, read_tuning
 from trackbench.tuning.settings import tuned
@@ -124,7 +127,7 @@ class Results(Asked):
 
     def _default(self, group: Group) -> dict[str, Any]:
         """What an experiment shows that asks for nothing."""
-        metrics = self.summary["metric"]
+        metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 
@@ -202,8 +205,9 @@ class Results(Asked):
 
     @cached_property
     def _runs(self) -> dict[tuple[Any, ...], Runs]:
-        types = self.summary.dtypes[self.grid].to_dict()
-        return read_runs(self._path("per_run.csv"), types, self.filters)
+        parses = self.columns("summary").parses
+        with self.open("per_run.csv") as file:
+            return read_runs(file, {path: parses[path] for path in self.grid}, self.filters)
 
     @cached_property
     def tables(self) -> dict[str, Table]:
@@ -247,14 +251,26 @@ class Results(Asked):
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""
-        if not self.grid or self.summary.empty:  # every filter failed
+        summary = self.columns("summary")
+        if not self.grid or not len(summary):  # every filter failed
             return self.every_point
-        rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
+        rows = dict.fromkeys(summary.tuples(self.grid))
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def place(self, point: dict[str, Any]) -> int | None:
         """A point's number in the config's grid; None if it is not there any more."""
         return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
+
+    def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
+        """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
+        if name not in self._columns:
+            with self.open(f"{name}.csv") as file:
+                self._columns[name] = read_columns(file)
+        return self._columns[name].at(point)
+
+    @cached_property
+    def _columns(self) -> dict[str, Columns]:
+        return {}
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
         """The rows of one grid point."""
@@ -265,7 +281,7 @@ class Results(Asked):
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        missing = dict.fromkeys(_NUMBERS, NAN)  # no others: a filter may be called nan
+        missing = {key: ["nan"] for key in _NUMBERS}  # no others: a filter may be called nan
         return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=missing)
 
     def _path(self, name: str) -> Path:

@@ -127,10 +127,9 @@ class AccuracyVsCost(FigureKind):
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
         """Of a bound, what summary.csv says: no run has a part in it."""
-        rows = results.at(results.summary, point)
-        rows = rows[(rows["filter"] == floor) & (rows["metric"] == str(self.metric))]
+        rows = results.columns("summary", point).where(filter=floor, metric=str(self.metric))
         if len(rows):
-            return float(rows["value"].iloc[0])
+            return float(rows["value"][0])
         return Expressions(results, point).term(self.metric.of(floor)).value
 
     def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:

@@ -58,7 +58,7 @@ class Innovations(TableKind):
         return table
 
     def _cells(self, results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
-        rows = results.at(results.summary, point).to_dict("records")
+        rows = results.columns("summary", point).records()
         return {
             (row["filter"], row["metric"]): Cell(
                 Estimate(row["value"], row["stderr"]), row["runs"], row["lost"]
@@ -75,7 +75,7 @@ def _errors(results: Results) -> dict[str, str]:
     """Heading and metric of a column for each component of the measurement."""
     found = {}
     for head, kind in _ERRORS.items():
-        for name in dict.fromkeys(results.summary["metric"]):
+        for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
                 found[f"{head} error, {component}"] = name

@@ -106,10 +106,10 @@ def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> I
 def _index(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], Cell]:
     """Cells by (filter, metric)."""
     cells: dict[tuple[str, str], Cell] = {}
-    for row in results.at(results.summary, point).to_dict("records"):
+    for row in results.columns("summary", point).records():
         cell = Cell(Estimate(row["value"], row["stderr"]), row["runs"], row["lost"])
         cells[row["filter"], row["metric"]] = cell
-    for row in results.at(results.timing, point).to_dict("records"):
+    for row in results.columns("timing", point).records():
         cell = Cell(Estimate(row["cpu_s_per_run"], row["stderr"]), row["runs"], 0)
         cells[row["filter"], "cpu_s_per_run"] = cell
     return cells
