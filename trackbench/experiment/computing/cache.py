@@ -25,6 +25,11 @@ def cache_folder() -> Path:
     return Path(os.environ.get("TRACKBENCH_CACHE") or ".trackbench")
 
 
+def figure_folder() -> Path:
+    """Where figures are kept that were drawn; they go whenever blocks are cleared."""
+    return cache_folder() / "figures"
+
+
 @dataclass(frozen=True)
 class BlockStore:
     """Blocks of this version of the code under one folder."""
@@ -91,6 +96,7 @@ def cache_size(root: Path) -> CacheSize:
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
     """Remove every block, or only those that other versions of the code made."""
+    shutil.rmtree(root / "figures", ignore_errors=True)
     for folder in _versions(root):
         if not (old_only and folder.name == code_digest()[:_CODE_DIGITS]):
             shutil.rmtree(folder, ignore_errors=True)
