@@ -2,7 +2,8 @@
 
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory holds
 ``blocks/<code>/<key>.block``: content-addressed, so two runs that write the same block write the same
-bytes, and checksummed, so a damaged one is computed again and never used.
+bytes, and checksummed, so a damaged one is computed again and never used. ``figures/`` beside it holds
+figures that were drawn.
 """
 
 import os
