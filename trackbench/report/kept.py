@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TypeAlias
 import trackbench
 from trackbench.experiment.computing.cache import figure_folder
 from trackbench.experiment.files import touched, write_bytes
+from trackbench.experiment.problems import WriteError
 from trackbench.experiment.storing.outputs import RAW
 from trackbench.report.results import Results
 
@@ -52,8 +54,8 @@ class KeptFigures:
             return None
 
     def put(self, name: str, files: Files) -> None:
-        """Keep a figure's files."""
-        with touched():  # which are none of the results folder's
+        """Keep a figure's files; what cannot be kept will be drawn again."""
+        with touched(), suppress(OSError, WriteError):  # they are none of the results folder's
             for form, content in files:
                 path = self._path(name, form)
                 path.parent.mkdir(parents=True, exist_ok=True)
