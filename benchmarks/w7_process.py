@@ -12,7 +12,7 @@ CONFIG = "experiments/hdepf.yaml"
 
 
 def workloads() -> list[Workload]:
-    """With its blocks computed and with them kept; with 20 runs; one figure again.
+    """With its blocks computed and with them and the figures kept; with 20 runs; one figure again.
 
     200 runs are what the experiment had when its bars were set, of 1.8 s with its blocks kept and 3.5 s
     with them computed. Without what the filters take (some seven seconds on one core, which is W1's to

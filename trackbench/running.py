@@ -152,8 +152,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
 def _import_ahead() -> None:
     """What tables and verdicts need, while this process waits for blocks."""
     with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
-        for name in ("pandas", "scipy.special"):
-            import_module(name)
+        import_module("scipy.special")
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
@@ -170,7 +169,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
         results = Results(job.folder, facts)
-        tables, comparison = render(results, options.formats, most_drawers(options))
+        tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)
         if sweep:
             write_sweep(results)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from trackbench.evaluation import statistics as st
@@ -15,6 +14,7 @@ from trackbench.evaluation.differences import (
 from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.storing.given import Given
+from trackbench.report.columns import Columns
 from trackbench.report.expressions import Expressions
 
 RUNS = 120
@@ -25,8 +25,8 @@ class Folder:
     """What expressions read of a results folder."""
 
     values: dict
-    summary: pd.DataFrame
-    timing: pd.DataFrame
+    summary: Columns
+    timing: Columns
 
     filters: tuple = ("A", "B")
     every_point: tuple = ({},)
@@ -41,8 +41,13 @@ class Folder:
     def runs(self, point):
         return self.values
 
-    def at(self, frame, point):
-        return frame
+    def columns(self, name, point):
+        return getattr(self, name)
+
+
+def table(heads: str, rows: list[tuple]) -> Columns:
+    arrays = map(np.array, zip(*rows, strict=True))
+    return Columns(dict(zip(heads.split(), arrays, strict=True)), {})
 
 
 @pytest.fixture
@@ -63,14 +68,14 @@ def folder():
         ("A", "mean(nees_position)", *nees, RUNS - 2, 2),
         ("A", "anees_position", nees.value / 2, nees.stderr / 2, RUNS - 2, 2),
     ]
-    summary = pd.DataFrame(rows, columns=["filter", "metric", "value", "stderr", "runs", "lost"])
+    summary = table("filter metric value stderr runs lost", rows)
     times = [
         ("A", RUNS, 2.0, 0.1, "1.9;2.0;2.1"),
         ("B", RUNS, 4.0, 0.2, "3.8;4;4.2"),
         ("C", RUNS, 4.0, 0.1, "4.1;3.9"),
         ("D", RUNS, 4.0, np.nan, "4"),
     ]
-    timing = pd.DataFrame(times, columns=["filter", "runs", "cpu_s_per_run", "stderr", "blocks"])
+    timing = table("filter runs cpu_s_per_run stderr blocks", times)
     return Folder(values, summary, timing)
 
 
@@ -121,7 +126,7 @@ def test_shares_and_consistency_have_influences(folder):
 
 def test_an_infinite_consistency_has_no_error(folder):
     folder.values["A", "nees_position"][3] = np.inf
-    folder.summary["value"], folder.summary["stderr"] = np.inf, np.nan
+    folder.summary["value"][:], folder.summary["stderr"][:] = np.inf, np.nan
     anees = Expressions(folder, {}).term(measure("anees_position").of("A"))
     assert (anees.value, anees.runs, anees.lost, anees.splits) == (np.inf, RUNS - 2, 2, False)
     assert np.isnan(anees.stderr)

@@ -1,4 +1,4 @@
-"""per_run.csv read in pieces: the same values as its data frame has, in a fraction of the memory."""
+"""per_run.csv read group by group: the same values as its data frame has, in little memory."""
 
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from trackbench import api
 from trackbench.experiment.planning.plan import _read_bytes
 from trackbench.experiment.reading.metric_names import number_per_run
 from trackbench.experiment.storing.packing import pack
-from trackbench.report import runs
 from trackbench.report.results import Results
 
 CONFIG = """
@@ -40,14 +39,13 @@ def made(folder: Path, *grid: str) -> Path:
     ids=["plain", "numbers", "words", "nothing"],
 )
 @pytest.mark.parametrize("packed", [False, True])
-def test_runs_in_pieces_are_those_of_the_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, grid: tuple[str, ...], packed: bool
+def test_runs_in_groups_are_those_of_the_frame(
+    tmp_path: Path, grid: tuple[str, ...], packed: bool
 ) -> None:
     folder = made(tmp_path, *grid)
     if packed:
         pack(folder)
         (folder / "per_run.csv").unlink()
-    monkeypatch.setattr(runs, "_ROWS", 7)
     results = Results(folder)
     for point in results.points():
         frame = results.at(results.per_run, point)

@@ -4,6 +4,7 @@ A cloud is x (n, M, N) with log-weights (M, N): N particles in each of M runs.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ WeightReading = Literal["log", "naive", "floor"]
 _LOG_SMALLEST = -744.4400719213812  # log of 5e-324: below it exp() is zero in float64
 _LOG_FLOOR = -227.95592420641054  # log of 1e-99
 CLIP = -700.0  # exp() of less underflows, at six times the cost
-_CLIPPED = float(elementary.exp(CLIP))
 _SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
@@ -124,10 +124,16 @@ def normalise(log_w: Array) -> Weights:
     shifted = log_w - shift[:, None]
     np.maximum(shifted, CLIP, out=shifted)
     w = elementary.exp_of_moderate(shifted)
-    w -= _CLIPPED  # zero where the exponent was clipped; lost in rounding everywhere else
+    w -= _clipped()  # zero where the exponent was clipped; lost in rounding everywhere else
     scale = total(w)
     w *= 1.0 / scale[:, None]
     return Weights(w, dead, Mass(top, scale))
+
+
+@cache
+def _clipped() -> float:
+    """The weight of a clipped exponent; not made by the import, which needs no table of exp() yet."""
+    return float(elementary.exp(CLIP))
 
 
 def _row_maxima(a: Array) -> Array:

@@ -30,7 +30,6 @@ LEVELS = (50, 90, 99)
 """Percent of the regions."""
 TENTHS = 10
 _NEES, _SCORE = "nees", "log_likelihood"
-_DB = 10.0 / float(log(10.0))
 _ROUNDING = 1e-9  # of a sum of weights
 _EULER = 0.5772156649015329
 
@@ -106,7 +105,7 @@ def noncredibility(nees: Array, n: int) -> Array:
     digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
     for i in range(n % 2 or 2, n, 2):
         digamma += 2.0 / i
-    return _DB * (log(nees) - float(log(2.0)) - digamma)
+    return 10.0 / float(log(10.0)) * (log(nees) - float(log(2.0)) - digamma)
 
 
 def _covered(within: Array, level: float) -> Array:

@@ -2,15 +2,12 @@
 
 import gc
 
-import matplotlib.backends.backend_agg
-import matplotlib.backends.backend_svg
-import matplotlib.figure
-import pandas
-
 from trackbench.registry import kinds
-from trackbench.report import canvas, paired, render, verdicts
+from trackbench.report import paired, render, verdicts
+from trackbench.report.artists import import_artists
 
-__all__ = ["canvas", "matplotlib", "paired", "pandas", "render", "verdicts"]
+__all__ = ["paired", "render", "verdicts"]
+import_artists()
 kinds("figures")
 gc.set_threshold(50_000)  # as in `__main__`
 gc.freeze()  # a process that is forked from here need not look it through, and so copy its pages

@@ -9,12 +9,10 @@ from typing import Any, TypeAlias
 from trackbench.experiment.computing.processes import pool
 from trackbench.registry import is_plugin
 from trackbench.report import style
+from trackbench.report.kept import Files, KeptFigures
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paper import is_crowded
 from trackbench.report.results import Results
-
-Files: TypeAlias = list[tuple[str, bytes]]
-"""Format and content."""
 
 
 def drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
@@ -34,17 +32,30 @@ Draw: TypeAlias = Callable[[str, FigureKind], Files]
 
 
 @contextmanager
-def drawing(results: Results, formats: Sequence[str], processes: int = 1) -> Iterator[Draw]:
-    """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here."""
+def drawing(
+    results: Results, formats: Sequence[str], processes: int = 1, fresh: bool = True
+) -> Iterator[Draw]:
+    """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here.
+
+    Unless ``fresh``, those that were drawn before are not drawn again.
+    """
     figures = results.parts("figures") if processes > 1 and formats else {}
     sent = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
+    store = KeptFigures.of(results) if sent and not fresh else None
+    kept = {name: files for name in sent if store and (files := store.get(name, formats))}
+    sent = {name: spec for name, spec in sent.items() if name not in kept}
     begun: dict[str, Future[Files]] = {}
 
     def draw(name: str, spec: FigureKind) -> Files:
+        if name in kept:
+            return kept[name]
         try:
-            return begun[name].result()
+            files = begun[name].result()
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
             return drawn(spec, results, formats)
+        if store:
+            store.put(name, files)
+        return files
 
     with ExitStack() as stack:
         if sent:

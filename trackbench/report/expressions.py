@@ -65,8 +65,8 @@ class Expressions:
         """A measure of many steps at each of those at which anything is known of the filter."""
         if not m.is_of_many_steps:
             return [m]
-        steps = self.results.at(self.results.per_step, self.point)
-        mine = steps[(steps["filter"] == m.filter) & (steps["metric"] == m.metric)]
+        steps = self.results.columns("per_step", self.point)
+        mine = steps.where(filter=m.filter, metric=m.metric)
         shares = [measured(name) for of, name in self.runs if of == m.filter]
         known = {int(k) for k in mine["step"]}
         known |= {s.step for s in shares if s.step is not None and s.metric == m.metric}
@@ -103,13 +103,12 @@ class Expressions:
         """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         if self.whole is not None:
             return self.whole.stored
-        frame = self.results.at(self.results.summary, self.point)
-        rows = frame.to_dict("records")
+        rows = self.results.columns("summary", self.point).records()
         found = {
             (r["filter"], r["metric"]): Term(r["value"], r["stderr"], None, r["runs"], r["lost"])
             for r in rows
         }
-        for r in self.results.at(self.results.timing, self.point).to_dict("records"):
+        for r in self.results.columns("timing", self.point).records():
             found[r["filter"], "cpu_s_per_run"] = _time(r)
         return found
 
@@ -192,14 +191,12 @@ class Expressions:
 
     def _at_step(self, m: Measure) -> Term:
         of, step = str(m._replace(steps=None)), m.steps.first if m.steps else "last"
-        frame = self.results.at(self.results.per_step, self.point)
-        frame = frame[(frame["filter"] == m.filter) & (frame["metric"] == of)]
-        if len(frame):
-            wanted = frame["step"].max() if step == "last" else int(step)
-            frame = frame[frame["step"] == wanted]
-        if not len(frame):
+        rows = self.results.columns("per_step", self.point).where(filter=m.filter, metric=of)
+        if len(rows):
+            rows = rows.where(step=rows["step"].max() if step == "last" else int(step))
+        if not len(rows):
             return MISSING
-        row = frame.iloc[0]
+        row = next(rows.records())
         return Term(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
 
     def _plain(self, m: Measure) -> Term:

@@ -1,10 +1,12 @@
 """A results folder, read back: its data frames and arrays."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from io import TextIOWrapper
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import numpy as np
@@ -15,7 +17,8 @@ from trackbench.experiment.storing.given import FILE, Given, points_in
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.report.asked import Asked
-from trackbench.report.runs import NAN, Runs, read_runs
+from trackbench.report.columns import Columns, read_columns
+from trackbench.report.runs import Runs, read_runs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,8 +132,9 @@ class Frames(Asked):
 
     @cached_property
     def _runs(self) -> dict[tuple[Any, ...], Runs]:
-        types = self.summary.dtypes[self.grid].to_dict()
-        return read_runs(self._path("per_run.csv"), types, self.filters)
+        parses = self.columns("summary").parses
+        with self.open("per_run.csv") as file:
+            return read_runs(file, {path: parses[path] for path in self.grid}, self.filters)
 
     def open(self, name: str) -> TextIO:
         """One of the CSV files as text."""
@@ -140,14 +144,26 @@ class Frames(Asked):
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""
-        if not self.grid or self.summary.empty:  # every filter failed
+        summary = self.columns("summary")
+        if not self.grid or not len(summary):  # every filter failed
             return self.every_point
-        rows = self.summary[self.grid].drop_duplicates().itertuples(index=False)
+        rows = dict.fromkeys(summary.tuples(self.grid))
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def place(self, point: dict[str, Any]) -> int | None:
         """A point's number in the config's grid; None if it is not there any more."""
         return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
+
+    def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
+        """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
+        if name not in self._columns:
+            with self.open(f"{name}.csv") as file:
+                self._columns[name] = read_columns(file)
+        return self._columns[name].at(point)
+
+    @cached_property
+    def _columns(self) -> dict[str, Columns]:
+        return {}
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
         """The rows of one grid point."""
@@ -158,7 +174,7 @@ class Frames(Asked):
     def _frame(self, name: str) -> "pd.DataFrame":
         import pandas as pd
 
-        missing = dict.fromkeys(_NUMBERS, NAN)  # no others: a filter may be called nan
+        missing = {key: ["nan"] for key in _NUMBERS}  # no others: a filter may be called nan
         return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=missing)
 
     def _path(self, name: str) -> Path:

@@ -6,6 +6,7 @@ agree; it is not if the interval lies beyond 1. Nothing is said of what is neith
 """
 
 from collections.abc import Sequence
+from itertools import islice
 from math import hypot, inf, isfinite, isnan
 from operator import attrgetter
 from typing import Literal, NamedTuple, TypeAlias
@@ -144,9 +145,9 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
     found = []
     for candidate in candidates:
         looped = " (looped over in Python)" if candidate.label in results.one_by_one else ""
-        frame = results.at(results.timing, candidate.point)
-        for row in frame[frame["filter"] == candidate.label][:1].to_dict("records"):
-            freedom = str(row.get("blocks", "")).count(";")
+        rows = results.columns("timing", candidate.point).where(filter=candidate.label)
+        for row in islice(rows.records(), 1):
+            freedom = row.get("blocks", "").count(";")
             value, stderr = float(row["cpu_s_per_run"]), float(row["stderr"])
             found.append(Time(value, stderr, freedom, candidate, looped))
     return sorted(found, key=attrgetter("value"))

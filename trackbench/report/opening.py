@@ -40,7 +40,7 @@ def open_results(folder: Path) -> Results:
     if not isinstance(source.data, dict):
         source.blame((), "is not an experiment's config")
     elif build(Settings, source, ()) is not None:
-        missing = set(results.summary["filter"]) - set(results.labels)
+        missing = set(results.columns("summary")["filter"]) - set(results.labels)
         if _grid_columns(results) != results.grid:
             source.blame(("grid",), "the results were computed over another grid")
         elif missing:
@@ -51,7 +51,7 @@ def open_results(folder: Path) -> Results:
 
 
 def _grid_columns(results: Results) -> list[str]:
-    columns = list(results.summary.columns)
+    columns = list(results.columns("summary"))
     return columns[: columns.index("filter")]
 
 

@@ -17,10 +17,13 @@ from trackbench.report.verdicts import Comparison, compare
 
 
 def render(
-    results: Results, formats: Collection[str], processes: int = 1
+    results: Results, formats: Collection[str], processes: int = 1, fresh: bool = True
 ) -> tuple[dict[str, Table], Comparison]:
-    """Write all of it, with so many processes; returns the tables by name and the verdicts."""
-    with drawing(results, style.forms(formats), processes) as draw:
+    """Write all of it, with so many processes; returns the tables by name and the verdicts.
+
+    Unless ``fresh``, figures that were drawn before are taken as they were.
+    """
+    with drawing(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
         write_paired(results)
         comparison = compare(results)

@@ -87,7 +87,7 @@ class Results(Frames):
 
     def _default(self, group: Group) -> dict[str, Any]:
         """What an experiment shows that asks for nothing."""
-        metrics = self.summary["metric"]
+        metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 

@@ -1,47 +1,34 @@
-"""Values per run from per_run.csv, read in pieces: a data frame of it takes ten times their size."""
+"""Values per run from per_run.csv, group by group: all rows at once would take ten times their size."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, TypeAlias
+import csv
+from collections.abc import Collection, Mapping
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.columns import Parse
 
 Runs: TypeAlias = dict[tuple[str, str], Array]
 """Values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
 
-_ROWS = 1 << 16  # of a piece: its strings take some ten megabytes
-
 
 def read_runs(
-    path: Path, grid: Mapping[str, Any], labels: list[str]
+    file: TextIO, grid: Mapping[str, Parse], labels: Collection[str]
 ) -> dict[tuple[Any, ...], Runs]:
-    """The filters' runs by the values of the grid's columns, whose types are given; packed or not."""
-    import pandas as pd
-
-    keys = [*grid, "filter", "metric"]
-    of_filter = pd.CategoricalDtype(labels)  # given, since a label "10" would become a number
-    types: Any = {**grid, "filter": of_filter, "metric": "category", "value": float}
-    found: dict[tuple[Any, ...], dict[tuple[str, str], Any]] = {}
-    with pd.read_csv(
-        path,
-        usecols=list(types),
-        dtype=types,
-        chunksize=_ROWS,
-        keep_default_na=False,
-        na_values={"value": NAN},
-    ) as pieces:
-        for piece in pieces:
-            groups = piece.groupby(keys, sort=False, observed=True)["value"]
-            for (*point, label, metric), values in groups:
-                parts = found.setdefault(tuple(point), {}).setdefault((label, metric), [])
-                parts.append(values.to_numpy(copy=True))
-    for runs in found.values():
-        for key, parts in runs.items():
-            runs[key] = np.concatenate(parts)
-    return found
-
-
-NAN = ["nan"]
-"""How the CSV files write what is no number."""
+    """The filters' runs by the values of the grid's columns, whose texts stand for what is given."""
+    rows = csv.reader(file)
+    head = next(rows)
+    value, found = head.index("value"), dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]]()
+    keys = itemgetter(*(head.index(name) for name in (*grid, "filter", "metric")))
+    for (*texts, label, metric), group in groupby(rows, keys):
+        if label in labels:
+            point = tuple(parse(text) for parse, text in zip(grid.values(), texts, strict=True))
+            values = np.fromiter((float(row[value]) for row in group), float)
+            found.setdefault(point, {}).setdefault((label, metric), []).append(values)
+    return {
+        point: {key: np.concatenate(parts) for key, parts in runs.items()}
+        for point, runs in found.items()
+    }

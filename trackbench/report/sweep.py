@@ -6,6 +6,8 @@ from dataclasses import replace
 from math import nan
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from trackbench.evaluation.measure import measured
 from trackbench.experiment.files import write_csv
 from trackbench.experiment.reading.combining import filters_of, separate, single_paths
@@ -62,9 +64,9 @@ def _title(paths: list[str], settings: Settings) -> str:
 
 def write_sweep(results: Results) -> None:
     """Write ``sweep.csv``: one statistic of each metric, rms of errors, ANEES, mean of the rest."""
-    frame = results.summary
-    rows = frame[frame["metric"].map(_is_headline).astype(bool)]  # also without rows
-    write_csv(results.target / "sweep.csv", list(rows.columns), rows.to_numpy().tolist())
+    rows = results.columns("summary")
+    rows = rows.chosen(np.array([_is_headline(name) for name in rows["metric"]], dtype=bool))
+    write_csv(results.target / "sweep.csv", list(rows), rows.tuples(rows))
 
 
 class Best(NamedTuple):

@@ -2,7 +2,8 @@
 
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory holds
 ``blocks/<code>/<key>.block``: content-addressed, so two runs that write the same block write the same
-bytes, and checksummed, so a damaged one is computed again and never used.
+bytes, and checksummed, so a damaged one is computed again and never used. ``figures/`` beside it holds
+figures that were drawn.
 """
 
 import os
@@ -22,6 +23,11 @@ _CODE_DIGITS = 12
 def cache_folder() -> Path:
     """Where blocks are kept."""
     return Path(os.environ.get("TRACKBENCH_CACHE") or ".trackbench")
+
+
+def figure_folder() -> Path:
+    """Where figures are kept that were drawn; they go whenever blocks are cleared."""
+    return cache_folder() / "figures"
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,7 @@ def cache_size(root: Path) -> CacheSize:
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
     """Remove every block, or only those that other versions of the code made."""
+    shutil.rmtree(root / "figures", ignore_errors=True)
     for folder in _versions(root):
         if not (old_only and folder.name == code_digest()[:_CODE_DIGITS]):
             shutil.rmtree(folder, ignore_errors=True)

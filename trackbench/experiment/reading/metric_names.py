@@ -128,7 +128,9 @@ def names_of(
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
-        found = set()  # filters mostly have the same series
+        found: dict[
+            frozenset[str], set[str]
+        ] = {}  # by what they count: series are named one by one
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_foretold(settings, point.scenario, tracker))
@@ -138,9 +140,9 @@ def names_of(
                     series |= _noted(settings, point.seen_by(label), tracker)
                 except Exception:  # its own run will say what is wrong
                     names.unasked.append(_kind(settings, label))
-            found.add((counts, series))
-        for counts, series in found:
-            names.add(settings, point.scenario, counts, series)
+            found.setdefault(counts, set()).update(series)
+        for counts, every in found.items():
+            names.add(settings, point.scenario, counts, frozenset(every))
     for point in points:
         for label, tracker in (point.filters | others).items():
             names.given |= _numbers(tracker) if tracker is not None else set()

@@ -34,10 +34,11 @@ class Anees(OverTime):
     def tell(self, results: Results) -> str:
         """How often each filter is inside the band."""
         point, parts = results.points()[0], []
-        for rows, look in self.lines(results, results.per_step, point, self.metric):
+        for rows, look in self.lines(results, point, self.metric):
             if len(rows):
                 low, high = anees_band(self.n_x, int(rows["runs"].max()), self.level)
-                parts.append((float(rows["value"].between(low, high).mean()), look["label"]))
+                inside = (low <= rows["value"]) & (rows["value"] <= high)
+                parts.append((float(inside.mean()), look["label"]))
         told = [
             f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
         ]
@@ -50,7 +51,7 @@ class Anees(OverTime):
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             runs = 1
-            for rows, look in self.lines(results, results.per_step, point, self.metric):
+            for rows, look in self.lines(results, point, self.metric):
                 if len(rows):
                     ax.plot(rows[self.x], rows["value"], **look)
                     runs = max(runs, int(rows["runs"].max()))
@@ -76,9 +77,9 @@ class Bias(OverTime):
         for axes, point in panels:
             for ax, metric in zip(axes, self.rows.values(), strict=True):
                 ax.axhline(0.0, color="black", linewidth=0.6)
-                lines = list(self.lines(results, results.per_step, point, metric))
+                lines = list(self.lines(results, point, metric))
                 for i, (rows, look) in enumerate(lines):
-                    k, value, stderr = (rows[c].to_numpy() for c in (self.x, "value", "stderr"))
+                    k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
                     ax.plot(k, value, **look)
                     low, high = value - 2 * stderr, value + 2 * stderr
                     style.spread(ax, k, low, high, look, i, len(lines))
@@ -111,13 +112,14 @@ class Dots(FigureKind):
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
         for row, point in zip(axes, points, strict=True):
-            frame = results.at(results.summary, point)
+            rows = results.columns("summary", point)
             row[len(row) // 2].set_title(wording.heading(point))
             for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
-                found = frame[frame["metric"] == metric].set_index("filter").reindex(labels)
+                mine = rows.where(metric=metric).tuples(["filter", "value", "stderr"])
+                found = {label: estimate for label, *estimate in mine}
                 for i, label in enumerate(labels):
                     look = {"color": results.look(label)["color"], "marker": "o", "markersize": 3.5}
-                    value, stderr = found.loc[label, ["value", "stderr"]]
+                    value, stderr = found.get(label, (np.nan, np.nan))
                     ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
                 if metric in self.expected:
                     ax.axvline(self.expected[metric], color="black", linewidth=0.6)

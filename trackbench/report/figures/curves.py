@@ -11,12 +11,12 @@ from trackbench.evaluation.measure import Measure, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.columns import Columns
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -79,13 +79,12 @@ class Curves(FigureKind):
         return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
 
     def lines(
-        self, results: Results, frame: "pd.DataFrame", point: dict[str, Any], metric: Measure
-    ) -> Iterator[tuple["pd.DataFrame", dict[str, Any]]]:
-        """Each label's rows of a metric at a grid point, and how its line looks, label included."""
-        frame = results.at(frame, point)
-        frame = frame[frame["metric"] == str(metric)]
+        self, results: Results, point: dict[str, Any], metric: Measure
+    ) -> Iterator[tuple[Columns, dict[str, Any]]]:
+        """Each label's steps of a metric at a grid point, and how its line looks, label included."""
+        rows = results.columns("per_step", point).where(metric=str(metric))
         for label, look in self.labels(results):
-            yield frame[frame["filter"] == label], {"label": label, **look}
+            yield rows.where(filter=label), {"label": label, **look}
 
     def finish(self, figure: "Figure") -> "Figure":
         """The figure with its legend and legible vertical axes."""
@@ -122,8 +121,8 @@ class RmseVsTime(OverTime):
     def tell(self, results: Results) -> str:
         """Whose average over the steps is best."""
         point = results.points()[0]
-        found = self.lines(results, results.per_step, point, self.metric)
-        rivals = {look["label"]: rows["value"].to_numpy() for rows, look in found}
+        found = self.lines(results, point, self.metric)
+        rivals = {look["label"]: rows["value"] for rows, look in found}
         averages = {
             label: float(np.nanmean(values))
             for label, values in rivals.items()
@@ -137,9 +136,9 @@ class RmseVsTime(OverTime):
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
-            lines = list(self.lines(results, results.per_step, point, self.metric))
+            lines = list(self.lines(results, point, self.metric))
             for i, (rows, look) in enumerate(lines):
-                k, value, stderr = (rows[c].to_numpy() for c in (self.x, "value", "stderr"))
+                k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
                 if self.log and len(value):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)

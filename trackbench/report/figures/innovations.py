@@ -45,15 +45,13 @@ class Nis(OverTime):
         for (ax,), point in panels:
             band: tuple[Array, Array] = (np.empty(0), np.empty(0))
             for (rows, look), (numbers, _) in zip(
-                self.lines(results, results.per_step, point, measured("anis")),
-                self.lines(results, results.per_step, point, measured("innovations")),
+                self.lines(results, point, measured("anis")),
+                self.lines(results, point, measured("innovations")),
                 strict=True,
             ):
                 if len(rows):
-                    count = (numbers["value"] * numbers["runs"]).to_numpy()
-                    k, value, number = self._averages(
-                        rows[self.x].to_numpy(), rows["value"].to_numpy(), count
-                    )
+                    count = numbers["value"] * numbers["runs"]
+                    k, value, number = self._averages(rows[self.x], rows["value"], count)
                     ax.plot(k, value, marker="o", markersize=2, **look)
                     band = max(band, (k, number), key=lambda b: len(b[0]))
             if len(band[0]):

@@ -155,7 +155,7 @@ class MeanAndStd(FigureKind):
         """Mean error above, standard deviation below; x left, y right."""
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
-        frame = results.at(results.per_step, point)
+        frame = results.columns("per_step", point)
         labels = results.chosen(self.filters)
         rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
         for (metric, sign, words), row in zip(rows, axes, strict=True):
@@ -163,9 +163,9 @@ class MeanAndStd(FigureKind):
                 for start, end in results.given(point).spans:
                     ax.axvspan(start, end, color=style.MANEUVER, alpha=0.5, lw=0, zorder=0,
                                label="Maneuvers")  # fmt: skip
-                chosen = frame[frame["metric"] == f"{metric}_{quantity}"]
+                chosen = frame.where(metric=f"{metric}_{quantity}")
                 for label in labels:
-                    _line(ax, chosen[chosen["filter"] == label], sign, label, results.look(label))
+                    _line(ax, chosen.where(filter=label), sign, label, results.look(label))
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
@@ -176,5 +176,4 @@ class MeanAndStd(FigureKind):
 
 
 def _line(ax: "Axes", rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
-    time, value = rows["time"].to_numpy(), rows["value"].to_numpy()
-    ax.plot(time, sign * value, label=label, **look | {"linewidth": 0.8})
+    ax.plot(rows["time"], sign * rows["value"], label=label, **look | {"linewidth": 0.8})

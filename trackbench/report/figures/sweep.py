@@ -11,13 +11,13 @@ from trackbench.evaluation.measure import OfSummary, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.columns import Columns
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.wording import named, three_digits
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -58,37 +58,36 @@ class RmseVsParameter(FigureKind):
 
     def tell(self, results: Results) -> str:
         """Where each filter is best."""
-        path, frame = self._shown(results)
+        path, shown = self._shown(results)
         name, unit = wording.quantity(path)
         told = []
         for label in results.chosen(self.filters):
-            rows = frame[(frame["filter"] == label) & np.isfinite(frame["value"])]
-            if len(rows) and np.ptp(rows["value"]) > 0.0:
-                best = rows.loc[rows["value"].idxmin()]
-                told.append(
-                    f"{named(label)} {three_digits(best['value'])} at {best[path]:g} {unit}".rstrip()
-                )
+            rows = shown.where(filter=label)
+            x, y = (rows[c][np.isfinite(rows["value"])] for c in (path, "value"))
+            if len(y) and np.ptp(y) > 0.0:
+                best = three_digits(float(y.min()))
+                told.append(f"{named(label)} {best} at {x[y.argmin()]:g} {unit}".rstrip())
         return f"Least over {name}: {', '.join(told)}." if told else ""
 
-    def _shown(self, results: Results) -> tuple[str, "pd.DataFrame"]:
+    def _shown(self, results: Results) -> tuple[str, Columns]:
         """Path of the horizontal axis, and rows of summary.csv: other paths at their first values."""
         path = self.parameter or results.grid[0]
         held = {p: v for p, v in results.points()[0].items() if p != path}
-        frame = results.at(results.summary, held)
-        return path, frame[frame["metric"] == str(self.metric)]
+        return path, results.columns("summary", held).where(metric=str(self.metric))
 
     def draw(self, results: Results) -> "Figure":
         """One panel; other paths of the grid are held at their first values."""
-        path, frame = self._shown(results)
+        path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
         labels = results.chosen(self.filters)
         for label in labels:
-            rows = frame[frame["filter"] == label].sort_values(path)
-            x, y, stderr = (rows[c].to_numpy(dtype=float) for c in (path, "value", "stderr"))
+            rows = shown.where(filter=label)
+            rows = rows.chosen(np.argsort(rows[path], kind="stable"))
+            x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
             self._line(ax, x, y, stderr, label, results.look(label))
-        if self.log_x and len(frame):
-            _logarithmic(ax, np.unique(frame[path].to_numpy(dtype=float)))
-        if self.log_y and len(frame):  # nothing, where every filter failed, has no logarithm
+        if self.log_x and len(shown):
+            _logarithmic(ax, np.unique(shown[path].astype(float)))
+        if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
             style.plain_log_axis(ax, most=float("inf"))
         ax.set_xlabel(self.x_label or wording.axis(path))

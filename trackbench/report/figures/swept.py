@@ -86,7 +86,7 @@ class SweepFigure(FigureKind):
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
-    there = set(results.summary["metric"])
+    there = set(results.columns("summary")["metric"])
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
     chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
@@ -104,15 +104,13 @@ class _Held:
         self.results, self.paths = results, paths
         points = results.points()
         held = {p: v for p, v in points[0].items() if p not in paths}
-        frame = results.at(results.summary, held)
-        self._rows = frame[[*paths, "filter", "metric", "value", "stderr"]]
-        self.values = {path: list(dict.fromkeys(frame[path])) for path in paths}
+        self._rows = results.columns("summary", held)
+        self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
 
     def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
         """Values of the paths, value and standard error where there is a number."""
-        rows = self._rows
-        rows = rows[(rows["filter"] == label) & (rows["metric"] == str(metric))]
-        found = rows.drop(columns=["filter", "metric"]).itertuples(index=False, name=None)
+        rows = self._rows.where(filter=label, metric=str(metric))
+        found = rows.tuples([*self.paths, "value", "stderr"])
         return [row for row in found if np.isfinite(row[-2])]
 
 

@@ -47,15 +47,14 @@ class Consistency(TableKind):
             sizes = {"anees": len(given.components), "nis": len(given.measured)}
             for name, n in zip(every, sizes.values(), strict=True):
                 every[name][n] = None
-            frame = results.at(results.per_step, point)
+            frame = results.columns("per_step", point)
             for label in labels:
-                rows = frame[frame["filter"] == label]
+                rows = frame.where(filter=label)
                 cells = []
                 for metric, n in sizes.items():
-                    chosen = rows[rows["metric"] == metric]
-                    value = chosen["value"].to_numpy(dtype=float)
-                    runs = chosen["runs"].to_numpy()
-                    cells += _cells(value if metric == "anees" else value / n, n, runs)
+                    chosen = rows.where(metric=metric)
+                    value = chosen["value"] if metric == "anees" else chosen["value"] / n
+                    cells += _cells(value, n, chosen["runs"])
                 table.add([*(str(v) for v in point.values()), label], cells)
         runs = int(results.config["runs"])
         for name, n in ((name, n) for name, found in every.items() for n in found):

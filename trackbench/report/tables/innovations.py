@@ -67,7 +67,7 @@ def _errors(results: Results) -> dict[str, str]:
     """Heading and metric of a column for each component of the measurement."""
     found = {}
     for head, kind in _ERRORS.items():
-        for name in dict.fromkeys(results.summary["metric"]):
+        for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
                 found[f"{head} error, {component}"] = name

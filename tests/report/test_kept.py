@@ -1,0 +1,79 @@
+"""Figures that were drawn before are taken as they were, if nothing changed that they could show."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trackbench import api
+from trackbench.experiment.computing.cache import cache_folder, clear_cache
+from trackbench.report import drawers
+from trackbench.report.drawers import drawing, drawn
+from trackbench.report.kept import KeptFigures
+from trackbench.report.results import Results
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MPLCONFIGDIR", str(tmp_path / "matplotlib"))
+    return Path(shutil.copytree(made, tmp_path / "results"))
+
+
+def files(folder: Path, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
+    results = api.load(folder)
+    with drawing(results, ["svg"], processes=2, **how) as draw:
+        return {name: draw(name, spec) for name, spec in results.parts("figures").items()}
+
+
+def test_what_was_drawn_is_not_drawn_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = api.load(folder)
+    first = files(folder, fresh=False)
+    assert first == {n: drawn(s, results, ["svg"]) for n, s in results.parts("figures").items()}
+    monkeypatch.setattr(drawers, "pool", None)  # nobody who draws
+    assert files(folder, fresh=False) == first
+    with pytest.raises(TypeError):
+        files(folder, fresh=True)
+    clear_cache(cache_folder())
+    with pytest.raises(TypeError):
+        files(folder, fresh=False)
+
+
+def made_of(folder: Path) -> str:
+    kept = KeptFigures.of(Results(folder))
+    assert kept is not None
+    return kept.made_of
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("per_run.csv", "\nPF,0,", "\nPF,1,"),
+        ("per_step.csv", "PF,1,", "PF,2,"),
+        ("config.yaml", "RMSE <i>over</i> time", "Errors"),
+        ("config.yaml", "seed: 7", "seed: 8"),
+        ("manifest.json", '"failed": []', '"failed": [{}]'),
+        ("published/numbers.csv", "9.9", "9.8"),
+    ],
+)
+def test_what_a_figure_shows_is_looked_at(folder: Path, name: str, old: str, new: str) -> None:
+    before = made_of(folder)
+    content = (folder / name).read_text()
+    assert old in content
+    (folder / name).write_text(content.replace(old, new, 1))
+    assert made_of(folder) != before
+
+
+def test_what_no_figure_shows_is_not(folder: Path) -> None:
+    before = made_of(folder)
+    config = (folder / "config.yaml").read_text()
+    (folder / "config.yaml").write_text(config.replace("Median: median(rmse)", "M: mean(rmse)"))
+    (folder / "report.html").unlink()
+    assert made_of(folder) == before
+
+
+def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "matplotlib").mkdir()
+    (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
+    assert KeptFigures.of(api.load(folder)) is None

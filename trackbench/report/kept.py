@@ -1,0 +1,81 @@
+"""Figures that were drawn before: of the same numbers, words and code they are the same files."""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeAlias
+
+import trackbench
+from trackbench.experiment.computing.cache import figure_folder
+from trackbench.experiment.files import touched, write_bytes
+from trackbench.experiment.problems import WriteError
+from trackbench.experiment.storing.outputs import RAW
+from trackbench.report.results import Results
+
+Files: TypeAlias = list[tuple[str, bytes]]
+"""Format and content."""
+_FACTS = ("steps", "one_by_one", "failed")
+"""What figures take from the manifest."""
+
+
+@dataclass(frozen=True)
+class KeptFigures:
+    """The figures of one state of a results folder, each under the digest of all it could show."""
+
+    made_of: str
+    """digest of what every figure may be made of"""
+
+    @classmethod
+    def of(cls, results: Results) -> "KeptFigures | None":
+        """Those of these results; None if matplotlib is set up by a file, whose fonts may be any."""
+        if any(path.is_file() for path in _set_ups()):
+            return None
+        home = Path(trackbench.__file__).parent
+        libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
+        words = {key: value for key, value in results.config.items() if key != "tables"}
+        facts = [results.manifest.get(name) for name in _FACTS]
+        digest = hashlib.sha256(json.dumps([libraries, words, facts], default=str).encode())
+        names = (*RAW, "tuning.csv", *results.config.get("published", ()))
+        for path in (*sorted(home.rglob("*.py")), *(results.folder / name for name in names)):
+            digest.update(f"\n{path.name}\n".encode())
+            digest.update(path.read_bytes() if path.is_file() else b"")
+        return cls(digest.hexdigest())
+
+    def get(self, name: str, formats: Sequence[str]) -> Files | None:
+        """A figure's files; None if not all of them are there."""
+        try:
+            return [(form, self._path(name, form).read_bytes()) for form in formats]
+        except OSError:
+            return None
+
+    def put(self, name: str, files: Files) -> None:
+        """Keep a figure's files; what cannot be kept will be drawn again."""
+        with touched(), suppress(OSError, WriteError):  # they are none of the results folder's
+            for form, content in files:
+                path = self._path(name, form)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, content)
+
+    def _path(self, name: str, form: str) -> Path:
+        key = hashlib.sha256(f"{self.made_of} {name}".encode()).hexdigest()
+        return figure_folder() / key[:2] / f"{key}.{form}"
+
+
+def _set_ups() -> Iterator[Path]:
+    """Where matplotlib looks for what a user wants it to look like."""
+    yield Path("matplotlibrc")
+    if "MATPLOTLIBRC" in os.environ:
+        named = Path(os.environ["MATPLOTLIBRC"])
+        yield from (named, named / "matplotlibrc")
+    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    folders = (
+        os.environ.get("MPLCONFIGDIR"),
+        Path(home) / "matplotlib",
+        Path.home() / ".matplotlib",
+    )
+    yield from (Path(folder) / "matplotlibrc" for folder in folders if folder)
