@@ -40,10 +40,12 @@ def test_what_was_drawn_is_not_drawn_again(folder: Path, monkeypatch: pytest.Mon
         files(folder, fresh=False)
 
 
-def made_of(folder: Path) -> str:
-    kept = KeptFigures.of(Results(folder))
+def keys(folder: Path) -> dict[str, Path]:
+    """Where each figure would be kept."""
+    results = Results(folder)
+    kept = KeptFigures.of(results)
     assert kept is not None
-    return kept.made_of
+    return {n: kept._path(spec, "svg") for n, spec in results.parts("figures").items()}
 
 
 @pytest.mark.parametrize(
@@ -51,26 +53,33 @@ def made_of(folder: Path) -> str:
     [
         ("per_run.csv", "\nPF,0,", "\nPF,1,"),
         ("per_step.csv", "PF,1,", "PF,2,"),
-        ("config.yaml", "RMSE <i>over</i> time", "Errors"),
         ("config.yaml", "seed: 7", "seed: 8"),
-        ("manifest.json", '"failed": []', '"failed": [{}]'),
+        ("manifest.json", '"steps": ', '"steps": 1'),
         ("published/numbers.csv", "9.9", "9.8"),
     ],
 )
 def test_what_a_figure_shows_is_looked_at(folder: Path, name: str, old: str, new: str) -> None:
-    before = made_of(folder)
+    before = keys(folder)
     content = (folder / name).read_text()
     assert old in content
     (folder / name).write_text(content.replace(old, new, 1))
-    assert made_of(folder) != before
+    assert set(keys(folder).values()).isdisjoint(before.values())
+
+
+def test_a_figure_with_other_keys_is_another_one(folder: Path) -> None:
+    before = keys(folder)
+    config = (folder / "config.yaml").read_text()
+    (folder / "config.yaml").write_text(config.replace("RMSE <i>over</i> time", "Errors", 1))
+    after = keys(folder)
+    assert [name for name in before if after[name] != before[name]] == ["time"]
 
 
 def test_what_no_figure_shows_is_not(folder: Path) -> None:
-    before = made_of(folder)
+    before = keys(folder)
     config = (folder / "config.yaml").read_text()
     (folder / "config.yaml").write_text(config.replace("Median: median(rmse)", "M: mean(rmse)"))
     (folder / "report.html").unlink()
-    assert made_of(folder) == before
+    assert keys(folder) == before
 
 
 def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:

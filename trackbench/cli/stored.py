@@ -47,9 +47,7 @@ def plot(
 ) -> None:
     """Draw the figures of stored results again; computes no run."""
     from trackbench import api
-    from trackbench.report.artists import import_artists
 
-    import_artists()
     look: Any = one_of("--style", style, ("screen", "paper"))
     forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
     for path in api.plot(folder, forms, tuple(only or ()), allow_plugins, look):

@@ -2,12 +2,12 @@
 
 import gc
 
-from trackbench.registry import kinds
-from trackbench.report import paired, render, verdicts
-from trackbench.report.artists import import_artists
+from matplotlib.backends import backend_svg
 
-__all__ = ["paired", "render", "verdicts"]
-import_artists()
+from trackbench.registry import kinds
+from trackbench.report import canvas, paired, render, verdicts
+
+__all__ = ["backend_svg", "canvas", "paired", "render", "verdicts"]
 kinds("figures")
 gc.set_threshold(50_000)  # as in `__main__`
 gc.freeze()  # a process that is forked from here need not look it through, and so copy its pages

@@ -42,7 +42,9 @@ def drawing(
     figures = results.parts("figures") if processes > 1 and formats else {}
     sent = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
     store = KeptFigures.of(results) if sent and not fresh else None
-    kept = {name: files for name in sent if store and (files := store.get(name, formats))}
+    kept = {
+        name: files for name, spec in sent.items() if store and (files := store.get(spec, formats))
+    }
     sent = {name: spec for name, spec in sent.items() if name not in kept}
     begun: dict[str, Future[Files]] = {}
 
@@ -54,7 +56,7 @@ def drawing(
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
             return drawn(spec, results, formats)
         if store:
-            store.put(name, files)
+            store.put(spec, files)
         return files
 
     with ExitStack() as stack:

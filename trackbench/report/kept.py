@@ -1,4 +1,4 @@
-"""Figures that were drawn before: of the same numbers, words and code they are the same files."""
+"""Figures that were drawn before: of the same numbers, keys and code they are the same files."""
 
 import hashlib
 import json
@@ -15,10 +15,13 @@ from trackbench.experiment.computing.cache import figure_folder
 from trackbench.experiment.files import touched, write_bytes
 from trackbench.experiment.problems import WriteError
 from trackbench.experiment.storing.outputs import RAW
+from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
+_PARTS = ("tables", "figures")
+"""Of which each is made by its own keys alone."""
 _FACTS = ("steps", "one_by_one", "failed")
 """What figures take from the manifest."""
 
@@ -28,7 +31,7 @@ class KeptFigures:
     """The figures of one state of a results folder, each under the digest of all it could show."""
 
     made_of: str
-    """digest of what every figure may be made of"""
+    """digest of what any figure may be made of beside its own keys"""
 
     @classmethod
     def of(cls, results: Results) -> "KeptFigures | None":
@@ -37,7 +40,7 @@ class KeptFigures:
             return None
         home = Path(trackbench.__file__).parent
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
-        words = {key: value for key, value in results.config.items() if key != "tables"}
+        words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
         digest = hashlib.sha256(json.dumps([libraries, words, facts], default=str).encode())
         names = (*RAW, "tuning.csv", *results.config.get("published", ()))
@@ -46,23 +49,23 @@ class KeptFigures:
             digest.update(path.read_bytes() if path.is_file() else b"")
         return cls(digest.hexdigest())
 
-    def get(self, name: str, formats: Sequence[str]) -> Files | None:
+    def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
         """A figure's files; None if not all of them are there."""
         try:
-            return [(form, self._path(name, form).read_bytes()) for form in formats]
+            return [(form, self._path(spec, form).read_bytes()) for form in formats]
         except OSError:
             return None
 
-    def put(self, name: str, files: Files) -> None:
+    def put(self, spec: FigureKind, files: Files) -> None:
         """Keep a figure's files; what cannot be kept will be drawn again."""
         with touched(), suppress(OSError, WriteError):  # they are none of the results folder's
             for form, content in files:
-                path = self._path(name, form)
+                path = self._path(spec, form)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_bytes(path, content)
 
-    def _path(self, name: str, form: str) -> Path:
-        key = hashlib.sha256(f"{self.made_of} {name}".encode()).hexdigest()
+    def _path(self, spec: FigureKind, form: str) -> Path:
+        key = hashlib.sha256(f"{self.made_of} {spec!r}".encode()).hexdigest()
         return figure_folder() / key[:2] / f"{key}.{form}"
 
 
