@@ -8,7 +8,7 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench import api
-from trackbench.evaluation import block
+from trackbench.evaluation import block, passing
 from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import relative_gain
 from trackbench.experiment.problems import UserError
@@ -263,7 +263,7 @@ def test_paired_csv_holds_every_pair_once_with_holm(made):
 
 @pytest.mark.parametrize("command", [api.compare, api.plot, api.report])
 def test_from_the_folder_alone(folder, command, monkeypatch):
-    monkeypatch.setattr(block, "estimate", lambda *_: pytest.fail("a run was computed"))
+    monkeypatch.setattr(passing, "estimate", lambda *_: pytest.fail("a run was computed"))
     monkeypatch.setattr(block, "simulate", lambda *_: pytest.fail("a run was simulated"))
     assert command(folder)
 
