@@ -10,7 +10,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
@@ -42,9 +42,7 @@ class CMKF(GaussianFilter):
             return Gaussian(prior.mean, cov)
         return prior.gaussian(self.start or self.conversion)
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, AS_IT_IS)

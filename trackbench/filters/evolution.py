@@ -17,13 +17,13 @@ from trackbench.core import elementary, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.evolution import crossover, metropolis, mutate
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Evidence, Particles
 from trackbench.core.streams import Streams
 from trackbench.core.sums import mean, total
+from trackbench.filters.clouds import Cloud
 from trackbench.filters.proposal import (
     MERWE_PROPOSAL,
     Proposed,
-    ProposedCloud,
     ProposingFilter,
     UnscentedProposal,
 )
@@ -71,7 +71,7 @@ class Evolution:
 
     def renewed(
         self, proposed: Proposed, log_posterior: Callable[[Array], Array], rng: Streams
-    ) -> ProposedCloud:
+    ) -> Cloud:
         """Section III.B from the weights on: weigh (eq. 7), evolve in place of resampling, estimate."""
 
         def log_ratio(x: Array) -> Array:
@@ -85,12 +85,17 @@ class Evolution:
         source = Particles(proposed.x, w)
         if self.estimate_from == "after":
             source = Particles(evolved.x, self._final_weights(evolved, log_ratio))
-        notes = {
-            "acceptance": evolved.acceptance,
-            "spread_ratio": _spread(evolved.x) / _spread(proposed.x),
-        }
-        carried, P = Particles(evolved.x, particles.uniform(*w.shape)), proposed.kalman.cov
-        return ProposedCloud(carried, P, source, source.moments(), dead, w, mass, notes)
+        ratio = _spread(evolved.x) / _spread(proposed.x)
+        return Cloud(
+            Particles(evolved.x, particles.uniform(*w.shape)),
+            source,
+            source.moments(),
+            dead,
+            P=proposed.kalman.cov,
+            w=w,
+            evidence=(Evidence(mass, 0.0, self.N),),
+            notes=(("acceptance", evolved.acceptance), ("spread_ratio", ratio)),
+        )
 
     def evolved(self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams) -> Evolved:
         """Section III.A: G generations of mutation, crossover, selection and cooling."""
@@ -158,13 +163,12 @@ class PFDE(Evolution, UnscentedProposal, ProposingFilter):
     proposal: Literal["prior", "ukf"] = "prior"
     """where particles are drawn from before the evolution"""
 
-    def step(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> ProposedCloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Draw from the transition or a UKF per particle; weigh and evolve."""
         log_posterior = self._log_target(model, state.particles.x, z, k)
         if self.proposal == "ukf":
             return self.renewed(self._proposed(model, state, z, k, rng), log_posterior, rng)
+        assert state.P is not None
         moved = model.motion.transition(state.particles.x, k)
         kalman = Gaussian(moved.mean, state.P)
         return self.renewed(Proposed(moved.sample(rng), kalman, moved.log_prob), log_posterior, rng)
@@ -212,9 +216,7 @@ class HDEPF(Evolution, UnscentedProposal, ProposingFilter):
         },
     }
 
-    def step(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> ProposedCloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Section III.B: each particle is drawn from a UKF of its own; then weighed and evolved."""
         proposed = self._proposed(model, state, z, k, rng)
         log_posterior = self._log_target(model, state.particles.x, z, k)

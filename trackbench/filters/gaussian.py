@@ -10,7 +10,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Filter
 from trackbench.keys import NonNegative, OpenShare, Positive
 from trackbench.models.base import Model, Scene
@@ -43,9 +43,7 @@ class GaussianFilter(Filter[Tracked]):
         """The first state: the prior's moments."""
         return Gaussian(prior.mean, prior.cov)
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict to step k and update with z (n_z, M)."""
         raise NotImplementedError
 

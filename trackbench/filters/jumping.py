@@ -15,7 +15,7 @@ from trackbench.core.regularisation import Mode as Spread
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
 from trackbench.filters.base import Filter, State
-from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, extra_std
 from trackbench.models.irregular import alike

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.regularisation import Kernel, jitter
-from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import NonNegative
 from trackbench.models.base import Model, Scene
 from trackbench.models.linear import Linear

@@ -14,20 +14,15 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
-from trackbench.core.particles import (
-    Evidence,
-    Mass,
-    Particles,
-    WeightReading,
-    read_likelihood,
-)
+from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.filters.base import Filter
+from trackbench.filters.clouds import Cloud
 from trackbench.keys import Finite, NonNegative, Positive, Share
 from trackbench.models.base import (
     GammaMotion,
@@ -45,23 +40,6 @@ from trackbench.models.gaussian import (
 )
 
 TransitionReading = Literal["model", "increment"]
-
-
-class ProposedCloud(NamedTuple):
-    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
-
-    ``source`` is the cloud whose moments the estimate has; ``w`` (M, N) are the weights before the cloud
-    was renewed, ``mass`` what they summed to before that was one; ``notes`` diagnostics (M,) by name.
-    """
-
-    particles: Particles
-    P: Array
-    source: Particles
-    estimate: Gaussian
-    dead: Mask
-    w: Array
-    mass: Mass | None
-    notes: dict[str, Array]
 
 
 class Proposed(NamedTuple):
@@ -92,7 +70,7 @@ class Defensive(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProposingFilter(Filter[ProposedCloud]):
+class ProposingFilter(Filter[Cloud]):
     """Base of the filters with a Kalman filter per particle, which proposes."""
 
     N: Annotated[int, Ge(2)] = 100
@@ -114,38 +92,36 @@ class ProposingFilter(Filter[ProposedCloud]):
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """N draws from the prior, each with its own covariance."""
         x = prior.sample(rng, self.N)
         n, runs, N = x.shape
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
         cloud, dead = Particles(x, particles.uniform(runs, N)), np.zeros(runs, dtype=np.bool_)
-        return ProposedCloud(cloud, P, cloud, cloud.moments(), dead, cloud.w, None, {})
+        return Cloud(cloud, cloud, cloud.moments(), dead, P=P, w=cloud.w)
 
-    def estimate(self, state: ProposedCloud) -> Gaussian:
+    def estimate(self, state: Cloud) -> Gaussian:
         """Weighted mean and covariance."""
         return state.estimate
 
-    def posterior(self, state: ProposedCloud) -> Posterior:
+    def posterior(self, state: Cloud) -> Posterior:
         """The cloud of the estimate."""
-        return CloudPosterior(state.source)
+        return CloudPosterior(state.weighted)
 
-    def log_likelihood(self, state: ProposedCloud) -> Array:
+    def log_likelihood(self, state: Cloud) -> Array:
         """Logarithm (M,) of the mean weight; NaN if the weights are no densities."""
-        if state.mass is None or self.transition_density == "increment":
-            return np.full(state.dead.shape, np.nan)
-        return Evidence(state.mass, 0.0, self.N).log
+        densities = self.transition_density == "model"
+        return state.log_likelihood if densities else np.full(state.dead.shape, np.nan)
 
-    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
 
         ``ess``: effective sample size of what was proposed, ``distinct``: particles that are no copies
         after resampling or evolution, both as shares of N.
         """
-        own = {"dead_steps": state.dead.astype(float), "ess": particles.effective_share(state.w)}
         copies = particles.distinct(np.sort(state.particles.x[0]))
-        return own | state.notes | {"distinct": copies}
+        return state.noted() | {"distinct": copies}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Weights need the density of the process noise, and a Kalman filter what it is made of."""
@@ -164,13 +140,12 @@ class ProposingFilter(Filter[ProposedCloud]):
             return {"transition_density": "increment is defined for a gamma process noise"}
         return {}
 
-    def _proposed(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> Proposed:
+    def _proposed(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Proposed:
         """One draw from each particle's Kalman posterior, or from the transition (defensive)."""
-        assumed, each = (
-            Assumed(self.Q, self.R, self.noise_mean),
+        assert state.P is not None
+        each, assumed = (
             Gaussian(state.particles.x, state.P),
+            Assumed(self.Q, self.R, self.noise_mean),
         )
         kalman = self._kalman(model, each, z, k, assumed)
         proposal = self._proposal(model, kalman, state.particles.x, k)

@@ -12,11 +12,11 @@ from trackbench.core import particles
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.moves import independence_moves
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Evidence, Particles
 from trackbench.core.resampling import Scheme, ancestors, select
+from trackbench.filters.clouds import Cloud
 from trackbench.filters.proposal import (
     MERWE_PROPOSAL,
-    ProposedCloud,
     ProposingFilter,
     UnscentedProposal,
 )
@@ -35,9 +35,7 @@ class _Resampling(ProposingFilter):
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
 
-    def step(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> ProposedCloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Propose, weight by lik * prior / proposal (eq. 7), resample, move."""
         origin = state.particles.x
         proposed = self._proposed(model, state, z, k, rng)
@@ -61,7 +59,8 @@ class _Resampling(ProposingFilter):
             x = independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source, source.moments(), dead, w, mass, {})
+        told = (Evidence(mass, 0.0, self.N),)
+        return Cloud(resampled, source, source.moments(), dead, P=P, w=w, evidence=told)
 
 
 @register("filters", "epf")

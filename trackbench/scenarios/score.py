@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.keys import ONE_LINE, MistakenKeyError, Natural, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ class Score:
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
 
     def errors(
-        self, sensor: Measuring | Several, components: tuple[str, ...], mean: Array, truth: Array
+        self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
         """Error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
         e = mean - truth
@@ -95,7 +95,7 @@ class Score:
         return {"position": e[0::2], "velocity": e[1::2]} | own
 
     def squares(
-        self, sensor: Measuring | Several, components: tuple[str, ...], P: Array, x: Array
+        self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
         """Mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
         if not _is_moving(components):

@@ -19,7 +19,7 @@ from trackbench.models.irregular import Irregular
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several, together
+from trackbench.models.several import Sensors, Several, together
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.columns import recorded_columns
@@ -100,7 +100,7 @@ class Tracking(Scenario):
         self.score.of_training(self._trained)
 
     @cached_property
-    def _sensor(self) -> Measuring | Several:
+    def _sensor(self) -> Sensors:
         return together(self.sensor)
 
     @cached_property
@@ -133,7 +133,7 @@ class Tracking(Scenario):
         return self.target.components
 
     @property
-    def true_sensor(self) -> Measuring | Several:
+    def true_sensor(self) -> Sensors:
         """The sensor, or all of them as one."""
         return self._sensor
 
@@ -348,5 +348,5 @@ def _settled(rows: Array) -> Array:
     return np.take_along_axis(rows, np.argsort(~np.isnan(rows), axis=0, kind="stable"), axis=0)
 
 
-def _each(sensor: Measuring | Several) -> tuple[Measuring, ...]:
+def _each(sensor: Sensors) -> tuple[Measuring, ...]:
     return sensor.sensors if isinstance(sensor, Several) else (sensor,)

@@ -7,8 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.streams import Streams
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
 
 
@@ -29,12 +28,7 @@ class Flown(Target):
         return self.states(timeline.times)
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """The path, and measurements whose noise is drawn in one go."""
         path, runs = self.path(timeline), start.shape[1]

@@ -10,8 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
 from trackbench.keys import NonNegative, Positive, Steps
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Target, Timeline
 
@@ -62,12 +61,7 @@ class RandomLegs(Target):
         return np.repeat(self.start(timeline)[:, None], len(timeline.steps), axis=1)
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Truth drawn anew, NaN after its last leg, and its measurements."""
         runs, steps = start.shape[1], timeline.steps.tolist()
