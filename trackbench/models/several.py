@@ -84,3 +84,13 @@ def together(sensors: tuple[Measuring, ...] | Measuring) -> Sensors:
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else Several(sensors)
+
+
+def each(sensor: Sensors) -> tuple[Measuring, ...]:
+    """Every single one."""
+    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
+
+
+def rows_of(sensor: Sensors) -> list[slice]:
+    """Where the components of each stand in a measurement."""
+    return sensor.rows if isinstance(sensor, Several) else [slice(None)]

@@ -1,5 +1,6 @@
 """What is measured of a track: which errors, over which steps, and when it is lost."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -12,6 +13,8 @@ from trackbench.keys import ONE_LINE, MistakenKeyError, Natural, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensing import Measuring
 from trackbench.models.several import Sensors
+
+_IN_A_ROW = 10  # steps at the end of a run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +108,20 @@ class Score:
         position = np.add.reduce([P[2 * i, 2 * i] for i in axes])
         velocity = np.add.reduce([P[2 * i + 1, 2 * i + 1] for i in axes])
         return {"position": position, "velocity": velocity} | own
+
+
+def diverged(values: Mapping[str, Array], settled: bool) -> Array:
+    """Whether each of a run's last ten estimates is outside its own 1e-6 region (M,), NaN if one is.
+
+    Such a track need not be far from the target to mislead: it will not come back by what it believes.
+    It is no lost run, whose error would leave the averages: an overconfident filter is not to be better
+    for it. ``settled``: of recorded runs, the last estimates that there are of each.
+    """
+    outside = values.get("outside", np.full((1, 1), np.nan))
+    if settled:
+        order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
+        outside = np.take_along_axis(outside, order, axis=0)
+    return np.asarray(outside[-_IN_A_ROW:].min(axis=0))
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:

@@ -10,7 +10,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import Streams
 from trackbench.hooks import Part
 from trackbench.models.base import LocatingSensor
-from trackbench.models.several import Sensors, Several
+from trackbench.models.several import Sensors, each, rows_of
 
 
 class Opening(NamedTuple):
@@ -58,9 +58,7 @@ class Start(Part):
 
 def locating(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """The first sensor that tells a position, and where its components stand."""
-    every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
-    rows = sensor.rows if isinstance(sensor, Several) else [slice(None)]
-    for one, where in zip(every, rows, strict=True):
+    for one, where in zip(each(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):
             return one, where
     return None

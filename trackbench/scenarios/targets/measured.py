@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.streams import Streams
 from trackbench.keys import DataFile, MistakenKeyError, Positive
 from trackbench.models.base import moving
-from trackbench.models.several import Sensors, Several
+from trackbench.models.several import Sensors, each, rows_of
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.columns import recorded_columns
@@ -128,7 +128,7 @@ class Measured(FromFiles, Naming, Target):
         return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
 
     def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
-        parts = sensor.rows if isinstance(sensor, Several) else [slice(None)]
+        parts = rows_of(sensor)
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
@@ -148,7 +148,7 @@ class Measured(FromFiles, Naming, Target):
 
     def _check(self, sensor: Sensors, start: Start) -> None:
         """Raise MistakenKeyError for what does not go with sensors and start."""
-        every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
+        every = each(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise MistakenKeyError(what, "start")
