@@ -110,6 +110,12 @@ class Gaussian(Symmetric):
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
 
 
+def of_each_run(of: Distribution) -> Gaussian:
+    """The moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
+    n, runs = of.mean.shape
+    return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
+
+
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
     """Log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     L = linalg.cholesky(cov) if root is None else root

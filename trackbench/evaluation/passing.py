@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, frozen, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.arrays import Array, frozen
+from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.streams import aside_stream, block_stream
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.calibration import Calibration
@@ -110,8 +110,7 @@ class _Kept:
         self._judged.add(state, found, truth)
         self._observed.append(observed(self._task.scenario, self._task.filter, state, truth))
         if self._covariances:
-            each = np.broadcast_to(with_trailing(found.cov, 1, leading=2), (n, n, mean.shape[1]))
-            self._covs.append(each[..., : self._covariances].copy())
+            self._covs.append(of_each_run(found).cov[..., : self._covariances].copy())
 
     def filtered(self, told: dict[str, Array], cpu_s: float) -> Filtered:
         """All of it, with what the filter told of measurements."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gaussian, of_each_run
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
@@ -132,10 +132,8 @@ def _additive_update(
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
-    n, runs = predicted.mean.shape
-    each = np.broadcast_to(with_trailing(predicted.cov, 1, leading=2), (n, n, runs))
-    cubature, whole = Unscented(1.0, 0.0, 0.0), Gaussian(predicted.mean, each)
-    return _additive_update(model, whole, z, k, Assumed(), cubature)[1]
+    cubature = Unscented(1.0, 0.0, 0.0)
+    return _additive_update(model, of_each_run(predicted), z, k, AS_IT_IS, cubature)[1]
 
 
 def _conditioned(

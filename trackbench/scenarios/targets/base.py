@@ -164,3 +164,17 @@ class Scored(NamedTuple):
     times: Array
     windows: Mapping[str, Mask]
     sigma: float
+
+
+def measured_along(
+    truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
+) -> Flight:
+    """A path (n, K, M), or of all runs (n, K, 1), and measurements whose noise is drawn in one go."""
+    first = 0 if scans else 1
+    steps = timeline.steps.tolist()[first:]
+    noise = rng.standard_normal((len(sensor.components), len(steps), runs))
+    seen = [
+        sensor.observed(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
+        for i, k in enumerate(steps, first)
+    ]
+    return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(seen, axis=1))
