@@ -40,8 +40,7 @@ class PF(ParticleFilter):
         x = model.motion.transition(origin, k).sample(rng)
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x, k)
         weighted, size = Particles(x, w), self._size(state.age + 1)
         if self.moves:
             # Parents are resampled with their children, as components of one state.
@@ -93,8 +92,7 @@ class RPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x, k)
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(age))

@@ -111,11 +111,14 @@ class ParticleFilter(Filter[Cloud]):
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
-    def _log_weights(self, model: Model, state: Cloud, z: Array, x: Array, k: int) -> Array:
-        """Log-weights (M, N) of moved particles x, from those that the state carries."""
+    def _weighed(
+        self, model: Model, state: Cloud, z: Array, x: Array, k: int
+    ) -> tuple[Array, Mask, tuple[Evidence, ...]]:
+        """Weights (M, N) of moved particles x from those that the state carries; dead runs; evidence."""
         log_w = self._log_likelihood(model, z, x, k)
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
-        return log_w if equal else log_w + state.log_w
+        w, dead, mass = particles.normalise(log_w if equal else log_w + state.log_w)
+        return w, dead, (Evidence(mass, state.log_w, w.shape[1]),)
 
     def _size(self, age: int) -> int:
         """Number of particles after so many steps."""

@@ -21,12 +21,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.streams import Streams
 from trackbench.core.sums import mean, total
 from trackbench.filters.clouds import Cloud
-from trackbench.filters.proposal import (
-    MERWE_PROPOSAL,
-    Proposed,
-    ProposingFilter,
-    UnscentedProposal,
-)
+from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposingFilter, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
 from trackbench.models.base import Model
 from trackbench.registry import register

@@ -32,12 +32,7 @@ from trackbench.models.base import (
     Scene,
     log_likelihood,
 )
-from trackbench.models.gaussian import (
-    Assumed,
-    augmented_size,
-    augmented_step,
-    spread_conflicts,
-)
+from trackbench.models.gaussian import Assumed, augmented_size, augmented_step, spread_conflicts
 
 TransitionReading = Literal["model", "increment"]
 

@@ -15,11 +15,7 @@ from trackbench.core.moves import independence_moves
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.filters.clouds import Cloud
-from trackbench.filters.proposal import (
-    MERWE_PROPOSAL,
-    ProposingFilter,
-    UnscentedProposal,
-)
+from trackbench.filters.proposal import MERWE_PROPOSAL, ProposingFilter, UnscentedProposal
 from trackbench.keys import Natural
 from trackbench.models.base import Model
 from trackbench.models.gaussian import Assumed, extended_step

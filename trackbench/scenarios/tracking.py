@@ -22,8 +22,8 @@ from trackbench.models.sensing import Measuring
 from trackbench.models.several import Sensors, each, together
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.clock import Clock
 from trackbench.scenarios.recordings.columns import recorded_columns
+from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import Opening, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
@@ -61,7 +61,7 @@ class Tracking(Scenario):
 
     def __post_init__(self) -> None:
         self.start.check(self.components, self.true_sensor)
-        self._clock.check(self._own_timeline)
+        self._schedule.check(self._own_timeline)
         self.target.check(self._timeline)
         self.score.check(self.components, self.steps)
         self._check_training()
@@ -88,12 +88,12 @@ class Tracking(Scenario):
     def _timeline(self) -> Timeline:
         """Every step, those that a start uses up included."""
         if self._own_timeline is None:
-            return self._clock.regular(self.T)
-        return self._clock.of_recorded(self._own_timeline)
+            return self._schedule.regular(self.T)
+        return self._schedule.of_recorded(self._own_timeline)
 
     @property
-    def _clock(self) -> Clock:
-        return Clock(self.first, self.last, self.begin, self._skipped)
+    def _schedule(self) -> Schedule:
+        return Schedule(self.first, self.last, self.begin, self._skipped)
 
     @property
     def _skipped(self) -> int:

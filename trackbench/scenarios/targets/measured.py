@@ -16,13 +16,7 @@ from trackbench.registry import register
 from trackbench.scenarios.recordings.columns import recorded_columns
 from trackbench.scenarios.recordings.content import FromFiles
 from trackbench.scenarios.recordings.naming import Naming
-from trackbench.scenarios.recordings.recording import (
-    Clock,
-    laid_out,
-    one_clock,
-    opened,
-    with_scans,
-)
+from trackbench.scenarios.recordings.recording import Clock, laid_out, one_clock, opened, with_scans
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.recordings.truths import truth_at
 from trackbench.scenarios.starts.base import Start, locating

@@ -8,7 +8,7 @@ from trackbench.keys import MOST_STEPS, MistakenKeyError
 from trackbench.scenarios.targets.base import Timeline
 
 
-class Clock(NamedTuple):
+class Schedule(NamedTuple):
     """Numbers of the first and the last step and the first one's time, s, as the keys have them.
 
     ``skipped`` steps come before that of the first state.
