@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, BlockTask, run_block, simulate
+from trackbench.evaluation.block import BlockResult, BlockTask, simulate
+from trackbench.evaluation.reduction import run_block
 from trackbench.experiment.planning.plan import block_width, particle_count
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation

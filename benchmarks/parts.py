@@ -16,7 +16,7 @@ from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
 from trackbench.core.regularisation import jitter
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.block import _keep_freed_memory
+from trackbench.evaluation.reduction import _keep_freed_memory
 from trackbench.models.base import log_likelihood
 
 CASES = (

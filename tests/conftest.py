@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 
 from trackbench import registry
-from trackbench.evaluation.block import BlockTask, Filtered, estimate, run_block, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.passing import Filtered, estimate
+from trackbench.evaluation.reduction import run_block
 from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.filters.base import AnyFilter

@@ -16,7 +16,8 @@ from trackbench.adapters.looped import looped
 from trackbench.contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.block import BlockTask, Filtered, estimate, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.passing import Filtered, estimate
 from trackbench.experiment.planning.plan import block_width
 from trackbench.experiment.reading.validate import help_texts
 from trackbench.filters.extended import EKF

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.evaluation.block import BlockTask, Kind, run_block
+from trackbench.evaluation.block import BlockTask, Kind
+from trackbench.evaluation.reduction import run_block
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds

@@ -4,7 +4,7 @@ import pytest
 from tests.conftest import random_covariance
 from tests.papers import banana
 from trackbench.core import kalman
-from trackbench.core.bounds import posterior_cramer_rao
+from trackbench.core.bounds import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
@@ -39,3 +39,15 @@ def test_bound_without_process_noise_is_least_squares() -> None:
     bounds = scenario.bounds()
     assert bounds["position"][-1] == pytest.approx(np.sqrt(exact[0, 0] + exact[2, 2]), rel=1e-4)
     assert bounds["velocity"][-1] == pytest.approx(np.sqrt(exact[1, 1] + exact[3, 3]), rel=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_no_direction_deviates_by_more(n: int, rng: np.random.Generator) -> None:
+    """Of one and two components it is the largest eigenvalue's root; of three it may be more."""
+    A = rng.standard_normal((n, n))
+    cov = A @ A.T
+    largest = np.sqrt(np.linalg.eigvalsh(cov)[-1])
+    if n < 3:
+        assert largest_deviation(cov) == pytest.approx(largest)
+    else:
+        assert largest <= largest_deviation(cov) <= np.sqrt(3.0) * largest

@@ -8,7 +8,8 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.once import forget, once
-from trackbench.evaluation.block import BlockTask, run_block
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.reduction import run_block
 from trackbench.filters.kalman import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 

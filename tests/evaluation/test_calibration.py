@@ -12,8 +12,9 @@ from tests.conftest import make_filter, track
 from tests.papers import merwe
 from trackbench.contract.playgrounds import LINEAR
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask, Kind, run_block
+from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.calibration import LEVELS, bars, evidence, noncredibility
+from trackbench.evaluation.reduction import run_block
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity import at_step, over_steps
 from trackbench.filters.base import AnyFilter

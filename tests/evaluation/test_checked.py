@@ -11,7 +11,8 @@ from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
 from trackbench.core.arrays import frozen
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask, run_block, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.reduction import run_block
 from trackbench.filters.sigma_points import UKF
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking

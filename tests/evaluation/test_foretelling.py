@@ -11,8 +11,10 @@ from tests.conftest import make_filter, track
 from trackbench.contract.playgrounds import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask, estimate, run_block, simulate
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.foretelling import LAGS, held_out
+from trackbench.evaluation.passing import estimate
+from trackbench.evaluation.reduction import run_block
 from trackbench.filters.base import Filter
 from trackbench.filters.kalman import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration

@@ -10,7 +10,8 @@ import pytest
 
 from tests.papers import banana, merwe, merwe_text
 from trackbench import api
-from trackbench.evaluation.block import BlockTask, run_whole_block
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.planning.plan import _block_bytes, block_width
 from trackbench.registry import kinds
 

@@ -298,7 +298,7 @@ def test_fresh_ignores_what_is_kept(tmp_path: Path) -> None:
 
 
 def test_a_block_is_the_same_computed_and_read(tmp_path: Path) -> None:
-    from trackbench.evaluation.block import run_whole_block
+    from trackbench.evaluation.reduction import run_whole_block
     from trackbench.experiment.computing.codec import decode, encode
     from trackbench.experiment.planning.plan import make_plan
     from trackbench.experiment.reading.config import load

@@ -9,7 +9,8 @@ from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
 from trackbench.core.fading import tail
 from trackbench.core.streams import RunStreams, block_stream
-from trackbench.evaluation.block import BlockTask, run_block
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.reduction import run_block
 from trackbench.filters.adaptive import VDF, AdaptiveKF
 from trackbench.filters.axes import axis_step
 from trackbench.filters.imm import IMM

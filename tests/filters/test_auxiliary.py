@@ -9,7 +9,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.streams import block_stream
-from trackbench.filters.bootstrap import APF, Cloud
+from trackbench.filters.bootstrap import APF
+from trackbench.filters.clouds import Cloud
 from trackbench.models.base import Model
 
 R = 1.0 / 6000.0  # the likelihood of a particle one away from the measurement is e^-3000

@@ -12,8 +12,9 @@ from tests.papers import banana
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.block import Filtered, simulate
+from trackbench.evaluation.block import simulate
 from trackbench.evaluation.derived import normalised_error
+from trackbench.evaluation.passing import Filtered
 from trackbench.scenarios.tracking import Tracking
 
 FAR = banana(velocity_cross=1000.0)

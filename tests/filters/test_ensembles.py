@@ -10,7 +10,8 @@ from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams
-from trackbench.evaluation.block import BlockTask, estimate, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.passing import estimate
 from trackbench.filters.kalman import KF
 from trackbench.filters.sigma_points import CKF
 from trackbench.models.base import Model

@@ -5,7 +5,8 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe
-from trackbench.evaluation.block import BlockTask, Filtered, estimate, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.passing import Filtered, estimate
 from trackbench.experiment.reading.checks import has
 from trackbench.registry import kinds
 

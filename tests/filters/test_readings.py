@@ -68,16 +68,15 @@ def test_weights_and_copies_are_counted() -> None:
         state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
         state = tracker.step(scenario.model, state, data.measurements[:, 0], 2, block_stream(2, 0))
         noted = tracker.diagnostics(state)
-        inner = getattr(state, "cloud", state)
         for m in range(5):
-            assert noted["ess"][m] == pytest.approx(1.0 / sum(w * w for w in inner.w[m]) / 12)
+            assert noted["ess"][m] == pytest.approx(1.0 / sum(w * w for w in state.w[m]) / 12)
             if "distinct" in noted:
-                assert noted["distinct"][m] == len(set(inner.particles.x[0, m])) / 12
+                assert noted["distinct"][m] == len(set(state.particles.x[0, m])) / 12
     # Copies of a cloud clipped to its own limits do not stand side by side.
     tracker = make_filter("hdepf", preset="published-level", N=12)
     state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
     state = tracker.step(scenario.model, state, data.measurements[:, 0], 2, block_stream(2, 0))
-    found = [len(set(x)) / 12 for x in state.cloud.particles.x[0]]
+    found = [len(set(x)) / 12 for x in state.particles.x[0]]
     np.testing.assert_array_equal(tracker.diagnostics(state)["distinct"], found)
     assert min(found) < 1.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.statistics import holm
+from trackbench.evaluation.intervals import holm
 from trackbench.verification.rounding import FALSE_ALARM, differences, p_of_chance, relative, usual
 
 RUNS, COLUMNS, FOLDERS = 20, 60, 200

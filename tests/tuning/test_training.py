@@ -7,7 +7,8 @@ import pytest
 
 from tests.conftest import EXPERIMENTS
 from trackbench.core.streams import RunStreams, block_stream
-from trackbench.evaluation.block import BlockTask, run_whole_block, simulate
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.tuning.training import Training, given_values

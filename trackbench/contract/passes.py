@@ -6,8 +6,8 @@ import numpy as np
 from numpy.random import SFC64, Generator
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import of_each_run
 from trackbench.core.streams import RunStreams
 from trackbench.scenarios.base import Simulation
 
@@ -33,16 +33,13 @@ def simulated(scenario: Any, runs: int, step: int = 1) -> Simulation:
 
 def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
     """The filter's estimates, by `init` and one `step` after another."""
-    rng, runs = noise(), data.truth.shape[-1]
+    rng = noise()
     state = tracker.init(scenario.model, data.prior, rng)
     found = [tracker.estimate(state)]
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         found.append(tracker.estimate(state))
-    n = found[0].mean.shape[0]
-    covs = [
-        np.broadcast_to(with_trailing(np.asarray(g.cov), 1, leading=2), (n, n, runs)) for g in found
-    ]
+    covs = [of_each_run(g).cov for g in found]
     is_random = rng.bit_generator.state["state"]["state"].tolist() != _start()
     return Pass(np.stack([g.mean for g in found], axis=1), np.stack(covs, axis=2), is_random)
 
@@ -55,9 +52,7 @@ def _start() -> list[int]:
 def kalman_filtered(scenario: Any, data: Simulation) -> Pass:
     """The exact posterior of a linear Gaussian scenario."""
     motion, sensor = scenario.model
-    n, runs = data.prior.mean.shape
-    cov = np.broadcast_to(with_trailing(data.prior.cov, 1, leading=2), (n, n, runs))
-    found = [Gaussian(data.prior.mean, np.asarray(cov))]
+    found = [of_each_run(data.prior)]
     for i, k in enumerate(scenario.steps[1:]):
         predicted = kalman.predict(found[-1], motion.F, motion.Q)
         nu = data.measurements[:, i] - sensor.measurement(predicted.mean, int(k)).mean

@@ -25,6 +25,11 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
     return a.reshape(a.shape + (1,) * (batch_ndim + leading - a.ndim))
 
 
+def with_axes_of(like: Array, a: Array) -> Array:
+    """``a`` with axes of length one appended until it has as many as ``like``, so that the two add."""
+    return a.reshape(a.shape + (1,) * (like.ndim - a.ndim))
+
+
 def fixed(a: Array) -> Array:
     """``a`` itself, made read-only, for arrays that are kept and handed out again."""
     a.flags.writeable = False

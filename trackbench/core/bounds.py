@@ -22,6 +22,15 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
     return np.stack(bounds, axis=-1)
 
 
+def largest_deviation(cov: Array) -> float:
+    """Largest standard deviation in any direction of a covariance (n, n); in space an upper bound."""
+    if len(cov) != 2:
+        return float(np.sqrt(np.diagonal(cov).sum()))
+    half = 0.5 * (cov[0, 0] - cov[1, 1])
+    spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
+    return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))
+
+
 def _inverse(P: Array) -> Array:
     """Inverse through a unit diagonal: metres and metres per second differ by many decades."""
     scale = 1.0 / np.sqrt(np.diagonal(P))

@@ -64,22 +64,31 @@ def covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
     return x, np.zeros(x.shape[1:])
 
 
+class _HasMean(Protocol):
+    @property
+    def mean(self) -> Array: ...
+
+
+class Symmetric:
+    """A distribution about its mean, where its density is highest, as is its value without noise."""
+
+    @property
+    def loc(self: _HasMean) -> Array:
+        """The mean."""
+        return self.mean
+
+    @property
+    def mode(self: _HasMean) -> Array:
+        """The mean."""
+        return self.mean
+
+
 @dataclass(frozen=True)
-class Gaussian:
+class Gaussian(Symmetric):
     """N(mean, cov): mean (n, *batch), cov (n, n) or (n, n, *batch)."""
 
     mean: Array
     cov: Array
-
-    @property
-    def loc(self) -> Array:
-        """The mean: Gaussian noise is zero-mean."""
-        return self.mean
-
-    @property
-    def mode(self) -> Array:
-        """The mean."""
-        return self.mean
 
     @cached_property
     def _root(self) -> Array:
@@ -99,6 +108,12 @@ class Gaussian:
     def log_prob(self, x: Array) -> Array:
         """Log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
+
+
+def of_each_run(of: Distribution) -> Gaussian:
+    """The moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
+    n, runs = of.mean.shape
+    return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
@@ -213,20 +228,10 @@ class Shifted:
 
 
 @dataclass(frozen=True)
-class PointMass:
+class PointMass(Symmetric):
     """A known value (n, *batch): a distribution without spread."""
 
     mean: Array
-
-    @property
-    def loc(self) -> Array:
-        """The value."""
-        return self.mean
-
-    @property
-    def mode(self) -> Array:
-        """The value."""
-        return self.mean
 
     @property
     def cov(self) -> Array:

@@ -4,12 +4,12 @@ A component of a measurement that is NaN is missing: its run is updated with the
 over where there are none.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.arrays import Array, Mask, with_axes_of, with_trailing
 from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.once import once
@@ -59,6 +59,10 @@ class Innovation(NamedTuple):
         return value if isinstance(self.stretch, float) else value + log(self.stretch)
 
 
+Updated: TypeAlias = tuple[Gaussian, Innovation]
+"""A posterior, and the innovation that it was conditioned on."""
+
+
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
     """``N(F m, F P F' + Q)``; ``mean`` replaces F m for a nonlinear motion.
 
@@ -72,10 +76,10 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
 def _predicted_cov(F: Array, P: Array, Q: Array) -> Array:
     """``F P F' + Q``."""
     FPF = linalg.sandwich(F, P)
-    return FPF + _matrix_like(Q, FPF)
+    return FPF + with_axes_of(FPF, Q)
 
 
-def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> tuple[Gaussian, Innovation]:
+def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     """Condition on the innovation ``nu = z - h(m)`` (n_z, *batch) of ``z = H x + N(0, R)``.
 
     ``K = P H' S^-1``; the covariance in Joseph's form ``(I - K H) P (I - K H)' + K R K'``, which
@@ -143,7 +147,7 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """``S = H P H' + R`` and ``K = P H' S^-1``."""
     HP = linalg.matmul(H, P)
     S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
-    S = S + _matrix_like(R, S)
+    S = S + with_axes_of(S, R)
     return S, linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
 
 
@@ -151,9 +155,4 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """``(I - K H) P (I - K H)' + K R K'``."""
     IKH = linalg.identity_minus(linalg.matmul(K, H))
-    return linalg.sandwich(IKH, P) + linalg.sandwich(K, _matrix_like(R, K))
-
-
-def _matrix_like(A: Array, like: Array) -> Array:
-    """A constant matrix with as many batch axes as ``like``, so that the two add."""
-    return A.reshape(A.shape + (1,) * (like.ndim - A.ndim))
+    return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))

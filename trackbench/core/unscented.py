@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_axes_of
 from trackbench.core.distributions import Gaussian
 
 
@@ -44,7 +44,7 @@ class Unscented:
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         x[:, 0] = mean
         for i in range(n):
-            column = _vector_like(columns[i], mean)
+            column = with_axes_of(mean, columns[i])
             x[:, 1 + i] = mean + column
             x[:, 1 + n + i] = mean - column
         weights = np.full(2 * n + 1, 0.5 / spread)
@@ -75,7 +75,7 @@ class GaussHermite:
         grid = list(product(self.nodes, repeat=len(mean)))
         root = linalg.root(cov)
         unit = np.array([[x for x, _ in point] for point in grid])
-        steps = [linalg.matvec(root, _vector_like(e, mean)) for e in unit]
+        steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]
         weights = np.array([prod(w for _, w in point) for point in grid])
         return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
 
@@ -136,7 +136,3 @@ def _weighted(weights: Array, values: Array) -> Array:
     for i in range(1, len(weights)):
         total = total + weights[i] * values[:, i]
     return total
-
-
-def _vector_like(v: Array, like: Array) -> Array:
-    return v.reshape(v.shape + (1,) * (like.ndim - v.ndim))

@@ -112,8 +112,13 @@ def _covered(within: Array, level: float) -> Array:
     return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
 
 
+def tenth_of(pit: Array) -> Array:
+    """The tenth, from 0 to 9, that each transform is in; NaN of NaN."""
+    return np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+
+
 def _tenths(quantity: str, pit: Array) -> Iterator[tuple[str, Array]]:
     """Whether each is in a tenth, by the name of the tenth."""
-    which = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+    which = tenth_of(pit)
     for b, name in enumerate(bars(quantity)):
         yield name, np.where(np.isnan(pit), np.nan, which == b)

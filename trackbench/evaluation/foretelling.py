@@ -110,8 +110,7 @@ class Foretelling:
 
     def series(self) -> dict[str, Array]:
         """Values (T + 1, M) by the name of their series; of the first state there are none."""
-        rows = {name: np.stack(values) for name, values in self._rows.items()}
-        return {n: np.vstack([np.full_like(r[:1], np.nan), r]) for n, r in rows.items()}
+        return {name: after_first(np.stack(values)) for name, values in self._rows.items()}
 
     def _aside(self, told: Told, z: Array) -> tuple[Any, Gaussian]:
         before = self.kept(told.before)
@@ -159,6 +158,11 @@ class Foretelling:
     def _note(self, values: dict[str, Array]) -> None:
         for name, row in values.items():
             self._rows.setdefault(name, []).append(row)
+
+
+def after_first(rows: Array) -> Array:
+    """Series (T + 1, M) of values (T, M) that the first state has none of: NaN before them."""
+    return np.vstack([np.full_like(rows[:1], np.nan), rows])
 
 
 def _measured(z: Array) -> Mask:

@@ -58,6 +58,22 @@ def two_sided(z: float) -> float:
     return float(2.0 * ndtr(-abs(z)))
 
 
+def p_value(z: float, runs: int) -> float:
+    """Two-sided, from Student's t with ``runs - 1`` degrees of freedom."""
+    from scipy.special import stdtr
+
+    return float(2.0 * stdtr(max(runs - 1, 1), -abs(z)))
+
+
+def holm(p: Array) -> Array:
+    """p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
+    adjusted = np.full(len(p), np.nan)
+    order = np.argsort(p)[: int((~np.isnan(p)).sum())]
+    stepped = p[order] * np.arange(len(order), 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(stepped), 1.0)
+    return adjusted
+
+
 def quantile(level: float, freedom: float) -> float:
     """Half the width, in standard errors, of a two-sided interval by Student's t."""
     return t_of_normal(deviations(level), freedom)
@@ -86,6 +102,18 @@ def limits(influences: Array, z: float, other: float = 0.0) -> tuple[float, floa
     width = t_of_normal(z, found.freedom)
     below, above = (found.stderr * _inverse(y, found.skewness) for y in (width, -width))
     return below, -above
+
+
+def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Where the ANEES of a consistent filter lies: ``chi2(n_x M) / (n_x M)``, expected value 1.
+
+    Bar-Shalom, Li and Kirubarajan 2001, section 5.4; valid at one step, where runs are independent.
+    """
+    from scipy.special import gammaincinv
+
+    shares = [0.5 - level / 2.0, 0.5 + level / 2.0]
+    low, high = 2.0 * gammaincinv(n_x * runs / 2.0, shares) / (n_x * runs)
+    return float(low), float(high)
 
 
 @np.errstate(all="ignore")

@@ -141,14 +141,9 @@ class Measure(NamedTuple):
         """The same related to that of another filter."""
         return self._replace(relation=relation, other=other)
 
-    @property
-    def is_of_many_steps(self) -> bool:
-        """Whether it names a first step and a last one."""
-        return self.steps is not None and bool(self.steps.last)
-
     def at_each(self, steps: Iterable[int]) -> list["Measure"]:
         """At each of the steps that there are, if it is of several; else itself."""
-        if self.steps is None or not self.is_of_many_steps:
+        if self.steps is None or not self.is_many:
             return [self]
         return [self._replace(steps=Steps(str(k))) for k in self.steps.among(steps)]
 

@@ -136,17 +136,6 @@ OVER_RUNS = STATISTICS | {
 
 
 @_quietly
-def relative_gain(a: Array, b: Array) -> Estimate:
-    """``1 - rms(a) / rms(b)`` of two filters on common runs, paired; delta method on the ratio."""
-    A, B = np.square(a), np.square(b)
-    mean_a, mean_b = _mean(A), _mean(B)
-    ratio = np.sqrt(mean_a / mean_b)
-    # d ratio = ratio / 2 (dA / mean A - dB / mean B)
-    influence = 0.5 * ratio * (A / mean_a - B / mean_b)
-    return Estimate(float(1.0 - ratio), _sd(influence) / np.sqrt(max(len(a), 1)))
-
-
-@_quietly
 def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
     """Mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
     value = total / count
@@ -207,22 +196,6 @@ def z_score(estimate: Estimate) -> float:
     return float(np.divide(estimate.value, estimate.stderr))
 
 
-def p_value(z: float, runs: int) -> float:
-    """Two-sided, from Student's t with ``runs - 1`` degrees of freedom."""
-    from scipy.special import stdtr
-
-    return float(2.0 * stdtr(max(runs - 1, 1), -abs(z)))
-
-
-def holm(p: Array) -> Array:
-    """p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
-    adjusted = np.full(len(p), np.nan)
-    order = np.argsort(p)[: int((~np.isnan(p)).sum())]
-    stepped = p[order] * np.arange(len(order), 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(stepped), 1.0)
-    return adjusted
-
-
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
     """Confidence interval of a statistic over runs, from the influences of the runs (`intervals`).
@@ -252,18 +225,6 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
         return np.nan, np.nan
     ordered = np.sort(x)
     return float(ordered[k - 1]), float(ordered[n - k])
-
-
-def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Where the ANEES of a consistent filter lies: ``chi2(n_x M) / (n_x M)``, expected value 1.
-
-    Bar-Shalom, Li and Kirubarajan 2001, section 5.4; valid at one step, where runs are independent.
-    """
-    from scipy.special import gammaincinv
-
-    shares = [0.5 - level / 2.0, 0.5 + level / 2.0]
-    low, high = 2.0 * gammaincinv(n_x * runs / 2.0, shares) / (n_x * runs)
-    return float(low), float(high)
 
 
 def _mean(x: Array) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.sums import mean, total
-from trackbench.evaluation.calibration import TENTHS
+from trackbench.evaluation.calibration import TENTHS, tenth_of
 
 
 class Histogram(NamedTuple):
@@ -34,7 +34,7 @@ def at_step(pit: Array) -> Histogram:
     """Of one transform (M,) a run: Pearson's chi-square over the tenths, NaN left out."""
     pit = pit[~np.isnan(pit)]
     M = len(pit)
-    which = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+    which = tenth_of(pit)
     counts = np.array([float((which == b).sum()) for b in range(TENTHS)])
     shares = counts / max(M, 1)
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))

@@ -12,7 +12,7 @@ import numpy as np
 from trackbench.core import kalman
 from trackbench.core.arrays import Array, Mask, fixed, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.models.base import Model
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import Axis
@@ -58,7 +58,7 @@ def both_axes(state: Gaussian) -> Gaussian:
     return Gaussian(state.mean[:2].swapaxes(0, 1).reshape(4, runs), cov)
 
 
-def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> tuple[Gaussian, Innovation]:
+def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     """Predict and update every axis with its position z (2, M) (adaptive-kf, eqs. 8-12).
 
     A run that misses one coordinate of a measurement is treated as missing both.

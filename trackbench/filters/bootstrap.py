@@ -1,122 +1,22 @@
 """Particle filters that propose from the transition: SIR, regularised, auxiliary."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval
+from annotated_types import Interval
 from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
-from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.arrays import Array
 from trackbench.core.moves import independence_moves
-from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.regularisation import Kernel, jitter
-from trackbench.core.resampling import Scheme, ancestors, select
-from trackbench.core.streams import Streams
-from trackbench.filters.base import Filter
-from trackbench.keys import Count, Natural, NonNegative
-from trackbench.models.base import Model, log_likelihood
+from trackbench.core.resampling import select
+from trackbench.filters.clouds import Cloud, ParticleFilter
+from trackbench.keys import Natural, NonNegative
+from trackbench.models.base import Model
 from trackbench.registry import register
-
-
-class Cloud(NamedTuple):
-    """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
-
-    ``P`` is the one covariance of what each particle carries in a Kalman filter, if it does; ``log_w``
-    (M, N) the weights' logarithms up to a constant, where the next step weighs what underflows; ``w``
-    (M, N) the weights before resampling, where they are noted; ``mode`` (M, N) the number of the motion
-    that each particle follows, if there are several; ``evidence`` what the likelihood of the last
-    measurement is the product of.
-    """
-
-    particles: Particles
-    weighted: Particles
-    estimate: Gaussian
-    dead: Mask
-    age: int
-    P: Array | None = None
-    log_w: Array | float = 0.0
-    w: Array | None = None
-    mode: Index | None = None
-    evidence: tuple[Evidence, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParticleFilter(Filter[Cloud]):
-    """Keys and hooks shared by the filters that carry a cloud."""
-
-    N: Annotated[int, Ge(2)] = 100
-    """number of particles"""
-    resampling: Scheme = "systematic"
-    """resampling scheme"""
-    weights: WeightReading = "log"
-    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
-    boost: Count = 1
-    """factor on N during the first steps"""
-    boost_scans: Natural = 0
-    """how many steps the cloud is boosted for"""
-    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
-
-    @property
-    def most_particles(self) -> int:
-        """Those of the boost."""
-        return self.N * (self.boost if self.boost_scans else 1)
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Draws from the prior in each run, with weights where it covers its tails."""
-        x, log_w = covering(prior, rng, self._size(0))
-        cloud = Particles(x, particles.normalise(log_w).w)
-        dead = np.zeros(x.shape[1], dtype=np.bool_)
-        return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
-
-    def estimate(self, state: Cloud) -> Gaussian:
-        """Weighted mean and covariance."""
-        return state.estimate
-
-    def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Posterior means (M,) of functions of the state."""
-        return state.weighted.expectation(g)
-
-    def posterior(self, state: Cloud) -> Posterior | None:
-        """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
-        return CloudPosterior(state.weighted) if state.P is None else None
-
-    def log_likelihood(self, state: Cloud) -> Array:
-        """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
-        if not state.evidence:
-            return np.full(state.dead.shape, np.nan)
-        return state.evidence[0].log
-
-    def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
-
-        ``ess``: effective sample size before resampling, as a share of N.
-        """
-        noted = {"dead_steps": state.dead.astype(float)}
-        if state.w is not None:
-            noted["ess"] = particles.effective_share(state.w)
-        return noted
-
-    def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
-        return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
-
-    def _log_weights(self, model: Model, state: Cloud, z: Array, x: Array, k: int) -> Array:
-        """Log-weights (M, N) of moved particles x, from those that the state carries."""
-        log_w = self._log_likelihood(model, z, x, k)
-        equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
-        return log_w if equal else log_w + state.log_w
-
-    def _size(self, age: int) -> int:
-        """Number of particles after so many steps."""
-        return self.N * (self.boost if age < self.boost_scans else 1)
-
-    def _resampled(self, cloud: Particles, rng: Streams, size: int) -> Particles:
-        index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.uniform(*index.shape))
 
 
 @register("filters", "pf")
@@ -140,8 +40,7 @@ class PF(ParticleFilter):
         x = model.motion.transition(origin, k).sample(rng)
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x, k)
         weighted, size = Particles(x, w), self._size(state.age + 1)
         if self.moves:
             # Parents are resampled with their children, as components of one state.
@@ -193,8 +92,7 @@ class RPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x, k)
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(age))

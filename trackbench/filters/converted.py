@@ -7,10 +7,10 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
-from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
@@ -37,14 +37,10 @@ class CMKF(GaussianFilter):
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """Two-point differencing of converted measurements; the prior's moments if there are none."""
         if not isinstance(prior, Convertible):
-            n, runs = prior.mean.shape  # every run's measurements have covariances of their own
-            cov = np.broadcast_to(with_trailing(prior.cov, 1, leading=2), (n, n, runs))
-            return Gaussian(prior.mean, cov)
+            return of_each_run(prior)  # as every run's measurements have
         return prior.gaussian(self.start or self.conversion)
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, AS_IT_IS)

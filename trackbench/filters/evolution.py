@@ -1,40 +1,48 @@
 """Particle filters that resample by differential evolution: PFDE and HDEPF.
 
-`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III:
-part B is ``step``, with the paper's steps beside it; part A, the evolution, is ``core/evolution.py``.
+`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III: part A
+is `Evolution.evolved`, with the moves of eqs. 10 and 11 from ``core/evolution.py``; part B is
+`HDEPF.step`, which proposes, and `Evolution.renewed`, with the paper's steps beside them.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import particles
-from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.evolution import Evolution, Evolved, Fitness, Selection
-from trackbench.core.particles import Particles
-from trackbench.core.posteriors import Posterior
+from trackbench.core import elementary, particles
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.distributions import Gaussian
+from trackbench.core.evolution import crossover, metropolis, mutate
+from trackbench.core.particles import Evidence, Particles
+from trackbench.core.streams import Streams
 from trackbench.core.sums import mean, total
-from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposedCloud, UnscentedProposal
+from trackbench.filters.clouds import Cloud
+from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposingFilter, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
 from trackbench.models.base import Model
 from trackbench.registry import register
 
 
-class EvolvedCloud(NamedTuple):
-    """A proposed cloud after evolution, with what the evolution did to each run (M,)."""
+class Evolved(NamedTuple):
+    """The last population x (n, M, N), its log-fitness (M, N), and the share of trials accepted (M,).
 
-    cloud: ProposedCloud
+    A trial that is its parent again, because crossover took nothing from the mutant or clipping took it
+    back, is none: of one component it is 1 - CR of them.
+    """
+
+    x: Array
+    log_fitness: Array
     acceptance: Array
-    spread_ratio: Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Evolutionary(UnscentedProposal[EvolvedCloud]):
+class Evolution:
+    """Keys of the evolution, in the papers' symbols, and what it makes of proposed particles."""
+
     N: Annotated[int, Ge(4)] = 10
     """number of particles, more than the three that make a mutant"""
     F: Annotated[float, Interval(gt=0, le=2)] = 0.9
@@ -43,7 +51,7 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
     """crossover probability (eq. 11)"""
     G: Natural = 20
     """generations per step"""
-    fitness: Fitness = "log"
+    fitness: Literal["log", "normalised", "raw"] = "log"
     """what selection compares: log-fitness, fitness normalised over the population, or raw"""
     target: Literal["posterior", "ratio"] = "posterior"
     """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
@@ -56,67 +64,76 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> EvolvedCloud:
-        """N draws from the prior."""
-        cloud = self.drawn(prior, rng)
-        runs = cloud.dead.shape
-        return EvolvedCloud(cloud, np.zeros(runs), np.ones(runs))
-
-    def step(
-        self, model: Model, state: EvolvedCloud, z: Array, k: int, rng: Generator
-    ) -> EvolvedCloud:
-        """Propose, weight (eq. 7), evolve in place of resampling, estimate."""
-        origin = state.cloud.particles.x
-        # First step: each particle is drawn from a UKF of its own, and weighed (eq. 7).
-        proposed = self._proposed(model, state.cloud, z, k, rng)
-
-        def log_posterior(x: Array) -> Array:
-            return self.log_target(model, origin, z, x, k)
+    def renewed(
+        self, proposed: Proposed, log_posterior: Callable[[Array], Array], rng: Streams
+    ) -> Cloud:
+        """Section III.B from the weights on: weigh (eq. 7), evolve in place of resampling, estimate."""
 
         def log_ratio(x: Array) -> Array:
             return log_posterior(x) - proposed.log_q(x)
 
         w, dead, mass = particles.normalise(log_ratio(proposed.x))
-        before = Particles(proposed.x, w)
         # Second to fourth: the particles are the first population, mutated, crossed, selected, cooled.
         fitness = log_ratio if self.target == "ratio" else log_posterior
-        evolved = self._evolution.run(proposed.x, fitness, rng)
-        after = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        evolved = self.evolved(proposed.x, fitness, rng)
         # The estimate is the weighted mean; what has evolved goes on with equal weights.
-        source = after if self.estimate_from == "after" else before
-        carried = Particles(evolved.x, particles.uniform(*w.shape))
-        estimate, P = source.moments(), proposed.kalman.cov
-        cloud = ProposedCloud(carried, P, estimate, dead, w, mass, source)
-        return EvolvedCloud(cloud, evolved.acceptance, _spread(evolved.x) / _spread(proposed.x))
+        source = Particles(proposed.x, w)
+        if self.estimate_from == "after":
+            source = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        ratio = _spread(evolved.x) / _spread(proposed.x)
+        return Cloud(
+            Particles(evolved.x, particles.uniform(*w.shape)),
+            source,
+            source.moments(),
+            dead,
+            P=proposed.kalman.cov,
+            w=w,
+            evidence=(Evidence(mass, 0.0, self.N),),
+            notes=(("acceptance", evolved.acceptance), ("spread_ratio", ratio)),
+        )
 
-    def estimate(self, state: EvolvedCloud) -> Gaussian:
-        """Weighted mean and covariance."""
-        return state.cloud.estimate
+    def evolved(self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams) -> Evolved:
+        """Section III.A: G generations of mutation, crossover, selection and cooling."""
+        fit = log_fitness(x)
+        lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
+        best_x, best_fit = x, fit
+        accepted, tried = (np.zeros(fit.shape) for _ in range(2))
+        for temperature in self._temperatures():
+            trial = crossover(x, mutate(x, self.F, rng), self.CR, rng)
+            if self.bounds == "cloud":
+                trial = np.clip(trial, lowest, highest)
+            trial_fit = log_fitness(trial)
+            take = self._selected(fit, trial_fit, temperature, rng)
+            is_new = (trial != x).any(axis=0)
+            x, fit = np.where(take, trial, x), np.where(take, trial_fit, fit)
+            if self.keep_best == "slot":
+                better = fit > best_fit
+                best_x, best_fit = np.where(better, x, best_x), np.where(better, fit, best_fit)
+            else:
+                best_x, best_fit = x, fit
+            accepted += take & is_new
+            tried += is_new
+        return Evolved(best_x, best_fit, total(accepted) / np.maximum(total(tried), 1.0))
 
-    def posterior(self, state: EvolvedCloud) -> Posterior:
-        """The cloud of the estimate."""
-        return state.cloud.posterior
+    def _temperatures(self) -> Iterable[float | None]:
+        """Temperature of each generation; None where selection is greedy."""
+        return (None,) * self.G
 
-    def log_likelihood(self, state: EvolvedCloud) -> Array:
-        """Logarithm (M,) of the mean weight of what was proposed, before the evolution."""
-        return self.log_evidence(state.cloud)
+    def _selected(self, old: Array, new: Array, temperature: float | None, rng: Streams) -> Mask:
+        with np.errstate(invalid="ignore", over="ignore"):
+            gain = self._scaled(new) - self._scaled(old)
+        if temperature is None:
+            # Strictly better: with underflowed fitness, 0 >= 0 would walk away at random.
+            return np.asarray(gain > 0.0)
+        return metropolis(gain, temperature, rng)
 
-    def diagnostics(self, state: EvolvedCloud) -> dict[str, Array]:
-        """Share of new trials accepted, spread of the cloud after over before, steps without weight.
-
-        ``ess``: effective sample size of the proposal before the evolution, ``distinct``: particles that
-        are no copies after it, both as shares of N.
-        """
-        return state.cloud.noted() | {
-            "acceptance": state.acceptance,
-            "spread_ratio": state.spread_ratio,
-            "distinct": particles.distinct(np.sort(state.cloud.particles.x[0])),
-        }
-
-    def _proposed(
-        self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> Proposed:
-        return self.propose(model, cloud, z, k, rng)
+    def _scaled(self, log_fitness: Array) -> Array:
+        if self.fitness == "log":
+            return log_fitness
+        if self.fitness == "raw":
+            return elementary.exp(log_fitness)
+        fitness = elementary.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
+        return fitness / total(fitness)[:, None]
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
         if self.final_weights == "uniform":
@@ -126,45 +143,41 @@ class _Evolutionary(UnscentedProposal[EvolvedCloud]):
             return particles.normalise(log_ratio(evolved.x)).w
         return particles.normalise(evolved.log_fitness).w
 
-    @property
-    def _evolution(self) -> Evolution:
-        """Section III.A with a greedy selection."""
-        return Evolution(
-            F=self.F,
-            CR=self.CR,
-            G=self.G,
-            fitness=self.fitness,
-            keep_best=self.keep_best == "slot",
-            clip_to_cloud=self.bounds == "cloud",
-        )
+
+def _spread(x: Array) -> Array:
+    """Root mean square distance from the centre (M,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))
 
 
 @register("filters", "pfde")
 @dataclass(frozen=True, kw_only=True)
-class PFDE(_Evolutionary):
+class PFDE(Evolution, UnscentedProposal, ProposingFilter):
     """Particle filter with greedy differential evolution as its resampling (Li, Wang & Su 2011)."""
 
     proposal: Literal["prior", "ukf"] = "prior"
     """where particles are drawn from before the evolution"""
 
-    def held(self, model: Model) -> int:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+        """Draw from the transition or a UKF per particle; weigh and evolve."""
+        log_posterior = self._log_target(model, state.particles.x, z, k)
+        if self.proposal == "ukf":
+            return self.renewed(self._proposed(model, state, z, k, rng), log_posterior, rng)
+        assert state.P is not None
+        moved = model.motion.transition(state.particles.x, k)
+        kalman = Gaussian(moved.mean, state.P)
+        return self.renewed(Proposed(moved.sample(rng), kalman, moved.log_prob), log_posterior, rng)
+
+    def _held_by_each(self, model: Model) -> int:
         """Without a Kalman step: the arrays of a generation, and the covariances of the first."""
         if self.proposal == "ukf":
-            return super().held(model)
-        return self.N * (12 + len(model.motion.components) ** 2)
-
-    def _proposed(
-        self, model: Model, cloud: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> Proposed:
-        if self.proposal == "ukf":
-            return self.propose(model, cloud, z, k, rng)
-        moved = model.motion.transition(cloud.particles.x, k)
-        return Proposed(moved.sample(rng), Gaussian(moved.mean, cloud.P), moved.log_prob)
+            return super()._held_by_each(model)
+        return 12 + len(model.motion.components) ** 2
 
 
 @register("filters", "hdepf")
 @dataclass(frozen=True, kw_only=True)
-class HDEPF(_Evolutionary):
+class HDEPF(Evolution, UnscentedProposal, ProposingFilter):
     """Hybrid differential evolution particle filter: UKF proposal, Metropolis selection, cooling.
 
     C. Zhang and L. Li, section III.B. `preset: literal` is the algorithm exactly as printed.
@@ -174,7 +187,7 @@ class HDEPF(_Evolutionary):
     """initial temperature"""
     rho: Annotated[float, Interval(gt=0, le=1)] = 0.9
     """cooling factor per generation"""
-    select: Selection = "metropolis"
+    select: Literal["metropolis", "greedy"] = "metropolis"
     """selection step"""
 
     presets: ClassVar[dict[str, dict[str, object]]] = {
@@ -198,13 +211,15 @@ class HDEPF(_Evolutionary):
         },
     }
 
-    @property
-    def _evolution(self) -> Evolution:
-        """Section III.A with selection as in simulated annealing."""
-        return replace(super()._evolution, T0=self.T0, rho=self.rho, select=self.select)
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
+        """Section III.B: each particle is drawn from a UKF of its own; then weighed and evolved."""
+        proposed = self._proposed(model, state, z, k, rng)
+        log_posterior = self._log_target(model, state.particles.x, z, k)
+        return self.renewed(proposed, log_posterior, rng)
 
-
-def _spread(x: Array) -> Array:
-    """Root mean square distance from the centre (M,)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))
+    def _temperatures(self) -> Iterable[float | None]:
+        """Selection as in simulated annealing: from T0 down by rho each generation."""
+        temperature = self.T0
+        for _ in range(self.G):
+            yield temperature if self.select == "metropolis" else None
+            temperature *= self.rho

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.filters.converted import polar_moments
 from trackbench.filters.gaussian import NonlinearFilter
 from trackbench.keys import Count, NonNegative, Positive
@@ -31,9 +31,7 @@ class EKF(NonlinearFilter):
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the Jacobians."""
         return extended_step(model, state, z, k, self.assumed)
 
@@ -50,9 +48,7 @@ class IEKF(NonlinearFilter):
     """linearisations per update; 1 is the EKF"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict; linearise the measurement again at each new estimate."""
         predicted = extended_prediction(model, state, k, self.assumed)
         posterior, first = predicted, None
@@ -83,9 +79,7 @@ class MCAEKF(NonlinearFilter):
     """the sagitta is this many standard deviations of the added range noise"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, inflate the range's variance, update."""
         predicted = extended_prediction(model, state, k, self.assumed)
         sensor = cast(RangeAzimuth, model.sensor)

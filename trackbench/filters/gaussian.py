@@ -7,10 +7,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array, Mask, fixed, with_trailing
+from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
-from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Filter
 from trackbench.keys import NonNegative, OpenShare, Positive
 from trackbench.models.base import Model, Scene
@@ -43,9 +43,7 @@ class GaussianFilter(Filter[Tracked]):
         """The first state: the prior's moments."""
         return Gaussian(prior.mean, prior.cov)
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict to step k and update with z (n_z, M)."""
         raise NotImplementedError
 
@@ -119,10 +117,9 @@ class NonlinearFilter(GaussianFilter):
         """The prior's moments, or the two-point start."""
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
-        n, runs = prior.mean.shape
-        cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
-        cov = np.broadcast_to(with_trailing(cov, 1, leading=2), (n, n, runs))
-        return Gaussian(prior.mean, cov)
+        if self.P0 is not None:
+            prior = Gaussian(prior.mean, self.P0 * np.eye(len(prior.mean)))
+        return of_each_run(prior)
 
     @property
     def assumed(self) -> Assumed:

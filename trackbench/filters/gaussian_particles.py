@@ -2,36 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import particles
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, covering
 from trackbench.core.particles import Evidence, Particles
 from trackbench.filters.base import Filter
+from trackbench.filters.clouds import Cloud
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
 
-class Fitted(NamedTuple):
-    """The Gaussian, the weighted cloud (n, M, N) whose moments it has, runs without weight (M,).
-
-    ``evidence`` is what the weights tell of the last measurement.
-    """
-
-    posterior: Gaussian
-    cloud: Particles
-    dead: Mask
-    evidence: Evidence
-
-
 @register("filters", "gpf")
 @dataclass(frozen=True, kw_only=True)
-class GaussianPF(Filter[Fitted]):
+class GaussianPF(Filter[Cloud]):
     """Gaussian particle filter: draws anew from a Gaussian at each step, so that nothing is resampled.
 
     Kotecha & Djuric 2003a. The moments are as right as N draws make them; that the posterior has no
@@ -42,40 +31,36 @@ class GaussianPF(Filter[Fitted]):
     """number of particles"""
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Fitted:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """The moments of draws from the prior."""
         x, log_w = covering(prior, rng, self.N)
         return _fitted(x, log_w)
 
-    def step(self, model: Model, state: Fitted, z: Array, k: int, rng: Generator) -> Fitted:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Draw, move, weigh, and keep the moments."""
-        x = model.motion.transition(state.posterior.sample(rng, self.N), k).sample(rng)
+        x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
         return _fitted(x, log_likelihood(model.sensor, z, x, k))
 
-    def estimate(self, state: Fitted) -> Gaussian:
+    def estimate(self, state: Cloud) -> Gaussian:
         """The Gaussian."""
-        return state.posterior
+        return state.estimate
 
-    def expectation(
-        self, state: Fitted, g: Callable[[Array], dict[str, Array]]
-    ) -> dict[str, Array]:
+    def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) of functions of the state."""
-        return state.cloud.expectation(g)
+        return state.weighted.expectation(g)
 
-    def log_likelihood(self, state: Fitted) -> Array:
+    def log_likelihood(self, state: Cloud) -> Array:
         """Logarithm (M,) of the mean weight."""
-        return state.evidence.log
+        return state.log_likelihood
 
-    def diagnostics(self, state: Fitted) -> dict[str, Array]:
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero; ``ess``: effective share of the N particles."""
-        return {
-            "dead_steps": state.dead.astype(float),
-            "ess": particles.effective_share(state.cloud.w),
-        }
+        return state.noted()
 
 
-def _fitted(x: Array, log_w: Array) -> Fitted:
+def _fitted(x: Array, log_w: Array) -> Cloud:
     """Draws (n, M, N) and log-weights (M, N)."""
     w, dead, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
-    return Fitted(cloud.moments(), cloud, dead, Evidence(mass, 0.0, w.shape[1]))
+    told = (Evidence(mass, 0.0, w.shape[1]),)
+    return Cloud(cloud, cloud, cloud.moments(), dead, w=w, evidence=told)

@@ -9,13 +9,13 @@ from numpy.random import Generator
 from trackbench.core import particles, resampling
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, covering
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter_each
 from trackbench.core.regularisation import Mode as Spread
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
 from trackbench.filters.base import Filter, State
-from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, extra_std
 from trackbench.models.irregular import alike
@@ -105,8 +105,7 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
         x, new = state.particles.x.copy(), np.isnan(extra[:, before])
         x[n:] = np.where(new, _entering(extra, mode, rng), x[n:])
         x = _moved(models, x, mode, k, rng)
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x[:n], k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x[:n], k)
         weighted, size = Particles(x[:n], w), self._size(state.age + 1)
         index = resampling.ancestors(w, rng, self.resampling, size)
         spreads = _spreads(models, x, mode, w)

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.base import Model
 from trackbench.models.gaussian import AS_IT_IS, extended_step
@@ -22,8 +22,6 @@ class KF(GaussianFilter):
 
     needs: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: of a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, AS_IT_IS)

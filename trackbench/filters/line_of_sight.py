@@ -14,7 +14,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.regularisation import Kernel, Mode, jitter_each
 from trackbench.core.streams import SomeRuns, Streams
 from trackbench.core.sums import total
-from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.filters.senses import Senses, senses_of
 from trackbench.keys import NonNegative, OpenShare
 from trackbench.models.base import Model, Scene

@@ -9,9 +9,9 @@ from numpy.random import Generator
 from trackbench.core import particles
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
-from trackbench.filters.bootstrap import Cloud, ParticleFilter
+from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import NonNegative
 from trackbench.models.base import Model, Scene
 from trackbench.models.linear import Linear
@@ -55,8 +55,7 @@ class MPF(ParticleFilter):
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Move positions, learn the velocities from the moves, weight, resample, regularise."""
         x, C = _moved(cast(Linear, model.motion), state, rng)
-        w, dead, mass = particles.normalise(self._log_weights(model, state, z, x, k))
-        told = (Evidence(mass, state.log_w, w.shape[1]),)
+        w, dead, told = self._weighed(model, state, z, x, k)
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
         resampled = self._resampled(weighted, rng, self._size(age))

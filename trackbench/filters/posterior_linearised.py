@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.core.unscented import Unscented
 from trackbench.filters.gaussian import NonlinearFilter
 from trackbench.keys import Count
@@ -31,9 +31,7 @@ class IPLF(NonlinearFilter):
     iterations: Count = 5
     """lines per update; 1 is the cubature Kalman filter"""
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by points; draw the line of the measurement anew over each posterior."""
         predicted = point_prediction(model, state, k, self.assumed, _CUBATURE)
         posterior, first = predicted, None

@@ -4,6 +4,7 @@ De Freitas et al. 2000; van der Merwe et al. 2000, section 4. Weight: lik * prio
 (hdepf paper, eq. 7).
 """
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple, cast
@@ -13,58 +14,27 @@ from annotated_types import Ge
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
-from trackbench.core.particles import (
-    Evidence,
-    Mass,
-    Particles,
-    WeightReading,
-    read_likelihood,
-)
+from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.streams import Streams
 from trackbench.core.unscented import Unscented
-from trackbench.filters.base import Filter, State
+from trackbench.filters.base import Filter
+from trackbench.filters.clouds import Cloud
 from trackbench.keys import Finite, NonNegative, Positive, Share
-from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
-from trackbench.models.gaussian import (
-    Assumed,
-    augmented_size,
-    augmented_step,
-    spread_conflicts,
+from trackbench.models.base import (
+    GammaMotion,
+    Model,
+    NormalMotion,
+    SampledMotion,
+    Scene,
+    log_likelihood,
 )
+from trackbench.models.gaussian import Assumed, augmented_size, augmented_step, spread_conflicts
 
 TransitionReading = Literal["model", "increment"]
-
-
-class ProposedCloud(NamedTuple):
-    """Particles x (n, M, N), each one's Kalman covariance P (n, n, M, N), estimate, dead runs.
-
-    ``w`` (M, N) are the weights before resampling, ``mass`` what they summed to before that was one;
-    ``source`` is the cloud whose moments the estimate has.
-    """
-
-    particles: Particles
-    P: Array
-    estimate: Gaussian
-    dead: Mask
-    w: Array
-    mass: Mass | None = None
-    source: Particles | None = None
-
-    @property
-    def posterior(self) -> Posterior:
-        """What the estimate is of."""
-        return CloudPosterior(self.source or self.particles)
-
-    def noted(self) -> dict[str, Array]:
-        """Per run (M,): no weight at all; effective sample size before resampling, as a share of N."""
-        return {
-            "dead_steps": self.dead.astype(float),
-            "ess": particles.effective_share(self.w),
-        }
 
 
 class Proposed(NamedTuple):
@@ -95,8 +65,8 @@ class Defensive(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KalmanProposal(Filter[State]):
-    """Keys and parts of a step shared by every filter with a Kalman proposal per particle."""
+class ProposingFilter(Filter[Cloud]):
+    """Base of the filters with a Kalman filter per particle, which proposes."""
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
@@ -117,52 +87,80 @@ class KalmanProposal(Filter[State]):
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
+        """N draws from the prior, each with its own covariance."""
+        x = prior.sample(rng, self.N)
+        n, runs, N = x.shape
+        cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
+        P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
+        cloud, dead = Particles(x, particles.uniform(runs, N)), np.zeros(runs, dtype=np.bool_)
+        return Cloud(cloud, cloud, cloud.moments(), dead, P=P, w=cloud.w)
+
+    def estimate(self, state: Cloud) -> Gaussian:
+        """Weighted mean and covariance."""
+        return state.estimate
+
+    def posterior(self, state: Cloud) -> Posterior:
+        """The cloud of the estimate."""
+        return CloudPosterior(state.weighted)
+
+    def log_likelihood(self, state: Cloud) -> Array:
+        """Logarithm (M,) of the mean weight; NaN if the weights are no densities."""
+        densities = self.transition_density == "model"
+        return state.log_likelihood if densities else np.full(state.dead.shape, np.nan)
+
+    def diagnostics(self, state: Cloud) -> dict[str, Array]:
+        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
+
+        ``ess``: effective sample size of what was proposed, ``distinct``: particles that are no copies
+        after resampling or evolution, both as shares of N.
+        """
+        copies = particles.distinct(np.sort(state.particles.x[0]))
+        return state.noted() | {"distinct": copies}
+
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Weights need the density of the process noise."""
-        motion = scenario.model.motion
+        """Weights need the density of the process noise, and a Kalman filter what it is made of."""
+        return self._weight_conflicts(scenario.model.motion) | self._kalman_conflicts(
+            scenario.model
+        )
+
+    def held(self, model: Model) -> int:
+        """Numbers alive at once per run beside the cloud."""
+        return self.N * self._held_by_each(model)
+
+    def _weight_conflicts(self, motion: SampledMotion) -> dict[str, str]:
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             return {"": "weighs by the density of the process noise, and this motion's is singular"}
         if self.transition_density == "increment" and not isinstance(motion, GammaMotion):
             return {"transition_density": "increment is defined for a gamma process noise"}
         return {}
 
-    def held(self, model: Model) -> int:
-        """Numbers alive at once per run beside the cloud: some ten covariances per particle."""
-        n_x = len(model.motion.components)
-        return self.N * 10 * n_x * n_x
-
-    def drawn(self, prior: Distribution, rng: Generator) -> ProposedCloud:
-        """N draws from the prior, each with its own covariance."""
-        x = prior.sample(rng, self.N)
-        n, runs, N = x.shape
-        cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
-        P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
-        cloud = Particles(x, particles.uniform(runs, N))
-        return ProposedCloud(cloud, P, cloud.moments(), np.zeros(runs, dtype=np.bool_), cloud.w)
-
-    def propose(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> Proposed:
+    def _proposed(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Proposed:
         """One draw from each particle's Kalman posterior, or from the transition (defensive)."""
-        kalman = self._kalman(model, Gaussian(state.particles.x, state.P), z, k)
+        assert state.P is not None
+        each, assumed = (
+            Gaussian(state.particles.x, state.P),
+            Assumed(self.Q, self.R, self.noise_mean),
+        )
+        kalman = self._kalman(model, each, z, k, assumed)
         proposal = self._proposal(model, kalman, state.particles.x, k)
         return Proposed(proposal.sample(rng), kalman, proposal.log_prob)
 
-    def log_target(self, model: Model, origin: Array, z: Array, x: Array, k: int) -> Array:
-        """log p(z_k | x) + log p(x | origin): the posterior of x_k given one past particle."""
-        lik = read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
+    def _log_target(
+        self, model: Model, origin: Array, z: Array, k: int
+    ) -> Callable[[Array], Array]:
+        """log p(z_k | x) + log p(x | origin) of x: the posterior of x_k given one past particle."""
         moved = model.motion.transition(origin, k)
-        if self.transition_density == "model":
-            return lik + moved.log_prob(x)
-        # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
-        noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
-        return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
-    def log_evidence(self, cloud: ProposedCloud) -> Array:
-        """Logarithm (M,) of the mean unnormalised weight; NaN if the weights are no densities."""
-        if cloud.mass is None or self.transition_density == "increment":
-            return np.full(cloud.dead.shape, np.nan)
-        return Evidence(cloud.mass, 0.0, self.N).log
+        def log_target(x: Array) -> Array:
+            lik = read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
+            if self.transition_density == "model":
+                return lik + moved.log_prob(x)
+            # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
+            noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
+            return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
+
+        return log_target
 
     def _proposal(
         self, model: Model, kalman: Gaussian, origin: Array, k: int
@@ -171,17 +169,23 @@ class KalmanProposal(Filter[State]):
             return kalman
         return Defensive(kalman, model.motion.transition(origin, k), self.defensive)
 
-    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
-        raise NotImplementedError
+    @abstractmethod
+    def _kalman(
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+    ) -> Gaussian:
+        """The step of every particle's Kalman filter, from (n, M, N) to step k, given z (n_z, M)."""
 
-    @property
-    def _assumed(self) -> Assumed:
-        return Assumed(self.Q, self.R, self.noise_mean)
+    def _kalman_conflicts(self, model: Model) -> dict[str, str]:
+        return {}
+
+    def _held_by_each(self, model: Model) -> int:
+        """Numbers per particle: some ten covariances."""
+        return 10 * len(model.motion.components) ** 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnscentedProposal(KalmanProposal[State]):
-    """A UKF per particle as the proposal."""
+class UnscentedProposal:
+    """Keys and step of an unscented Kalman filter per particle, to stand before `ProposingFilter`."""
 
     alpha: Positive = 1.0
     """spread of the sigma points"""
@@ -190,23 +194,20 @@ class UnscentedProposal(KalmanProposal[State]):
     kappa: Finite = 2.0
     """secondary scaling of the sigma points"""
 
-    def held(self, model: Model) -> int:
-        """Numbers alive at once per run beside the cloud: sigma points of (x, v, n) per particle.
+    def _kalman(
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+    ) -> Gaussian:
+        unscented = Unscented(self.alpha, self.beta, self.kappa)
+        return augmented_step(model, state, z, k, assumed, unscented)[0]
 
-        Themselves, three arrays each of what motion and sensor make of them, and the covariance.
-        """
+    def _kalman_conflicts(self, model: Model) -> dict[str, str]:
+        return spread_conflicts(self.alpha, self.kappa, model)
+
+    def _held_by_each(self, model: Model) -> int:
+        """Sigma points of (x, v, n), three arrays each of what becomes of them, and the covariance."""
         n_x, n_z = len(model.motion.components), len(model.sensor.components)
         n = augmented_size(model)
-        return self.N * ((n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1))
-
-    def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """The same, and sigma points that spread."""
-        spread = spread_conflicts(self.alpha, self.kappa, scenario.model)
-        return super().conflicts(scenario) | spread
-
-    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
-        unscented = Unscented(self.alpha, self.beta, self.kappa)
-        return augmented_step(model, state, z, k, self._assumed, unscented)[0]
+        return (n + 3 * (n_x + n_z)) * (2 * n + 1) + n * (n + 1)
 
 
 MERWE_PROPOSAL: dict[str, object] = {"Q": 1.5, "R": 0.1, "P0": 0.75, "noise_mean": False}

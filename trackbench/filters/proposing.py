@@ -10,25 +10,20 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Gaussian
 from trackbench.core.moves import independence_moves
-from trackbench.core.particles import Particles
-from trackbench.core.posteriors import Posterior
+from trackbench.core.particles import Evidence, Particles
 from trackbench.core.resampling import Scheme, ancestors, select
-from trackbench.filters.proposal import (
-    MERWE_PROPOSAL,
-    KalmanProposal,
-    ProposedCloud,
-    UnscentedProposal,
-)
+from trackbench.filters.clouds import Cloud
+from trackbench.filters.proposal import MERWE_PROPOSAL, ProposingFilter, UnscentedProposal
 from trackbench.keys import Natural
 from trackbench.models.base import Model
-from trackbench.models.gaussian import extended_step
+from trackbench.models.gaussian import Assumed, extended_step
 from trackbench.registry import register
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Resampling(KalmanProposal[ProposedCloud]):
+class _Resampling(ProposingFilter):
     resampling: Scheme = "systematic"
     """resampling scheme"""
     moves: Natural = 0
@@ -36,65 +31,32 @@ class _Resampling(KalmanProposal[ProposedCloud]):
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ProposedCloud:
-        """N draws from the prior."""
-        return self.drawn(prior, rng)
-
-    def step(
-        self, model: Model, state: ProposedCloud, z: Array, k: int, rng: Generator
-    ) -> ProposedCloud:
+    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Propose, weight by lik * prior / proposal (eq. 7), resample, move."""
         origin = state.particles.x
-        proposed = self.propose(model, state, z, k, rng)
-        target = self.log_target(model, origin, z, proposed.x, k)
+        proposed = self._proposed(model, state, z, k, rng)
+        target = self._log_target(model, origin, z, k)(proposed.x)
         w, dead, mass = particles.normalise(target - proposed.log_q(proposed.x))
         weighted = Particles(proposed.x, w)
         index = ancestors(w, rng, self.resampling)
         x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
         if self.moves:
-            kalman = Gaussian(select(proposed.kalman.mean, index), P)
-            x = self._moved(model, x, select(origin, index), kalman, z, k, rng)
+            # By proposals of each particle's parent: no Kalman step is taken again.
+            parents, kalman = (
+                select(origin, index),
+                Gaussian(select(proposed.kalman.mean, index), P),
+            )
+            proposal = self._proposal(model, kalman, parents, k)
+            log_target = self._log_target(model, parents, z, k)
+
+            def log_ratio(x: Array) -> Array:
+                return log_target(x) - proposal.log_prob(x)
+
+            x = independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ProposedCloud(resampled, P, source.moments(), dead, w, mass, source)
-
-    def _moved(
-        self,
-        model: Model,
-        x: Array,
-        parents: Array,
-        kalman: Gaussian,
-        z: Array,
-        k: int,
-        rng: Generator,
-    ) -> Array:
-        """Each particle moved by proposals of its parent: no Kalman step is taken again."""
-        proposal = self._proposal(model, kalman, parents, k)
-
-        def log_ratio(x: Array) -> Array:
-            return self.log_target(model, parents, z, x, k) - proposal.log_prob(x)
-
-        return independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
-
-    def estimate(self, state: ProposedCloud) -> Gaussian:
-        """Weighted mean and covariance."""
-        return state.estimate
-
-    def posterior(self, state: ProposedCloud) -> Posterior:
-        """The cloud of the estimate."""
-        return state.posterior
-
-    def log_likelihood(self, state: ProposedCloud) -> Array:
-        """Logarithm (M,) of the mean weight lik * prior / proposal."""
-        return self.log_evidence(state)
-
-    def diagnostics(self, state: ProposedCloud) -> dict[str, Array]:
-        """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.
-
-        ``ess``: effective sample size before resampling, ``distinct``: particles that are no copies
-        after it, both as shares of N.
-        """
-        return state.noted() | {"distinct": particles.distinct(state.particles.x[0])}
+        told = (Evidence(mass, 0.0, self.N),)
+        return Cloud(resampled, source, source.moments(), dead, P=P, w=w, evidence=told)
 
 
 @register("filters", "epf")
@@ -117,13 +79,15 @@ class EPF(_Resampling):
         },
     }
 
-    def _kalman(self, model: Model, state: Gaussian, z: Array, k: int) -> Gaussian:
-        return extended_step(model, state, z, k, self._assumed)[0]
+    def _kalman(
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+    ) -> Gaussian:
+        return extended_step(model, state, z, k, assumed)[0]
 
 
 @register("filters", "upf")
 @dataclass(frozen=True, kw_only=True)
-class UPF(UnscentedProposal[ProposedCloud], _Resampling):
+class UPF(UnscentedProposal, _Resampling):
     """Unscented particle filter (van der Merwe et al. 2000)."""
 
     presets: ClassVar[dict[str, dict[str, object]]] = {

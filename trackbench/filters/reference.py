@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, grid
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.posteriors import LinePosterior, Posterior
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
@@ -32,9 +32,7 @@ class PriorMean(Filter[Gaussian]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
-        n, runs = prior.mean.shape
-        cov = np.broadcast_to(with_trailing(prior.cov, 1, leading=2), (n, n, runs))
-        return Gaussian(prior.mean, cov)
+        return of_each_run(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Predict; the measurement is not looked at."""
@@ -54,8 +52,7 @@ class Inversion(Filter[Gaussian]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
-        n, runs = prior.mean.shape
-        return Gaussian(prior.mean, np.zeros((n, n, runs)) + with_trailing(prior.cov, 1, leading=2))
+        return of_each_run(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """h^-1(z), with variance R / h'^2; the prediction where z is missing."""

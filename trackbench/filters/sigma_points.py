@@ -8,7 +8,7 @@ from annotated_types import Interval
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Updated
 from trackbench.core.unscented import GaussHermite, PointRule, Unscented
 from trackbench.filters.extended import MERWE_DEMO
 from trackbench.filters.gaussian import NonlinearFilter
@@ -29,9 +29,7 @@ class SigmaPointFilter(NonlinearFilter):
         """Points and weights."""
         raise NotImplementedError
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by points of the state, update by points of the prediction."""
         return additive_step(model, state, z, k, self.assumed, self.rule)
 
@@ -60,9 +58,7 @@ class UKF(SigmaPointFilter):
         spread = spread_conflicts(self.alpha, self.kappa, scenario.model, augmented)
         return super().conflicts(scenario) | spread
 
-    def updated(
-        self, model: Model, state: Gaussian, z: Array, k: int
-    ) -> tuple[Gaussian, Innovation]:
+    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update."""
         step = augmented_step if self.noise == "augmented" else additive_step
         return step(model, state, z, k, self.assumed, self.rule)

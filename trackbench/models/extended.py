@@ -6,7 +6,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion
-from trackbench.core.distributions import Distribution, Gaussian, covering, zero_mean_log_prob
+from trackbench.core.distributions import (
+    Distribution,
+    Gaussian,
+    Symmetric,
+    covering,
+    zero_mean_log_prob,
+)
 from trackbench.core.streams import Streams
 from trackbench.models.twopoint import TwoPoint
 
@@ -32,7 +38,7 @@ def extended_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
 
 
 @dataclass(frozen=True, eq=False)
-class Extended:
+class Extended(Symmetric):
     """Two scans' prior, and independent N(0, s^2) components."""
 
     scans: TwoPoint
@@ -47,16 +53,6 @@ class Extended:
     def cov(self) -> Array:
         """Covariance (n + m, n + m, M)."""
         return extended_gaussian(self.scans, self.std).cov
-
-    @property
-    def loc(self) -> Array:
-        """The mean."""
-        return self.mean
-
-    @property
-    def mode(self) -> Array:
-        """The mean."""
-        return self.mean
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
         """Two-point differencing of converted scans, extended."""

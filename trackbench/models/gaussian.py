@@ -9,8 +9,8 @@ import numpy as np
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.distributions import Gaussian, of_each_run
+from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
 
@@ -56,9 +56,7 @@ def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed)
     return kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
 
 
-def extended_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
-) -> tuple[Gaussian, Innovation]:
+def extended_step(model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed) -> Updated:
     """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
     sensor = cast(DifferentiableSensor, model.sensor)
     predicted = extended_prediction(model, state, k, assumed)
@@ -87,7 +85,7 @@ def spread_conflicts(
 
 def augmented_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
-) -> tuple[Gaussian, Innovation]:
+) -> Updated:
     """Predict to k and update with z by one set of points of the augmented state (x, v, n).
 
     The points go through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
@@ -114,7 +112,7 @@ def point_prediction(
 
 def additive_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
-) -> tuple[Gaussian, Innovation]:
+) -> Updated:
     """Predict to k by points of the state, and update with z by new points of the prediction.
 
     The noise of either is added to the covariance (Arasaratnam & Haykin 2009, section 5).
@@ -125,7 +123,7 @@ def additive_step(
 
 def _additive_update(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
-) -> tuple[Gaussian, Innovation]:
+) -> Updated:
     points = rule.points(predicted.mean, predicted.cov)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
@@ -134,10 +132,8 @@ def _additive_update(
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
-    n, runs = predicted.mean.shape
-    each = np.broadcast_to(with_trailing(predicted.cov, 1, leading=2), (n, n, runs))
-    cubature, whole = Unscented(1.0, 0.0, 0.0), Gaussian(predicted.mean, each)
-    return _additive_update(model, whole, z, k, Assumed(), cubature)[1]
+    cubature = Unscented(1.0, 0.0, 0.0)
+    return _additive_update(model, of_each_run(predicted), z, k, AS_IT_IS, cubature)[1]
 
 
 def _conditioned(
@@ -149,7 +145,7 @@ def _conditioned(
     k: int,
     noise: Array | None,
     R: Array | None,
-) -> tuple[Gaussian, Innovation]:
+) -> Updated:
     """The prediction given z: moments over points x of what the sensor makes of them.
 
     Its noise is in the points, or its covariance is added.

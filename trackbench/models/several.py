@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
@@ -74,8 +75,22 @@ class Several:
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
-def together(sensors: tuple[Measuring, ...] | Measuring) -> "Measuring | Several":
+Sensors: TypeAlias = Measuring | Several
+"""What sees a target: one sensor, or several as one."""
+
+
+def together(sensors: tuple[Measuring, ...] | Measuring) -> Sensors:
     """One sensor, or several as one."""
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else Several(sensors)
+
+
+def each(sensor: Sensors) -> tuple[Measuring, ...]:
+    """Every single one."""
+    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
+
+
+def rows_of(sensor: Sensors) -> list[slice]:
+    """Where the components of each stand in a measurement."""
+    return sensor.rows if isinstance(sensor, Several) else [slice(None)]

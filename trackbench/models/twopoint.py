@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, convert, position
 from trackbench.core.covering import covering_normal
-from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.distributions import Gaussian, Symmetric, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.streams import Streams
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -48,7 +48,7 @@ def differenced(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gau
 
 
 @dataclass(frozen=True, eq=False)
-class TwoPoint:
+class TwoPoint(Symmetric):
     """State at the second of two scans (2, M) each, under no other knowledge of the target.
 
     Velocity is the difference of the two positions over T plus the noise that white acceleration of
@@ -72,16 +72,6 @@ class TwoPoint:
     def cov(self) -> Array:
         """Covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
         return self.gaussian("mucm").cov
-
-    @property
-    def loc(self) -> Array:
-        """The mean."""
-        return self.mean
-
-    @property
-    def mode(self) -> Array:
-        """The mean."""
-        return self.mean
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
         """Two-point differencing of converted scans."""

@@ -63,7 +63,7 @@ class Expressions:
 
     def at_each_step(self, m: Measure) -> list[Measure]:
         """A measure of many steps at each of those at which anything is known of the filter."""
-        if not m.is_of_many_steps:
+        if not m.is_many:
             return [m]
         steps = self.results.columns("per_step", self.point)
         mine = steps.where(filter=m.filter, metric=m.metric)

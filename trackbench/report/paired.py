@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import studentised, two_sided
+from trackbench.evaluation.intervals import holm, studentised, two_sided
 from trackbench.evaluation.measure import measured
-from trackbench.evaluation.statistics import holm, influence, mean, without_rounding
+from trackbench.evaluation.statistics import influence, mean, without_rounding
 
 
 class Pair(NamedTuple):

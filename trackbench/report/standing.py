@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.intervals import holm
 from trackbench.evaluation.measure import Measure, measured
-from trackbench.evaluation.statistics import Estimate, holm, mean
+from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.report import wording
 from trackbench.report.grids import own_values, points_of, scenes
 from trackbench.report.lost import chance_of_losing_more

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.intervals import holm
 from trackbench.evaluation.measure import Measure
-from trackbench.evaluation.statistics import holm
 from trackbench.evaluation.uniformity import Histogram, at_step, over_steps
 from trackbench.experiment.reading.definition import Point
 from trackbench.keys import MistakenKeyError

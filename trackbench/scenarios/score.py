@@ -1,5 +1,6 @@
 """What is measured of a track: which errors, over which steps, and when it is lost."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -11,7 +12,9 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.keys import ONE_LINE, MistakenKeyError, Natural, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
+
+_IN_A_ROW = 10  # steps at the end of a run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +88,7 @@ class Score:
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
 
     def errors(
-        self, sensor: Measuring | Several, components: tuple[str, ...], mean: Array, truth: Array
+        self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
         """Error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
         e = mean - truth
@@ -95,7 +98,7 @@ class Score:
         return {"position": e[0::2], "velocity": e[1::2]} | own
 
     def squares(
-        self, sensor: Measuring | Several, components: tuple[str, ...], P: Array, x: Array
+        self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
         """Mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
         if not _is_moving(components):
@@ -105,6 +108,20 @@ class Score:
         position = np.add.reduce([P[2 * i, 2 * i] for i in axes])
         velocity = np.add.reduce([P[2 * i + 1, 2 * i + 1] for i in axes])
         return {"position": position, "velocity": velocity} | own
+
+
+def diverged(values: Mapping[str, Array], settled: bool) -> Array:
+    """Whether each of a run's last ten estimates is outside its own 1e-6 region (M,), NaN if one is.
+
+    Such a track need not be far from the target to mislead: it will not come back by what it believes.
+    It is no lost run, whose error would leave the averages: an overconfident filter is not to be better
+    for it. ``settled``: of recorded runs, the last estimates that there are of each.
+    """
+    outside = values.get("outside", np.full((1, 1), np.nan))
+    if settled:
+        order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
+        outside = np.take_along_axis(outside, order, axis=0)
+    return np.asarray(outside[-_IN_A_ROW:].min(axis=0))
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:

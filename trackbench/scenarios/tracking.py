@@ -9,26 +9,26 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
-from trackbench.core.bounds import posterior_cramer_rao
+from trackbench.core.bounds import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.streams import Streams
-from trackbench.keys import MOST_STEPS, Finite, MistakenKeyError, Natural, PartOf, Positive
+from trackbench.keys import Finite, MistakenKeyError, Natural, PartOf, Positive
 from trackbench.models.assumed import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.irregular import Irregular
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several, together
+from trackbench.models.several import Sensors, each, together
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.columns import recorded_columns
-from trackbench.scenarios.score import Score
+from trackbench.scenarios.schedule import Schedule
+from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import Opening, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
 
 _NOTHING = Assume()
-_IN_A_ROW = 10  # steps at the end of a run
 _EVERYTHING = Score()
 
 
@@ -60,32 +60,13 @@ class Tracking(Scenario):
     """what errors are measured, and over which steps"""
 
     def __post_init__(self) -> None:
-        self.start.check(self.components, self._sensor)
-        self._check_steps()
+        self.start.check(self.components, self.true_sensor)
+        self._schedule.check(self._own_timeline)
         self.target.check(self._timeline)
         self.score.check(self.components, self.steps)
         self._check_training()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
-
-    def _check_steps(self) -> None:
-        """Raise MistakenKeyError if there is no step, or are too many."""
-        if self._own_timeline is not None:
-            if self.first:
-                raise MistakenKeyError("the recorded data say it", "first")
-            steps = self._own_timeline.steps[self._skipped + 1 :]
-            if self.last is not None and not steps[0] <= self.last <= steps[-1]:
-                what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
-                raise MistakenKeyError(what, "last")
-            return
-        if self.last is None:
-            raise MistakenKeyError("`last` is required: the target has no steps of its own")
-        if self.last - self.first > MOST_STEPS:
-            raise MistakenKeyError(f"more than {MOST_STEPS} steps", "last")
-        begun = self.first + self._skipped
-        if self.last <= begun:
-            what = f"{self.last} leaves no step to measure after step {begun}"
-            raise MistakenKeyError(what, "last")
 
     def _check_training(self) -> None:
         """Raise MistakenKeyError if there is nothing to share out between training and judging."""
@@ -100,27 +81,19 @@ class Tracking(Scenario):
         self.score.of_training(self._trained)
 
     @cached_property
-    def _sensor(self) -> Measuring | Several:
-        return together(self.sensor)
-
-    @cached_property
     def _own_timeline(self) -> Timeline | None:
-        return self.target.own_timeline(self._sensor, self.start, self.T)
+        return self.target.own_timeline(self.true_sensor, self.start, self.T)
 
     @cached_property
     def _timeline(self) -> Timeline:
         """Every step, those that a start uses up included."""
-        if self._own_timeline is not None:
-            own = self._own_timeline
-            if self.last is not None:
-                end = int(np.searchsorted(own.steps, self.last, side="right"))
-                own = own._replace(steps=own.steps[:end], times=own.times[:end])
-            shift = 0.0 if self.begin is None else self.begin - own.times[0]
-            return own._replace(times=own.times + shift) if shift else own
-        assert self.last is not None
-        steps = np.arange(self.first, self.last + 1)
-        begin = 0.0 if self.begin is None else self.begin
-        return Timeline(steps, np.asarray((steps - self.first) * self.T + begin), self.T)
+        if self._own_timeline is None:
+            return self._schedule.regular(self.T)
+        return self._schedule.of_recorded(self._own_timeline)
+
+    @property
+    def _schedule(self) -> Schedule:
+        return Schedule(self.first, self.last, self.begin, self._skipped)
 
     @property
     def _skipped(self) -> int:
@@ -132,10 +105,10 @@ class Tracking(Scenario):
         """Components of the truth, which every filter estimates."""
         return self.target.components
 
-    @property
-    def true_sensor(self) -> Measuring | Several:
+    @cached_property
+    def true_sensor(self) -> Sensors:
         """The sensor, or all of them as one."""
-        return self._sensor
+        return together(self.sensor)
 
     @cached_property
     def model(self) -> Model:
@@ -148,8 +121,8 @@ class Tracking(Scenario):
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise MistakenKeyError(what, "assume")
-        sensor = self._sensor if self.assume.sensor is None else together(self.assume.sensor)
-        if sensor.components != self._sensor.components:
+        sensor = self.true_sensor if self.assume.sensor is None else together(self.assume.sensor)
+        if sensor.components != self.true_sensor.components:
             raise MistakenKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
 
@@ -172,7 +145,7 @@ class Tracking(Scenario):
     @property
     def prior_kind(self) -> type[Distribution]:
         """The class of the prior."""
-        return self.start.prior_kind(self._sensor)
+        return self.start.prior_kind(self.true_sensor)
 
     @cached_property
     def _trained(self) -> int | None:
@@ -221,17 +194,11 @@ class Tracking(Scenario):
         In space an upper bound of it. None if a scan does not tell the position.
         """
         state = self.target.start(self._timeline)
-        information = self._sensor.information(state, self.first, certain=True)
+        information = self.true_sensor.information(state, self.first, certain=True)
         position = information[0::2, 0::2]
         if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
             return None
-        cov = linalg.inverse(position)
-        half = 0.5 * (cov[0, 0] - cov[1, 1])
-        if len(cov) == 2:
-            largest = 0.5 * (cov[0, 0] + cov[1, 1]) + np.sqrt(half * half + cov[0, 1] * cov[0, 1])
-        else:
-            largest = np.diagonal(cov).sum()
-        return float(np.sqrt(largest))
+        return largest_deviation(linalg.inverse(position))
 
     @property
     def lost_beyond(self) -> float | None:
@@ -253,7 +220,7 @@ class Tracking(Scenario):
         driven = self.target.own_motion is not None
         if driven:
             start = self.start.truth(nominal, rng)
-        flight = self.target.fly(start, self._timeline, self._sensor, rng, self.start.scans)
+        flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self.start.scans)
         scans, seen = np.split(flight.seen, [self.start.scans], axis=1)
         line = self._timeline
         T = line.T if line.apart is None else line.apart
@@ -261,16 +228,16 @@ class Tracking(Scenario):
             T = recorded_columns(T, rng)
         first = int(line.steps[0])
         opening = Opening(flight.truth[:, 0], scans, first, T, self.target.diffusion)
-        prior = self.start.prior(opening, self._sensor, nominal if driven else None, rng)
+        prior = self.start.prior(opening, self.true_sensor, nominal if driven else None, rng)
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Error vectors by quantity: of the state, and as each sensor would see them."""
-        return self.score.errors(self._sensor, self.components, mean, truth)
+        return self.score.errors(self.true_sensor, self.components, mean, truth)
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Functions of the state whose posterior means are scored beside the mean state's own."""
-        return self._sensor.observables(x)
+        return self.true_sensor.observables(x)
 
     @property
     def no_bound(self) -> str | None:
@@ -279,7 +246,7 @@ class Tracking(Scenario):
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
-        if any(s.outliers is not None or s.bias for s in _each(self._sensor)):
+        if any(s.outliers is not None or s.bias for s in each(self.true_sensor)):
             return "the bound is of normal errors without a bias"
         if self.prior_kind is PointMass:
             return "the first state is known"
@@ -296,14 +263,16 @@ class Tracking(Scenario):
         assert isinstance(motion, Linear)
         steps = self._timeline.steps.tolist()
         n = path.shape[0]
-        initial = self.start.bound(path, self.first, self._sensor, self.T, self.target.diffusion)
+        initial = self.start.bound(
+            path, self.first, self.true_sensor, self.T, self.target.diffusion
+        )
         gained = (
-            self._sensor.information(x, k)
+            self.true_sensor.information(x, k)
             for k, x in list(zip(steps, path.T, strict=True))[self._skipped + 1 :]
         )
         P = posterior_cramer_rao(initial, motion.F[:n, :n], motion.Q[:n, :n], gained)
         x = path[:, self._skipped :]
-        squares = self.score.squares(self._sensor, self.components, P, x)
+        squares = self.score.squares(self.true_sensor, self.components, P, x)
         return {name: np.sqrt(square) for name, square in squares.items()}
 
     @cached_property
@@ -328,25 +297,9 @@ class Tracking(Scenario):
         return self.target.told
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """``diverged`` (M,): whether each of the last ten estimates is outside its own 1e-6 region.
-
-        Such a track need not be far from the target to mislead: it will not come back by what it
-        believes. It is no lost run, whose error would leave the averages: an overconfident filter is
-        not to be better for it. Then the target's own numbers per run.
-        """
+        """``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
         if not self.has_truth:
             return {}
-        last = values.get("outside", np.full((1, 1), np.nan))
-        last = (last if self.recorded_runs is None else _settled(last))[-_IN_A_ROW:]
         sigma = np.nan if self.position_sigma is None else self.position_sigma
         own = self.target.run_metrics(values, Scored(self.times, self.windows, sigma))
-        return {"diverged": last.min(axis=0)} | own  # NaN if one is
-
-
-def _settled(rows: Array) -> Array:
-    """Series (K, M) with what is missing at first, and what there is at last."""
-    return np.take_along_axis(rows, np.argsort(~np.isnan(rows), axis=0, kind="stable"), axis=0)
-
-
-def _each(sensor: Measuring | Several) -> tuple[Measuring, ...]:
-    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
+        return {"diverged": diverged(values, self.recorded_runs is not None)} | own

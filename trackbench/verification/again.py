@@ -10,8 +10,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.intervals import holm
 from trackbench.evaluation.measure import TIME_MEAN, measured
-from trackbench.evaluation.statistics import holm, mean
+from trackbench.evaluation.statistics import mean
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import cpu_count, engine
 from trackbench.experiment.computing.runner import execute

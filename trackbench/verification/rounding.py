@@ -9,7 +9,8 @@ exchanged at random, so their difference is symmetric about zero, which is teste
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import mean, p_value, z_score
+from trackbench.evaluation.intervals import p_value
+from trackbench.evaluation.statistics import mean, z_score
 
 ROUNDING = 1e-4
 """Share of a value, or of what is usual in its column, that rounding may move it by."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from trackbench.evaluation.block import run_whole_block
 from trackbench.evaluation.merge import merge
+from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import cpu_count, engine
 from trackbench.experiment.reading.definition import Experiment

@@ -6,8 +6,9 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
+from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.merge import FilterResult, merge
+from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.computing.cache import BlockStore
 from trackbench.experiment.computing.codec import decode, encode
 from trackbench.experiment.computing.engines import OpenEngine

@@ -4,7 +4,8 @@ import pickle
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from trackbench.evaluation.block import BlockResult, BlockTask, run_whole_block
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.blame import FilterError, blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.planning import arithmetic

@@ -8,13 +8,14 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.block import prior_of, simulate
+from trackbench.evaluation.block import simulate
 from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.foretelling import foretold_series
 from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import StepSums, per_run_metrics
+from trackbench.evaluation.passing import prior_of
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings

@@ -12,8 +12,7 @@ from trackbench.evaluation.merge import FilterResult
 from trackbench.experiment.files import replacing
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import locating
 
@@ -99,7 +98,7 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     None if no sensor tells a position in one measurement.
     """
     sensor = scenario.true_sensor
-    found = locating(sensor) if isinstance(sensor, Measuring | Several) else None
+    found = locating(sensor) if isinstance(sensor, Sensors) else None
     if found is None:
         return None
     one, rows = found

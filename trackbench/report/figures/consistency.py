@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackbench.evaluation.intervals import anees_band
 from trackbench.evaluation.measure import OfStep, OfSummary, measure
-from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report import style, wording

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.foretelling import LAGS
+from trackbench.evaluation.intervals import anees_band
 from trackbench.evaluation.measure import measured
-from trackbench.evaluation.statistics import anees_band
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style

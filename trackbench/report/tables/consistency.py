@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.statistics import Estimate, anees_band
+from trackbench.evaluation.intervals import anees_band
+from trackbench.evaluation.statistics import Estimate
 from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trackbench.evaluation.statistics import anees_band
+from trackbench.evaluation.intervals import anees_band
 from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions

@@ -10,8 +10,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import Streams
 from trackbench.hooks import Part
 from trackbench.models.base import LocatingSensor
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors, each, rows_of
 
 
 class Opening(NamedTuple):
@@ -35,11 +34,11 @@ class Start(Part):
     of_truth: ClassVar[bool] = False
     """whether the prior is made of the truth, which no recorded target has"""
 
-    def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
+    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
         """The class of `prior`, which filters may ask for more than moments."""
         return Gaussian
 
-    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+    def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """Raise MistakenKeyError if it cannot start such a target seen so."""
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
@@ -48,22 +47,18 @@ class Start(Part):
 
     @abstractmethod
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The first state's distribution; ``nominal`` is the mean it was drawn about, if it was."""
 
-    def bound(
-        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
-    ) -> Array:
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Covariance (n, n) of the first state at the truth, ``path`` (n, K) from step k on."""
         raise NotImplementedError
 
 
-def locating(sensor: Measuring | Several) -> tuple[LocatingSensor, slice] | None:
+def locating(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """The first sensor that tells a position, and where its components stand."""
-    every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
-    rows = sensor.rows if isinstance(sensor, Several) else [slice(None)]
-    for one, where in zip(every, rows, strict=True):
+    for one, where in zip(each(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):
             return one, where
     return None

@@ -9,8 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, PointMass
 from trackbench.core.streams import Streams
 from trackbench.keys import Finite, MistakenKeyError, NonNegative
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import Opening, Start, repeated
 
@@ -22,12 +21,12 @@ class Known(Start):
 
     of_truth: ClassVar[bool] = True
 
-    def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
+    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
         """A point."""
         return PointMass
 
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """All of it at the truth."""
         return PointMass(opening.truth)
@@ -47,7 +46,7 @@ class GaussianStart(Start):
 
     of_truth: ClassVar[bool] = True
 
-    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+    def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """A standard deviation for each component."""
         if len(self.sigma) != len(components):
             what = f"{len(self.sigma)} numbers for {', '.join(components)}"
@@ -63,16 +62,14 @@ class GaussianStart(Start):
         return Gaussian(nominal, self.cov).sample(rng)
 
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """About what the truth was drawn about, or about a draw about the truth."""
         if nominal is not None:
             return Gaussian(nominal, self.cov)
         return Gaussian(Gaussian(opening.truth, self.cov).sample(rng), self.cov)
 
-    def bound(
-        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
-    ) -> Array:
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """The covariance."""
         return self.cov
 
@@ -87,7 +84,7 @@ class Given(Start):
     sigma: tuple[NonNegative, ...]
     """standard deviation of each"""
 
-    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+    def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """A number for each component."""
         for key in ("mean", "sigma"):
             if len(getattr(self, key)) != len(components):
@@ -95,14 +92,12 @@ class Given(Start):
                 raise MistakenKeyError(what, "start", key)
 
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """What is given, in every run."""
         mean = repeated(np.array(self.mean), opening.truth.shape[1])
         return Gaussian(mean, np.diag(np.square(self.sigma)))
 
-    def bound(
-        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
-    ) -> Array:
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """The covariance."""
         return np.diag(np.square(self.sigma))

@@ -11,9 +11,8 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.streams import Streams
 from trackbench.keys import MistakenKeyError, Positive
 from trackbench.models.base import moving
-from trackbench.models.sensing import Measuring
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.models.twopoint import TwoPoint, differenced
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import Opening, Start, locating
@@ -21,7 +20,7 @@ from trackbench.scenarios.starts.base import Opening, Start, locating
 
 @dataclass(frozen=True, kw_only=True)
 class _FromScans(Start):
-    def check(self, components: tuple[str, ...], sensor: Measuring | Several) -> None:
+    def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """A sensor that tells the position, along every axis of the target."""
         if components not in (moving(2), moving(3)):
             raise MistakenKeyError("scans start a target in the plane or in space only", "start")
@@ -32,7 +31,7 @@ class _FromScans(Start):
             what = f"the sensor sees {found[0].axes} axes of a target in {len(components) // 2}"
             raise MistakenKeyError(what, "start")
 
-    def located(self, opening: Opening, sensor: Measuring | Several, scan: int) -> Gaussian:
+    def located(self, opening: Opening, sensor: Sensors, scan: int) -> Gaussian:
         """The position (axes, M) at one of the scans."""
         found = locating(sensor)
         assert found is not None
@@ -40,7 +39,7 @@ class _FromScans(Start):
         return one.located(opening.scans[rows, scan], opening.first_step + scan)
 
 
-def _told(sensor: Measuring | Several, x: Array, k: int) -> Gaussian:
+def _told(sensor: Sensors, x: Array, k: int) -> Gaussian:
     """The true position (axes, 1) and the covariance of what one scan tells of it."""
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
@@ -57,12 +56,12 @@ class TwoScan(_FromScans):
 
     scans: ClassVar[int] = 2
 
-    def prior_kind(self, sensor: Measuring | Several) -> type[Distribution]:
+    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
         """The two scans themselves, of a radar at the origin."""
         return TwoPoint if gives_scans(sensor) else Gaussian
 
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The state at the second scan."""
         if gives_scans(sensor):
@@ -73,9 +72,7 @@ class TwoScan(_FromScans):
         one, two = (self.located(opening, sensor, scan) for scan in range(2))
         return differenced(one, two, opening.T, opening.diffusion)
 
-    def bound(
-        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
-    ) -> Array:
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Two-point differencing at the truth, which knows no velocity beforehand."""
         one, two = (_told(sensor, path[:, i], k + i) for i in range(2))
         return differenced(one, two, T, diffusion).cov
@@ -95,7 +92,7 @@ class OneScan(_FromScans):
     scans: ClassVar[int] = 1
 
     def prior(
-        self, opening: Opening, sensor: Measuring | Several, nominal: Array | None, rng: Streams
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The state at the first scan."""
         seen = self.located(opening, sensor, 0)
@@ -106,9 +103,7 @@ class OneScan(_FromScans):
             cov[i, i] = self.sigma_velocity * self.sigma_velocity
         return Gaussian(mean, cov)
 
-    def bound(
-        self, path: Array, k: int, sensor: Measuring | Several, T: float, diffusion: float
-    ) -> Array:
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """The scan's covariance, and the velocity's."""
         told = _told(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity

@@ -12,8 +12,7 @@ from trackbench.core.streams import Streams
 from trackbench.hooks import Part
 from trackbench.keys import Finite
 from trackbench.models.base import Motion, moving
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.scenarios.starts.base import Start
 
 STRAY = 10.0
@@ -108,7 +107,7 @@ class Target(Part):
         """Sentences on what is no mistake in its data but should be known."""
         return ()
 
-    def own_timeline(self, sensor: Measuring | Several, start: Start, T: float) -> Timeline | None:
+    def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
         """The time there is, if its data say so: steps of T seconds, if they say only steps.
 
         Raises DataError with the mistakes of the data, MistakenKeyError for what does not go with them.
@@ -130,12 +129,7 @@ class Target(Part):
 
     @abstractmethod
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Truth from ``start`` (n_x, M) on, and its measurements from the second step on.
 
@@ -170,3 +164,17 @@ class Scored(NamedTuple):
     times: Array
     windows: Mapping[str, Mask]
     sigma: float
+
+
+def measured_along(
+    truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
+) -> Flight:
+    """A path (n, K, M), or of all runs (n, K, 1), and measurements whose noise is drawn in one go."""
+    first = 0 if scans else 1
+    steps = timeline.steps.tolist()[first:]
+    noise = rng.standard_normal((len(sensor.components), len(steps), runs))
+    seen = [
+        sensor.observed(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
+        for i, k in enumerate(steps, first)
+    ]
+    return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(seen, axis=1))

@@ -12,8 +12,7 @@ from trackbench.keys import Finite, PartOf, Positive
 from trackbench.models.base import Motion, extra_std
 from trackbench.models.extended import with_rest
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
 
@@ -98,12 +97,7 @@ class Driven(Target):
         return np.stack(path, axis=-1)
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Transition and measurement drawn step by step; what a target has beside ``start`` is drawn."""
         motion = self.motion.sampled(timeline.T, self.axes)

@@ -7,9 +7,15 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.streams import Streams
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
-from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
+from trackbench.models.several import Sensors
+from trackbench.scenarios.targets.base import (
+    STRAY,
+    Flight,
+    Scored,
+    Target,
+    Timeline,
+    measured_along,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,24 +35,11 @@ class Flown(Target):
         return self.states(timeline.times)
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """The path, and measurements whose noise is drawn in one go."""
-        path, runs = self.path(timeline), start.shape[1]
-        first = 0 if scans else 1
-        steps = timeline.steps.tolist()[first:]
-        noise = rng.standard_normal((len(sensor.components), len(steps), runs))
-        seen = [
-            sensor.observed(path[:, i : i + 1], k, noise[:, i - first], rng, certain=i < scans)
-            for i, k in enumerate(steps, first)
-        ]
-        truth = np.broadcast_to(path[..., None], (*path.shape, runs))
-        return Flight(truth, np.stack(seen, axis=1))
+        path = self.path(timeline)[..., None]
+        return measured_along(path, timeline, sensor, rng, scans, start.shape[1])
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """``peak_position`` largest error in a window, m, and ``strayed``: 1 where it strayed.

@@ -10,20 +10,13 @@ from trackbench.core.arrays import Array
 from trackbench.core.streams import Streams
 from trackbench.keys import DataFile, MistakenKeyError, Positive
 from trackbench.models.base import moving
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors, each, rows_of
 from trackbench.models.twopoint import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.columns import recorded_columns
 from trackbench.scenarios.recordings.content import FromFiles
 from trackbench.scenarios.recordings.naming import Naming
-from trackbench.scenarios.recordings.recording import (
-    Clock,
-    laid_out,
-    one_clock,
-    opened,
-    with_scans,
-)
+from trackbench.scenarios.recordings.recording import Clock, laid_out, one_clock, opened, with_scans
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.recordings.truths import truth_at
 from trackbench.scenarios.starts.base import Start, locating
@@ -113,7 +106,7 @@ class Measured(FromFiles, Naming, Target):
         made: Recording = self.__dict__["_read"][1]
         return made
 
-    def own_timeline(self, sensor: Measuring | Several, start: Start, T: float) -> Timeline:
+    def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """The steps of the files, those first that the start uses up."""
         self._check(sensor, start)
         asked = (sensor.components, start.scans, T)
@@ -128,8 +121,8 @@ class Measured(FromFiles, Naming, Target):
             raise MistakenKeyError(what, "start")
         return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
 
-    def _made(self, sensor: Measuring | Several, scans: int, T: float) -> "Recording":
-        parts = sensor.rows if isinstance(sensor, Several) else [slice(None)]
+    def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
+        parts = rows_of(sensor)
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
@@ -147,9 +140,9 @@ class Measured(FromFiles, Naming, Target):
         told = tuple(dict.fromkeys(found.told))
         return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
 
-    def _check(self, sensor: Measuring | Several, start: Start) -> None:
+    def _check(self, sensor: Sensors, start: Start) -> None:
         """Raise MistakenKeyError for what does not go with sensors and start."""
-        every = sensor.sensors if isinstance(sensor, Several) else (sensor,)
+        every = each(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise MistakenKeyError(what, "start")
@@ -184,12 +177,7 @@ class Measured(FromFiles, Naming, Target):
         return self._padded()[:, : len(timeline.steps), 0]
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """The recorded runs of these numbers; a run beyond the last is empty."""
         made, steps = self._recording, len(timeline.steps)

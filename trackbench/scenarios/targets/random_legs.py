@@ -10,10 +10,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
 from trackbench.keys import NonNegative, Positive, Steps
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Several
+from trackbench.models.several import Sensors
 from trackbench.registry import register
-from trackbench.scenarios.targets.base import Flight, Target, Timeline
+from trackbench.scenarios.targets.base import Flight, Target, Timeline, measured_along
 
 Number = Annotated[int, Interval(ge=1, le=1000)]
 
@@ -62,23 +61,12 @@ class RandomLegs(Target):
         return np.repeat(self.start(timeline)[:, None], len(timeline.steps), axis=1)
 
     def fly(
-        self,
-        start: Array,
-        timeline: Timeline,
-        sensor: Measuring | Several,
-        rng: Streams,
-        scans: int,
+        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
         """Truth drawn anew, NaN after its last leg, and its measurements."""
-        runs, steps = start.shape[1], timeline.steps.tolist()
-        truth = self._flown(len(steps), timeline.T, rng, runs)
-        first = 0 if scans else 1
-        noise = rng.standard_normal((len(sensor.components), len(steps) - first, runs))
-        seen = [
-            sensor.observed(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
-            for i, k in enumerate(steps[first:], first)
-        ]
-        return Flight(truth, np.stack(seen, axis=1))
+        runs = start.shape[1]
+        truth = self._flown(len(timeline.steps), timeline.T, rng, runs)
+        return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """States (4, K, M)."""
