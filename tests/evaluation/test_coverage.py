@@ -12,9 +12,11 @@ from trackbench.evaluation.differences import (
 from trackbench.evaluation.intervals import (
     dominance,
     interval_of,
+    is_fragile,
     normal_of_t,
     studentised,
     t_of_normal,
+    tail_index,
 )
 from trackbench.evaluation.shares import time_mean_shares
 
@@ -205,3 +207,31 @@ def test_what_has_no_error():
 def test_dominance_is_one_runs_part():
     x = np.array([3.0, -1.0, np.nan, -2.0, 0.0])
     assert dominance(x) == pytest.approx(9.0 / 14.0)
+
+
+@pytest.mark.parametrize("index", [1.5, 3.0])
+def test_a_tail_has_paretos_index(index):
+    """Hill's 1 / index is, of Pareto's law, a mean of k exponentials: variance 1 / (k index^2)."""
+    rng = np.random.default_rng(7)
+    found = np.array([tail_index(rng.pareto(index, 1600) + 1.0) for _ in range(200)])  # k = 20
+    assert np.mean(1.0 / found) == pytest.approx(1.0 / index, abs=4.0 / index / np.sqrt(200 * 20))
+    assert np.std(1.0 / found) == pytest.approx(
+        1.0 / index / np.sqrt(20), rel=4.0 / np.sqrt(2 * 200)
+    )
+
+
+def test_a_heavy_tail_is_fragile_and_a_light_one_is_not():
+    rng = np.random.default_rng(8)
+    draws = {
+        "pareto": lambda: rng.pareto(1.2, 1600),
+        "normal": lambda: rng.normal(size=1600),
+        "square": lambda: rng.normal(size=1600) ** 2 - 1.0,
+        "few": lambda: rng.pareto(2.5, 60),
+    }
+    found = {
+        name: np.mean([is_fragile(draw()) for _ in range(100)]) for name, draw in draws.items()
+    }
+    assert found["pareto"] > 0.9
+    assert found["normal"] == found["square"] == 0.0
+    assert np.isinf(tail_index(draws["few"]()))
+    assert np.isinf(tail_index(np.ones(400)))

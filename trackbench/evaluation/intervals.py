@@ -27,6 +27,8 @@ from trackbench.core.sums import total
 
 FRAGILE = 0.5
 """Share of one run in the squared influences from which the number is one run's, more or less."""
+HEAVY = 2.0
+"""Index of a tail below which a variance, and with it a standard error, need not exist."""
 
 
 class _Spread(NamedTuple):
@@ -138,6 +140,24 @@ def t_of_normal(z: float, freedom: float) -> float:
 
 
 @np.errstate(all="ignore")
+def is_fragile(influences: Array) -> bool:
+    """Whether one run, or a tail of which other runs will show more, makes the number or its error."""
+    return dominance(influences) > FRAGILE or tail_index(influences) < HEAVY
+
+
+def tail_index(influences: Array) -> float:
+    """Index of the influences' tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
+
+    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
+    """
+    x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
+    k = round(float(np.sqrt(len(x))) / 2.0)
+    if k < 5 or not x[k] > 0.0:
+        return np.inf
+    slope = total(log(x[:k] / x[k])) / k
+    return float(1.0 / slope) if slope > 0.0 else np.inf
+
+
 def dominance(influences: Array) -> float:
     """Largest share of one run in the sum of squared influences, which is the number's variance.
 

@@ -11,9 +11,8 @@ from trackbench.evaluation.differences import (
     studentised_difference,
 )
 from trackbench.evaluation.intervals import (
-    FRAGILE,
-    dominance,
     interval_of,
+    is_fragile,
     normal_of_t,
     quantile,
     studentised,
@@ -72,8 +71,8 @@ class Term(NamedTuple):
 
     @property
     def fragile(self) -> bool:
-        """Whether one run makes a good part of the number's variance."""
-        return self.influences is not None and dominance(self.influences) > FRAGILE
+        """Whether one run, or a heavy tail, makes a good part of the number's variance."""
+        return self.influences is not None and is_fragile(self.influences)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
