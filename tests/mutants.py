@@ -103,9 +103,10 @@ def _changes(node: ast.expr, text: str, starts: Sequence[int]) -> Iterator[tuple
         yield from _between(node.left, node.comparators[0], pair, text, offset)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         yield begin, begin + 1, "+"
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        other = {0: "1", 1: "2"}.get(node.value) if type(node.value) is int else None
-        yield begin, end, other or f"{node.value * 2 + (node.value == 0)!r}"
+    elif isinstance(node, ast.Constant) and type(node.value) is int:
+        yield begin, end, str({0: 1, 1: 2}.get(node.value, node.value - 1))
+    elif isinstance(node, ast.Constant) and type(node.value) is float:
+        yield begin, end, repr(2.0 * node.value or 1.0)
 
 
 def _between(left, right, pair, text, offset):  # type: ignore[no-untyped-def]
@@ -183,6 +184,8 @@ def nearest(
     place = function(file, line)
     callers = {test for test, (_, places) in calls.items() if place in places}
     homes = {test.split("::")[0] for test in callers}
+    if not homes:  # what is called where a module is imported
+        homes = {test.split("::")[0] for test in calls if f"/{file.parent.name}/" in test}
 
     def order(test: str) -> tuple[bool, bool, float]:
         home = test.split("::")[0]
@@ -199,18 +202,25 @@ def nearest(
 
 
 def noticed(mutant: Mutant, copy: Path, tests: Sequence[str]) -> str:
-    """The first test that fails on the mutant, else ""."""
-    if not tests:
-        return ""
+    """The first test that fails on the mutant, else ""; two files' tests are tried before the rest."""
     text = (HERE / mutant.file).read_text()
     target = copy / mutant.file
     target.write_text(text[: mutant.start] + mutant.new + text[mutant.end :])
+    homes = list(dict.fromkeys(test.split("::")[0] for test in tests))[:2]
+    first = [test for test in tests if test.split("::")[0] in homes][:30]
+    try:
+        return _failing(copy, first) or _failing(copy, [t for t in tests if t not in first])
+    finally:
+        target.write_text(text)
+
+
+def _failing(copy: Path, tests: Sequence[str]) -> str:
+    if not tests:
+        return ""
     try:
         done = _run(copy, ["-x", *tests], timeout=1200)
     except subprocess.TimeoutExpired:
         return "never ends"
-    finally:
-        target.write_text(text)
     failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.MULTILINE)
     return "" if done.returncode == 0 else failed[1] if failed else "not even imported"
 

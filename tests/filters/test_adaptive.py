@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
@@ -137,6 +138,17 @@ def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
         state, _ = axis_step(state, CA.axis(1.0), np.zeros((2, 1)), R)
     expected = steady_acceleration_variance(CA, 1.0, R)
     assert state.cov[2, 2, 0, 0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_thresholds_of_all_presets_are_explained() -> None:
+    """By the hypo-exponential tail and the chi-square one of two degrees of freedom."""
+    etas = {keys["detector"]["eta"] for keys in AdaptiveKF.presets.values()}
+    told = AdaptiveKF.explain().splitlines()[1:]
+    assert sorted(told) == [
+        f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
+        f"P(zeta > eta) = {chi2.sf(eta, 2):.2g} per onset"
+        for eta in sorted(etas)
+    ]
 
 
 def test_false_alarm_rate_of_rho_is_the_tail_s() -> None:
