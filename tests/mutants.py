@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from py_compile import PycInvalidationMode
@@ -243,14 +244,10 @@ def calls_of(tests: Sequence[str]) -> dict[str, tuple[float, list[str]]]:
 
 
 def copied(folder: str) -> Path:
-    """The package, its tests and what they read, with bytecode that knows its source by digest."""
-    copy = Path(folder)
-    for name in ("trackbench", "tests", "experiments", "docs", "pyproject.toml"):
-        source = HERE / name
-        if source.is_dir():
-            shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(source, copy / name)
+    """The repository without results, with bytecode that knows its source by digest."""
+    copy = Path(folder) / "copy"
+    out = shutil.ignore_patterns(".*", "results", "build", "__pycache__", "*.egg-info")
+    shutil.copytree(HERE, copy, ignore=out)
     (copy / "results").symlink_to(HERE / "results")
     mode = PycInvalidationMode.CHECKED_HASH
     compileall.compile_dir(copy / "trackbench", quiet=1, invalidation_mode=mode)
@@ -271,18 +268,21 @@ def main() -> int:
     )
     given = parser.parse_args()
     os.chdir(HERE)
-    calls, reasons, left = calls_of(given.tests), REASONS.read_text(), 0
+    calls, reasons = calls_of(given.tests), REASONS.read_text()
+    found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         copy = copied(folder)
         for mutant in chosen(given.paths, given.per_file, given.seed):
             shown = mutant.shown((HERE / mutant.file).read_text())
             who = noticed(mutant, copy, nearest(mutant.file, mutant.line, calls, given.limit))
-            if not who:
-                excused = f"`{shown}`" in reasons
-                left += not excused
-                who = "survives, as it may" if excused else "SURVIVES"
+            who = who or ("survives, as it may" if f"`{shown}`" in reasons else "SURVIVES")
+            found[who] += 1
             print(f"{mutant.file}:{mutant.line}\t{who}\t{shown}", flush=True)
-    return left > 0
+        wrong = _failing(copy, [who for who in found if who in calls])
+    print(f"{found.total()} mutants, {found['SURVIVES']} survive without a reason")
+    if wrong:
+        print(f"{wrong} fails without any mutant: {found[wrong]} were not noticed by it")
+    return bool(found["SURVIVES"] or wrong)
 
 
 if __name__ == "__main__":
