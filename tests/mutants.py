@@ -275,7 +275,8 @@ def main() -> int:
         for mutant in chosen(given.paths, given.per_file, given.seed):
             shown = mutant.shown((HERE / mutant.file).read_text())
             who = noticed(mutant, copy, nearest(mutant.file, mutant.line, calls, given.limit))
-            who = who or ("survives, as it may" if f"`{shown}`" in reasons else "SURVIVES")
+            row = f"| {mutant.file.relative_to('trackbench')} | `{shown}` |"
+            who = who or ("survives, as it may" if row in reasons else "SURVIVES")
             found[who] += 1
             print(f"{mutant.file}:{mutant.line}\t{who}\t{shown}", flush=True)
         wrong = _failing(copy, [who for who in found if who in calls])

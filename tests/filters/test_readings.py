@@ -167,13 +167,15 @@ def test_an_inverted_measurement_has_the_variance_of_its_slope() -> None:
 
 @pytest.mark.parametrize("kind", ["pf", "rpf", "mpf", "los-rbpf", "mmpf"])
 def test_a_boost_lasts_as_many_steps_as_it_says(kind: str) -> None:
-    """The first state counts: thrice the particles before the first two updates, then N."""
+    """The first state counts: thrice the particles before the first three updates, then N."""
     two = {"motions": (WhiteAcceleration(q=1e-3),) * 2, "transition": ((0.9, 0.1), (0.1, 0.9))}
     scenario = banana(scans=6)
-    tracker = make_filter(kind, N=50, boost=3, boost_scans=2, **(two if kind == "mmpf" else {}))
+    tracker = make_filter(kind, N=50, boost=3, boost_scans=3, **(two if kind == "mmpf" else {}))
     data, rng, sizes = simulate(scenario, 1, 0, 2), block_stream(1, 0), []
     state = tracker.init(scenario.model, data.prior, rng)
     for k, z in zip(scenario.steps[1:], data.measurements.swapaxes(0, 1), strict=True):
         sizes.append(state.particles.x.shape[-1])
         state = tracker.step(scenario.model, state, z, int(k), rng)
-    assert sizes == [150, 150, 50, 50]
+    assert sizes == [150, 150, 150, 50]
+    assert (tracker.particle_count, tracker.most_particles) == (50, 150)
+    assert (make_filter("kf").particle_count, make_filter("kf").most_particles) == (1, 1)
