@@ -17,7 +17,7 @@ from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kalman import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
-from trackbench.filters.variable_dimension import BOTH
+from trackbench.filters.variable_dimension import BOTH, Mode, _second_decision
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
@@ -207,6 +207,15 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
         expected += np.where(before.mode.on == BOTH, ratio, 0.0)
     assert (state.mode.on == BOTH).any()
     np.testing.assert_allclose(state.mode.evidence, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_second_decision_believes_what_is_more_likely_than_not() -> None:
+    """After n steps of both filters, by the sign of the log-likelihood ratio."""
+    logic = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=15.0), dlw=SecondDecision(n=5)).logic
+    mode = Mode(np.full(4, BOTH), np.array([3, 3, 3, 4]), np.array([-0.1, 0.1, 2.0, 2.0]))
+    believed, decided = _second_decision(logic, mode, np.zeros(4, bool), 8)
+    np.testing.assert_array_equal(believed, [False, True, True, False])
+    np.testing.assert_array_equal(decided, [True, True, True, False])
 
 
 def test_the_maneuvering_filter_stays_as_long_as_it_must() -> None:
