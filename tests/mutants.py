@@ -1,12 +1,16 @@
 """Which tests notice a wrong sign, factor, index or comparison? One change of one line at a time.
 
-``python -m tests.mutants --per-file 3 trackbench/core trackbench/filters trackbench/evaluation``. Each
-mutant is made in a copy of the package, and the tests that know the changed module run on it, nearest
-first, until one fails. Digests that are pinned notice anything, so they are left out.
+``python -m tests.mutants --per-file 2 trackbench/core trackbench/filters trackbench/evaluation``. Each
+mutant is made in a copy of the package, and the tests that call the changed function run on it, those of
+its module first, then the fastest, until one fails. One run of the tests finds who calls what, and how
+long it takes; it is kept in ``build/mutants.json``. Digests that are pinned notice anything, so they are
+left out. ``mutants.md`` says what was found, and of each mutant that survived why it may.
 """
 
 import argparse
 import ast
+import compileall
+import json
 import os
 import random
 import re
@@ -14,12 +18,21 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from py_compile import PycInvalidationMode
+from types import CodeType, FrameType
+from typing import Any, NamedTuple
+
+import pytest
 
 HERE = Path(__file__).resolve().parent.parent
 PINNED = ("test_machines", "test_pinned", "test_matrix")
+CALLS = HERE / "build" / "mutants.json"
+REASONS = HERE / "tests" / "mutants.md"
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-rfE", "--no-header", "-p", "no:cacheprovider")
 _OPERATORS: dict[type[ast.operator], tuple[str, str]] = {
     ast.Add: ("+", "-"),
     ast.Sub: ("-", "+"),
@@ -91,9 +104,10 @@ def _changes(node: ast.expr, text: str, starts: Sequence[int]) -> Iterator[tuple
         yield from _between(node.left, node.comparators[0], pair, text, offset)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         yield begin, begin + 1, "+"
-    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        other = {0: "1", 1: "2"}.get(node.value) if type(node.value) is int else None
-        yield begin, end, other or f"{node.value * 2 + (node.value == 0)!r}"
+    elif isinstance(node, ast.Constant) and type(node.value) is int:
+        yield begin, end, str({0: 1, 1: 2}.get(node.value, node.value - 1))
+    elif isinstance(node, ast.Constant) and type(node.value) is float:
+        yield begin, end, repr(2.0 * node.value or 1.0)
 
 
 def _between(left, right, pair, text, offset):  # type: ignore[no-untyped-def]
@@ -115,78 +129,162 @@ def chosen(paths: Sequence[str], per_file: int, seed: int) -> list[Mutant]:
     return picked
 
 
-def nearest(file: Path) -> list[str]:
-    """Test files in the order in which they are likely to notice: by what they import and are called."""
-    module = ".".join(file.with_suffix("").parts)
-    tests = [t for t in sorted(Path("tests").rglob("test_*.py")) if t.stem not in PINNED]
+class Calls:
+    """A plugin of pytest: of each test its CPU seconds, and what functions of the package it calls."""
 
-    def distance(test: Path) -> tuple[bool, bool, bool, int]:
-        text = test.read_text()
-        same_name = file.stem not in test.stem
-        return same_name, module not in text, file.parent.name != test.parent.name, len(text)
+    def __init__(self) -> None:
+        self.found: dict[str, tuple[float, list[str]]] = {}
 
-    near = [t for t in sorted(tests, key=distance) if any(not far for far in distance(t)[:3])]
-    reference = [t for t in tests if t.parent.name == "reference"]
-    return list(dict.fromkeys(str(t) for t in near + reference))
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Trace one test with its fixtures."""
+        seen: set[CodeType] = set()
+
+        def called(frame: FrameType, event: str, arg: object) -> None:
+            seen.add(frame.f_code)
+
+        began = time.process_time()
+        sys.settrace(called)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            places = {f"{code.co_filename}:{code.co_firstlineno}" for code in seen}
+            inside = f"{os.getcwd()}/trackbench/"
+            names = sorted(
+                place[len(os.getcwd()) + 1 :] for place in places if place.startswith(inside)
+            )
+            self.found[item.nodeid] = time.process_time() - began, names
+
+    def pytest_sessionfinish(self) -> None:
+        """Write it all."""
+        CALLS.parent.mkdir(exist_ok=True)
+        CALLS.write_text(json.dumps(self.found, indent=0))
 
 
-def noticed(mutant: Mutant, copy: Path, limit: float) -> str:
-    """The first test that fails on the mutant, else "" or that it took too long."""
+def pytest_configure(config: pytest.Config) -> None:
+    """With ``-p tests.mutants``."""
+    config.pluginmanager.register(Calls())
+
+
+def function(file: Path, line: int) -> str:
+    """Where the innermost function around a line begins, with its decorators."""
+    tree = ast.parse((HERE / file).read_text())
+    around = [
+        min(part.lineno for part in (node, *node.decorator_list))
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0)
+    ]
+    return f"{file}:{max(around, default=0)}"
+
+
+def nearest(
+    file: Path, line: int, calls: dict[str, tuple[float, list[str]]], limit: float
+) -> list[str]:
+    """Tests that call the function of a line, in the order in which they are likely to notice."""
+    place = function(file, line)
+    callers = {test for test, (_, places) in calls.items() if place in places}
+    homes = {test.split("::")[0] for test in callers}
+    if not homes:  # what is called where a module is imported
+        homes = {test.split("::")[0] for test in calls if f"/{file.parent.name}/" in test}
+
+    def order(test: str) -> tuple[bool, bool, float]:
+        home = test.split("::")[0]
+        return test not in callers, file.stem not in Path(home).stem, calls[test][0]
+
+    found, seconds = [], 0.0
+    # What a function has remembered (core/once.py) is not called again, so neighbours may know it, too.
+    for test in sorted((test for test in calls if test.split("::")[0] in homes), key=order):
+        seconds += calls[test][0]
+        if seconds > limit:
+            break
+        found.append(test)
+    return found
+
+
+def noticed(mutant: Mutant, copy: Path, tests: Sequence[str]) -> str:
+    """The first test that fails on the mutant, else ""; two files' tests are tried before the rest."""
     text = (HERE / mutant.file).read_text()
     target = copy / mutant.file
     target.write_text(text[: mutant.start] + mutant.new + text[mutant.end :])
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-q",
-        "-rfE",
-        "--no-header",
-        "-p",
-        "no:cacheprovider",
-    ]
-    env = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    homes = list(dict.fromkeys(test.split("::")[0] for test in tests))[:2]
+    first = [test for test in tests if test.split("::")[0] in homes][:30]
     try:
-        done = subprocess.run(
-            [*command, *nearest(mutant.file)],
-            cwd=copy,
-            env=env,
-            capture_output=True,
-            text=True,
-            timeout=limit,
-        )
-    except subprocess.TimeoutExpired:
-        return f"none in {limit:g} s"
+        return _failing(copy, first) or _failing(copy, [t for t in tests if t not in first])
     finally:
         target.write_text(text)
-    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
+
+
+def _failing(copy: Path, tests: Sequence[str]) -> str:
+    if not tests:
+        return ""
+    try:
+        done = _run(copy, ["-x", *tests], timeout=1200)
+    except subprocess.TimeoutExpired:
+        return "never ends"
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout, re.MULTILINE)
     return "" if done.returncode == 0 else failed[1] if failed else "not even imported"
 
 
-def main() -> None:
-    """Print every mutant with the test that notices it."""
+def _run(folder: Path, more: Sequence[str], **keys: Any) -> subprocess.CompletedProcess[str]:
+    alone = {"PYTHONPATH": str(folder), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    env = {**os.environ, **alone}
+    return subprocess.run(
+        [*PYTEST, *more], cwd=folder, env=env, capture_output=True, text=True, **keys
+    )
+
+
+def calls_of(tests: Sequence[str]) -> dict[str, tuple[float, list[str]]]:
+    """Of each test its seconds and the functions that it calls; of an earlier run if there was one."""
+    if not CALLS.exists():
+        left_out = [f"--ignore-glob=*{name}.py" for name in PINNED]
+        print(_run(HERE, ["-p", "tests.mutants", *left_out, *tests]).stdout[-300:], file=sys.stderr)
+    found: dict[str, tuple[float, list[str]]] = json.loads(CALLS.read_text())
+    return found
+
+
+def copied(folder: str) -> Path:
+    """The repository without results, with bytecode that knows its source by digest."""
+    copy = Path(folder) / "copy"
+    out = shutil.ignore_patterns(".*", "results", "build", "__pycache__", "*.egg-info")
+    shutil.copytree(HERE, copy, ignore=out)
+    (copy / "results").symlink_to(HERE / "results")
+    mode = PycInvalidationMode.CHECKED_HASH
+    compileall.compile_dir(copy / "trackbench", quiet=1, invalidation_mode=mode)
+    return copy
+
+
+def main() -> int:
+    """Print every mutant with the test that notices it; 1 if one survives without a reason."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("paths", nargs="+")
-    parser.add_argument("--per-file", type=int, default=3)
+    parser.add_argument("--per-file", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=600.0, help="seconds for a mutant's tests")
+    parser.add_argument(
+        "--tests", nargs="*", default=["tests"], help="of which the calls are found"
+    )
+    parser.add_argument(
+        "--limit", type=float, default=60.0, help="CPU seconds for a mutant's tests"
+    )
     given = parser.parse_args()
     os.chdir(HERE)
+    calls, reasons = calls_of(given.tests), REASONS.read_text()
+    found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder)
-        for name in ("trackbench", "tests", "experiments", "docs", "pyproject.toml"):
-            source = HERE / name
-            if source.is_dir():
-                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-            else:
-                shutil.copy(source, copy / name)
-        (copy / "results").symlink_to(HERE / "results")
+        copy = copied(folder)
         for mutant in chosen(given.paths, given.per_file, given.seed):
-            who = noticed(mutant, copy, given.limit)
             shown = mutant.shown((HERE / mutant.file).read_text())
-            print(f"{mutant.file}:{mutant.line}\t{who or 'SURVIVES'}\t{shown}", flush=True)
+            who = noticed(mutant, copy, nearest(mutant.file, mutant.line, calls, given.limit))
+            row = f"| {mutant.file.relative_to('trackbench')} | `{shown}` |"
+            who = who or ("survives, as it may" if row in reasons else "SURVIVES")
+            found[who] += 1
+            print(f"{mutant.file}:{mutant.line}\t{who}\t{shown}", flush=True)
+        wrong = _failing(copy, [who for who in found if who in calls])
+    print(f"{found.total()} mutants, {found['SURVIVES']} survive without a reason")
+    if wrong:
+        print(f"{wrong} fails without any mutant: {found[wrong]} were not noticed by it")
+    return bool(found["SURVIVES"] or wrong)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

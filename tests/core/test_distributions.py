@@ -44,4 +44,6 @@ def test_shifted_is_the_noise_around_its_location() -> None:
 
 
 def test_point_draws_itself(rng: np.random.Generator) -> None:
-    np.testing.assert_array_equal(PointMass(np.array([[1.0, 2.0]])).sample(rng, 3)[0, 1], [2.0] * 3)
+    point = PointMass(np.array([[1.0, 2.0]]))
+    np.testing.assert_array_equal(point.sample(rng, 3)[0, 1], [2.0] * 3)
+    np.testing.assert_array_equal(point.log_prob(np.array([[1.0, 3.0]])), [0.0, -np.inf])

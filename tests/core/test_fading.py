@@ -51,7 +51,8 @@ def test_a_slow_fade_does_not_cancel_away(rng: np.random.Generator) -> None:
 
 
 def test_without_memory_the_tail_is_exponential() -> None:
-    assert tail(6.0, 1e-12) == pytest.approx(np.exp(-3.0), rel=1e-9)
+    for eta in (0.4, 6.0):
+        assert tail(eta, 1e-12) == pytest.approx(np.exp(-eta / 2.0), rel=1e-9)
     assert significance_threshold(np.exp(-3.0)) == pytest.approx(6.0)
 
 

@@ -121,3 +121,10 @@ def test_streams_of_one_block_and_of_chosen_runs_stay_apart() -> None:
     drawn = [some, *(block_stream(5, b).standard_normal(4000) for b in range(3))]
     for a, b in pairwise(drawn):
         assert abs(np.corrcoef(a, b)[0, 1]) < 5 / np.sqrt(4000)
+
+
+def test_words_become_numbers_between_zero_and_one() -> None:
+    """The middles of 2^52 cells: symmetric about a half, with neither end."""
+    words = np.array([0, 1 << 63, (1 << 64) - 1], dtype=np.uint64)
+    half = 2.0**-53
+    np.testing.assert_array_equal(noise._open_unit(words), [half, 0.5 + half, 1.0 - half])

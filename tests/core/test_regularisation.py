@@ -44,3 +44,13 @@ def test_jitter_adds_the_kernels_covariance_in_the_clouds_metric(rng: np.random.
 def test_a_cloud_without_spread_stays(rng: np.random.Generator) -> None:
     x = np.ones((1, 2, 5))
     np.testing.assert_array_equal(jitter(x, np.zeros((1, 1, 2)), "epanechnikov", rng), x)
+
+
+def test_a_cloud_on_a_line_stays_beside_one_that_moves(rng: np.random.Generator) -> None:
+    """A singular covariance has no Cholesky factor; one that is no number leaves no number."""
+    x = np.ones((2, 3, 5))
+    covs = np.stack([np.ones((2, 2)), np.eye(2), np.full((2, 2), np.nan)], axis=-1)
+    moved = jitter(x, covs, "gaussian", rng)
+    np.testing.assert_array_equal(moved[:, 0], x[:, 0])
+    assert (moved[:, 1] != x[:, 1]).all()
+    assert np.isnan(moved[:, 2]).all()

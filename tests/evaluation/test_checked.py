@@ -12,6 +12,7 @@ from tests.papers import banana, maneuver, merwe
 from trackbench.core.arrays import frozen
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.checked import check_estimate
 from trackbench.evaluation.reduction import run_block
 from trackbench.filters.sigma_points import UKF
 from trackbench.scenarios.targets.legs import Leg
@@ -239,3 +240,14 @@ def test_an_expectation_is_a_number_per_run(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(type(tracker), "expectation", lambda self, state, g: mean)
     with pytest.raises(ValueError, match=r"expectation 'mean_range' is an array \(1,\)"):
         block(tracker, banana(scans=4))
+
+
+@pytest.mark.parametrize(("sizes", "n"), [((4, 4), 4), ((4, 6), 4), ((4, 6), 6)])
+def test_an_estimate_has_the_components_of_the_truth_or_of_what_is_assumed(
+    sizes: tuple[int, int], n: int
+) -> None:
+    check_estimate(Gaussian(np.zeros((n, 3)), np.zeros((n, n, 3))), sizes, 3)
+    check_estimate(Gaussian(np.zeros((n, 3)), np.zeros((n, n))), sizes, 3)
+    for mean, cov in ((5, 5), (n, 5)):
+        with pytest.raises(ValueError, match="of the estimate"):
+            check_estimate(Gaussian(np.zeros((mean, 3)), np.zeros((cov, cov))), sizes, 3)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
@@ -17,7 +18,7 @@ from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kalman import KF
 from trackbench.filters.switching import Detector, Exit, SecondDecision
-from trackbench.filters.variable_dimension import BOTH
+from trackbench.filters.variable_dimension import BOTH, Mode, _second_decision
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
@@ -58,13 +59,13 @@ def test_both_augmented_starts_agree_without_process_noise(kind: str, window_s: 
 
 
 def test_vdf_is_the_adaptive_filter_with_the_window_s_start_as_onset() -> None:
-    vdf = VDF(nmf=CV, mf=CA, eta=18.0)
-    own = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(kind="fading", eta=18.0))
-    refiltering = track(TURN, vdf, 8)
-    adding = track(TURN, own, 8)
-    assert refiltering.diagnostics["mode"][1:].any()
-    # With process noise in the augmented filter the two starts differ, but by little.
-    assert np.abs(refiltering.mean[[0, 2]] - adding.mean[[0, 2]]).mean() < 20.0
+    """Without process noise, where data refiltered and an input added are one estimate."""
+    vdf = VDF(nmf=QUIET_CV, mf=STILL_CA, eta=18.0)
+    own = AdaptiveKF(nmf=QUIET_CV, mf=STILL_CA, detector=Detector(kind="fading", eta=18.0))
+    refiltering, adding = track(TURN, vdf, 8), track(TURN, own, 8)
+    assert refiltering.diagnostics["mode"][1:].any(axis=0).all()
+    np.testing.assert_array_equal(refiltering.diagnostics["mode"], adding.diagnostics["mode"])
+    np.testing.assert_allclose(refiltering.mean, adding.mean, atol=1e-6)
 
 
 def test_a_filter_that_never_alarms_is_the_kalman_filter() -> None:
@@ -140,6 +141,17 @@ def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     assert state.cov[2, 2, 0, 0] == pytest.approx(expected, rel=1e-6)
 
 
+def test_the_thresholds_of_all_presets_are_explained() -> None:
+    """By the hypo-exponential tail and the chi-square one of two degrees of freedom."""
+    etas = {keys["detector"]["eta"] for keys in AdaptiveKF.presets.values()}
+    told = AdaptiveKF.explain().splitlines()[1:]
+    assert sorted(told) == [
+        f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
+        f"P(zeta > eta) = {chi2.sf(eta, 2):.2g} per onset"
+        for eta in sorted(etas)
+    ]
+
+
 def test_false_alarm_rate_of_rho_is_the_tail_s() -> None:
     """In straight flight with a consistent filter; rho's exceedances depend on each other."""
     runs, eta = 400, 15.0
@@ -196,6 +208,15 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
         expected += np.where(before.mode.on == BOTH, ratio, 0.0)
     assert (state.mode.on == BOTH).any()
     np.testing.assert_allclose(state.mode.evidence, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_second_decision_believes_what_is_more_likely_than_not() -> None:
+    """After n steps of both filters, by the sign of the log-likelihood ratio."""
+    logic = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=15.0), dlw=SecondDecision(n=5)).logic
+    mode = Mode(np.full(4, BOTH), np.array([3, 3, 3, 4]), np.array([-0.1, 0.1, 2.0, 2.0]))
+    believed, decided = _second_decision(logic, mode, np.zeros(4, bool), 8)
+    np.testing.assert_array_equal(believed, [False, True, True, False])
+    np.testing.assert_array_equal(decided, [True, True, True, False])
 
 
 def test_the_maneuvering_filter_stays_as_long_as_it_must() -> None:

@@ -12,6 +12,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.passing import estimate
+from trackbench.filters.ensemble import _lengths
 from trackbench.filters.kalman import KF
 from trackbench.filters.sigma_points import CKF
 from trackbench.models.base import Model
@@ -195,3 +196,11 @@ def test_a_split_start_may_have_more_components_than_the_target() -> None:
     whole, cov = followed(seen, CKF(), 20)
     errors = (split - whole)[[0, 2]] / np.sqrt(np.einsum("iikm->ikm", cov)[[0, 2]])
     assert np.sqrt(np.mean(errors**2)) < 0.3
+
+
+@pytest.mark.parametrize("steps", [1, 3, 29])
+def test_the_steps_of_a_flow_grow_by_a_fifth_and_fill_its_time(steps: int) -> None:
+    """Li & Coates 2017, section V: pseudo-time runs from zero to one."""
+    lengths = np.array(_lengths(steps))
+    assert lengths.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.2)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter, per_run, track
-from tests.papers import merwe
+from tests.papers import banana, merwe
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
+from trackbench.models.motions.kinematic import WhiteAcceleration
 
 
 def test_literal_hdepf_is_lost_and_says_why() -> None:
@@ -138,3 +139,42 @@ def test_missing_measurements_are_predicted_over() -> None:
         mean = tracker.estimate(state).mean
         expected = mean if expected is None else expected
         np.testing.assert_allclose(mean, expected, atol=5 * np.sqrt(1.0 / 4000) * 2)
+
+
+def test_generations_without_end_draw_a_cloud_together() -> None:
+    """To its best point: 30 particles lie within half of where they were, wherever that is."""
+    scenario = merwe(R=0.1)
+    ratio = track(scenario, make_filter("pfde", N=30, G=60), 10).diagnostics["spread_ratio"][1:]
+    assert np.median(ratio) < 0.5
+    still = track(scenario, make_filter("pfde", N=30, G=0), 10).diagnostics["spread_ratio"]
+    np.testing.assert_allclose(still[1:], 1.0)
+
+
+def test_an_inverted_measurement_has_the_variance_of_its_slope() -> None:
+    """R times the squared slope of h^-1, by differences: of the square, and of the line."""
+    scenario, tracker, e = merwe(R=0.1), make_filter("inversion"), 1e-5
+    data, rng = scenario.simulate(RunStreams(1, range(6)), 6), block_stream(1, 0)
+    for k in (2, 40):
+        z = np.abs(data.measurements[:, k - 2])
+        state = tracker.step(
+            scenario.model, tracker.init(scenario.model, data.prior, rng), z, k, rng
+        )
+        low, high = (scenario.model.sensor.inverse(z + d, k) for d in (-e, e))
+        expected = 0.1 * np.square((high - low) / (2 * e))
+        np.testing.assert_allclose(tracker.estimate(state).cov[0], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["pf", "rpf", "mpf", "los-rbpf", "mmpf"])
+def test_a_boost_lasts_as_many_steps_as_it_says(kind: str) -> None:
+    """The first state counts: thrice the particles before the first three updates, then N."""
+    two = {"motions": (WhiteAcceleration(q=1e-3),) * 2, "transition": ((0.9, 0.1), (0.1, 0.9))}
+    scenario = banana(scans=6)
+    tracker = make_filter(kind, N=50, boost=3, boost_scans=3, **(two if kind == "mmpf" else {}))
+    data, rng, sizes = simulate(scenario, 1, 0, 2), block_stream(1, 0), []
+    state = tracker.init(scenario.model, data.prior, rng)
+    for k, z in zip(scenario.steps[1:], data.measurements.swapaxes(0, 1), strict=True):
+        sizes.append(state.particles.x.shape[-1])
+        state = tracker.step(scenario.model, state, z, int(k), rng)
+    assert sizes == [150, 150, 150, 50]
+    assert (tracker.particle_count, tracker.most_particles) == (50, 150)
+    assert (make_filter("kf").particle_count, make_filter("kf").most_particles) == (1, 1)

@@ -9,7 +9,8 @@ from math import inf
 import numpy as np
 from numpy.linalg import det, inv
 
-T, R, GAMMA, P_LAST, T_A = 1.0, 100.0**2 * np.eye(2), 0.8, 2, 9.49
+T = 2.0  # not 1, lest a factor of T be missed
+R, GAMMA, P_LAST, T_A = 100.0**2 * np.eye(2), 0.8, 2, 9.49
 INPUT = np.array([[T**2 / 2, 0], [T, 0], [0, T**2 / 2], [0, T], [1, 0], [0, 1]])
 PHI_M = np.eye(6)  # of (x, x', y, y', x'', y'')
 PHI_M[0, 1] = PHI_M[2, 3] = T

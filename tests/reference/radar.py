@@ -10,7 +10,8 @@ from numpy.linalg import cholesky, inv
 
 from tests.reference.particles import resampled, weights
 
-T, DENSITY, V, S_A = 1.0, 1e-3, 0.2**2, 2e-3**2  # V and S_A: variances of range and azimuth
+T, DENSITY = 0.5, 1e-3  # T is not 1, lest a factor of T be missed
+V, S_A = 0.2**2, 2e-3**2  # variances of range and azimuth
 F = np.kron(np.eye(2), [[1, T], [0, 1]])  # eq. 5
 Q_AXIS = DENSITY * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
 Q = np.kron(np.eye(2), Q_AXIS)  # eq. 6

@@ -11,20 +11,21 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
 from tests.reference import Draws
+from tests.reference.maneuver import T as T_M
 from tests.reference.maneuver import adaptive
 from tests.reference.particles import apf, hdepf, upf
-from tests.reference.radar import cmkf, mcaekf, mpf
+from tests.reference.radar import T, cmkf, mcaekf, mpf
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.filters.switching import Detector, Exit, SecondDecision
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
 RUNS, SEED = 3, 20261122
-LONG, MERWE = maneuver(), merwe()
+LONG, MERWE = maneuver(T=T_M), merwe()
 TURNS = (Leg(start=60, end=110, ax=1.0, ay=-2.0), Leg(start=170, end=200, ax=-3.0, ay=1.0))
-SHORT = maneuver(duration=260.0, legs=TURNS)
-FAR, CURVED = banana(velocity_cross=1000.0, scans=40), banana(range_km=250.0, scans=15)
-NEAR = banana(velocity_cross=0.1, scans=20, range_km=0.1, azimuth_deg=179.6)  # turns past 180
+SHORT = maneuver(duration=400.0, legs=TURNS, T=T_M)
+FAR, CURVED = banana(velocity_cross=1000.0, scans=40, T=T), banana(range_km=250.0, scans=15, T=T)
+NEAR = banana(velocity_cross=0.1, scans=20, range_km=0.1, azimuth_deg=179.6, T=T)  # turns past 180
 
 
 def switching(q, q_m, n, hold_s, **detector):
@@ -39,7 +40,8 @@ def switching(q, q_m, n, hold_s, **detector):
 
 
 PAPER = switching(0.01, 1e-4, 0, 0.0, kind="fading-ie", eta=20.0)
-SECONDS = switching(0.0, 1e-4, 0, 9.0, kind="ie", eta=20.0, window_s=12.0, min_window_s=4.0)
+WINDOWS = {"window_s": 12 * T_M, "min_window_s": 4 * T_M}
+SECONDS = switching(0.0, 1e-4, 0, 9 * T_M, kind="ie", eta=20.0, **WINDOWS)
 CAREFUL = switching(0.01, 1e-3, 8, 0.0, kind="fading", eta=15.0)
 BOOSTED = {"N": 300, "boost": 4, "boost_scans": 3}
 PRINTED = make_filter("hdepf", "published-level", N=10)
