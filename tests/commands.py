@@ -6,11 +6,18 @@ from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Protocol
 
 import pytest
 
 from tests.conftest import ROOT, plugins_forgotten
 from trackbench.__main__ import main
+
+
+class Command(Protocol):
+    """Either of these."""
+
+    def __call__(self, *words: object, cwd: Path = ROOT) -> "CompletedProcess[str]": ...
 
 
 def trackbench(*words: object, cwd: Path = ROOT) -> "CompletedProcess[str]":

@@ -9,25 +9,27 @@ from typing import Any
 
 import pytest
 
-from tests.commands import trackbench
+from tests.commands import Command, spawned, trackbench
 from tests.conftest import ROOT
 from trackbench.cli.lines import echo_line
 from trackbench.registry import GROUPS, kinds
 
 
-def lines(*words: str, cwd: Path = ROOT, code: int = 0) -> list[dict[str, Any]]:
+def lines(
+    *words: str, cwd: Path = ROOT, code: int = 0, by: Command = trackbench
+) -> list[dict[str, Any]]:
     """What a command prints; no number in it is one that JSON does not know."""
 
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is not JSON")
 
-    done = trackbench(*words, "--json", cwd=cwd)
+    done = by(*words, "--json", cwd=cwd)
     assert done.returncode == code, done.stderr
     return [json.loads(line, parse_constant=refuse) for line in done.stdout.splitlines()]
 
 
 def test_list() -> None:
-    found = lines("list")
+    found = lines("list", by=spawned)  # which knows no kind of another test
     for group in GROUPS:
         named = {line["kind"] for line in found if line["group"] == group}
         shipped = {k for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")}

@@ -22,7 +22,7 @@ KINDS = [
 
 
 def track(kind: str, gaps: slice, runs: int = RUNS) -> Filtered:
-    tracker = make_filter(kind, **({"nodes": 32} if kind == "grid" else {}))
+    tracker = make_filter(kind, **({"nodes": 48} if kind == "grid" else {}))
     task = BlockTask(SCENARIO, tracker, 1, index=0, width=runs, used=runs)
     data = simulate(SCENARIO, 1, 0, runs)
     seen = data.measurements.copy()
