@@ -95,6 +95,22 @@ def test_what_is_decided_and_not_close_is_decided_at_another_seed(B: int, rng):
     assert np.mean([held for _, held in close]) < 0.8
 
 
+def test_a_number_that_is_not_close_has_its_word_at_another_seed(rng):
+    published, words = number(1.0, digits=9, runs=0), {False: [], True: []}
+    errors = 10.0 ** rng.uniform(-3.0, -1.0, 6000)
+    means = 1.0 + np.where(rng.random(6000) < 0.5, 0.0, rng.uniform(-0.3, 0.3, 6000))
+    for true, stderr in zip(means, errors, strict=True):
+        seeds = true + stderr * rng.standard_normal(2)
+        one, other = (of_number(published, Term(x, stderr, None, 100), ()) for x in seeds)
+        if one.word != "not decided":
+            words[one.is_close].append((one.word, one.word == other.word))
+    for word in ("agrees", "near", "differs"):
+        held = [same for w, same in words[False] if w == word]
+        assert len(held) > 100
+        assert np.mean(held) > 0.95
+    assert np.mean([same for _, same in words[True]]) < 0.93
+
+
 def test_an_agreement_is_shown_by_all_runs_and_contradicted_by_none():
     whole, wide = Term(1.0, 0.02, None, 400), Term(1.0, 0.04, None, 100)
     published = number(1.0, runs=10_000)

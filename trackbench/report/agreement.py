@@ -5,7 +5,7 @@ claim `holds` or `fails`. An agreement is an equivalence, which takes all runs t
 batch may contradict.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import fsum, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ SURE = 3.0
 """Standard errors beyond which a difference is taken for real."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
+_ONE_IN_TWENTY = 1.6449
+"""Standard errors that a normal number is beyond, on one side, once in twenty times."""
 NOT_MEASURED, UNDECIDED = "not measured", "not decided"
 NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
 """Verdicts on a number, the best first."""
@@ -38,14 +40,19 @@ class Verdict(NamedTuple):
     z: float
     batches: tuple[float, ...] = ()
     shown: tuple[float, ...] = ()
+    turns: bool = False
+    """whether a number as far off as that of another seed may well be would have another word"""
 
     @property
     def is_close(self) -> bool:
-        """Whether as many runs of another seed could well leave undecided what is decided here.
+        """Whether as many runs of another seed could well say something else than what is said here.
 
-        Their B values of z are normal about the same mean, which is known to 1 / sqrt(B): that one of
-        them is below `SURE` has a probability of at most 5 % if the mean is beyond this (Bonferroni).
+        What each batch has shown: their B values of z are normal about the same mean, which is known
+        to 1 / sqrt(B): that one of them is below `SURE` has a probability of at most 5 % if the mean
+        is beyond this (Bonferroni).
         """
+        if self.turns:
+            return True
         from scipy.special import ndtri
 
         B = len(self.shown)
@@ -60,13 +67,21 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole)
     found = [judge(number, batch) for batch in batches]
+    turns = any(judge(number, other)[0] != word for other in _at_another_seed(whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
         word = "chosen"
     zs = tuple(z for _, z in found)
-    return Verdict(word, z, zs, zs or (z,))
+    return Verdict(word, z, zs, zs or (z,), turns and word not in (NOT_MEASURED, UNDECIDED))
+
+
+def _at_another_seed(whole: Term) -> Iterator[Term]:
+    """The ends of where nine in ten numbers of another seed are: both have an error."""
+    room = _ONE_IN_TWENTY * sqrt(2.0) * whole.stderr
+    for end in (-room, room) if isfinite(room) else ():
+        yield whole._replace(value=whole.value + end)
 
 
 def of_claim(
