@@ -37,6 +37,15 @@ def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
     assert np.isfinite(rows[:, ~lost]).all()
 
 
+@pytest.mark.parametrize(
+    ("index", "used", "shown"), [(0, 40, 40), (1, 40, 10), (1, 5, 5), (2, 40, 0), (-1, 40, 0)]
+)
+def test_the_first_runs_of_all_are_shown(index: int, used: int, shown: int) -> None:
+    """Fifty runs in blocks of forty; none of training."""
+    task = BlockTask(merwe(), make_filter("ukf"), 1, index, 40, 40, shown=50)
+    assert task.shown_of(used) == shown
+
+
 def test_the_median_of_mostly_infinite_values_is_infinite() -> None:
     assert median(np.array([1.0, 2.0, np.inf, np.inf, np.inf])).value == np.inf
     assert median(np.array([1.0, 2.0, 3.0, 4.0, np.inf])).value == 3.0
