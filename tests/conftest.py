@@ -18,7 +18,6 @@ from trackbench import registry
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.passing import Filtered, estimate
 from trackbench.evaluation.reduction import run_block
-from trackbench.experiment.computing.engines import cpu_count
 from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.filters.base import AnyFilter
@@ -29,11 +28,6 @@ ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
 
 Track = Callable[..., Filtered]
-
-
-def pytest_xdist_auto_num_workers() -> int:
-    """Half as many again as there are processors: a quarter of the time programs are waited for."""
-    return max(2, 3 * cpu_count() // 2)
 
 
 @cache
