@@ -5,6 +5,7 @@ import pytest
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import banana, merwe
+from trackbench.contract.playgrounds import LINEAR
 from trackbench.core.streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -164,17 +165,32 @@ def test_an_inverted_measurement_has_the_variance_of_its_slope() -> None:
         np.testing.assert_allclose(tracker.estimate(state).cov[0], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["pf", "rpf", "mpf", "los-rbpf", "mmpf"])
-def test_a_boost_lasts_as_many_steps_as_it_says(kind: str) -> None:
-    """The first state counts: thrice the particles before the first three updates, then N."""
+@pytest.mark.parametrize("scans", [1, 3])
+@pytest.mark.parametrize("kind", ["pf", "rpf", "apf", "mpf", "los-rbpf", "mmpf"])
+def test_a_boost_lasts_as_many_steps_as_it_says(kind: str, scans: int) -> None:
+    """The first state counts: thrice the particles before the first updates, then N."""
     two = {"motions": (WhiteAcceleration(q=1e-3),) * 2, "transition": ((0.9, 0.1), (0.1, 0.9))}
     scenario = banana(scans=6)
-    tracker = make_filter(kind, N=50, boost=3, boost_scans=3, **(two if kind == "mmpf" else {}))
+    tracker = make_filter(kind, N=50, boost=3, boost_scans=scans, **(two if kind == "mmpf" else {}))
     data, rng, sizes = simulate(scenario, 1, 0, 2), block_stream(1, 0), []
     state = tracker.init(scenario.model, data.prior, rng)
     for k, z in zip(scenario.steps[1:], data.measurements.swapaxes(0, 1), strict=True):
         sizes.append(state.particles.x.shape[-1])
         state = tracker.step(scenario.model, state, z, int(k), rng)
-    assert sizes == [150, 150, 150, 50]
+    assert sizes == [150] * scans + [50] * (4 - scans)
     assert (tracker.particle_count, tracker.most_particles) == (50, 150)
     assert (make_filter("kf").particle_count, make_filter("kf").most_particles) == (1, 1)
+
+
+def test_particles_follow_the_motions_as_their_chain_says() -> None:
+    """Of two equal motions measurements tell nothing: the share of the second is the Markov chain's."""
+    chain, N = np.array([[0.9, 0.1], [0.2, 0.8]]), 4000
+    motions = (WhiteAcceleration(q=1.0),) * 2
+    keys = {"motions": motions, "transition": tuple(map(tuple, chain)), "initial": (0.9, 0.1)}
+    tracker = make_filter("mmpf", N=N, **keys)
+    found = track(LINEAR, tracker, 20).diagnostics["mode"].mean(axis=1)[1:]
+    expected = [
+        (np.array([0.9, 0.1]) @ np.linalg.matrix_power(chain, k))[1]
+        for k in range(1, len(found) + 1)
+    ]
+    np.testing.assert_allclose(found, expected, atol=4 * 0.5 / np.sqrt(N))  # of a single cloud
