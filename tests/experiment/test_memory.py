@@ -55,6 +55,13 @@ def test_a_block_takes_no_more_than_estimated(
     assert taken <= _block_bytes(model, tracker, width) <= 2.5 * taken
 
 
+def test_the_exact_posterior_takes_no_more_than_estimated() -> None:
+    task = BlockTask(SCENARIOS["merwe"], kinds("filters")["grid"](nodes=256), 0, 0, 8, 8)
+    run_whole_block(task)  # what only the first block takes
+    taken = peak(run_whole_block, replace(task, index=1))
+    assert taken <= _block_bytes(task.scenario, task.filter, 8) <= 2.5 * taken
+
+
 def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> None:
     """Before anything is known of the memory that its own number would take."""
     config = tmp_path / "large.yaml"

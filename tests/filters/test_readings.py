@@ -163,6 +163,11 @@ def test_an_inverted_measurement_has_the_variance_of_its_slope() -> None:
         low, high = (scenario.model.sensor.inverse(z + d, k) for d in (-e, e))
         expected = 0.1 * np.square((high - low) / (2 * e))
         np.testing.assert_allclose(tracker.estimate(state).cov[0], expected, rtol=1e-6)
+    # A run without a measurement is alone in that.
+    z[0, 2] = np.nan
+    gap = tracker.step(scenario.model, state, z, 41, rng)
+    np.testing.assert_array_equal(gap.mean[0] == state.mean[0], np.arange(6) != 2)
+    assert np.isfinite(gap.mean).all()
 
 
 @pytest.mark.parametrize("scans", [1, 3])
