@@ -79,10 +79,10 @@ def metric_of(name: str) -> tuple[Metric, str]:
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Each metric that a series is made into, and its name; one that ``counts`` names is summed."""
     head, _, quantity = series.partition("_")
-    made = [(m, m.name) for m in METRICS.values() if m.series == series]
-    made = made or [(m, joined(m.name, quantity)) for m in METRICS.values() if m.series == head]
-    if made:
-        yield from made
+    if series in _OF_SERIES:
+        yield from ((m, m.name) for m in _OF_SERIES[series])
+    elif head in _OF_SERIES:
+        yield from ((m, joined(m.name, quantity)) for m in _OF_SERIES[head])
     else:
         own, _ = metric_of(series)
         yield (replace(own, over_steps="sum") if series in counts else own), series
@@ -179,4 +179,6 @@ def _noted() -> Iterator[Metric]:
 
 _FAMILIES = ("nees", "autocovariance", "distance", "pit", "coverage", "rank")
 METRICS.update({own.name: own for own in (*_OWN, *_noted())})
+_OF_SERIES = {m.series: [other for other in _OWN if other.series == m.series] for m in _OWN}
+"""The metrics that a series of errors is made into."""
 _PACKAGE = frozenset(METRICS)

@@ -67,17 +67,24 @@ def per_run_metrics(
     lost = lost_runs(scenario, values, finite)
     out: dict[str, Array] = {"lost": lost}
     for window, mask in scenario.windows.items():
-        for series, rows in values.items():
-            for metric, name in metrics_of(series, counts):
-                if metric.over_steps:
-                    out[in_window(name, window)] = _OVER_STEPS[metric.over_steps](rows[mask])
-        for name, numbers in _of_innovations(values, mask):
+        for name, numbers in over_steps(values, mask, counts):
             out[in_window(name, window)] = numbers
     for name, numbers in scenario.run_metrics(values).items():
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers
     return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
+
+
+def over_steps(
+    values: dict[str, Array], mask: Mask, counts: Collection[str]
+) -> Iterator[tuple[str, Array]]:
+    """Each metric's name and numbers per run (M,) over the steps of one window."""
+    for series, rows in values.items():
+        for metric, name in metrics_of(series, counts):
+            if metric.over_steps:
+                yield name, _OVER_STEPS[metric.over_steps](rows[mask])
+    yield from _of_innovations(values, mask)
 
 
 def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.foretelling import foretold_series
 from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import StepSums, per_run_metrics
+from trackbench.evaluation.metrics import StepSums, over_steps
 from trackbench.evaluation.passing import prior_of
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
@@ -22,7 +22,7 @@ from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.filters.base import AnyFilter, Filter, knows_expectations, tells_likelihood
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import of_kind
-from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.base import Scenario, Simulation, in_window
 
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""
@@ -88,20 +88,22 @@ class Names:
         self.series |= series
         values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
         with np.errstate(all="ignore"):
-            own, of = scenario.run_metrics(values), sizes(scenario)
-            names = frozenset((*own, *scenario.windows, *of)), counts, series
+            own, of, windows = scenario.run_metrics(values), sizes(scenario), [*scenario.windows]
+            names = frozenset((*own, *windows, *of)), counts, series
             if names in self._added:  # as at another point of a sweep
                 return
             self._added.add(names)
-            per_run = per_run_metrics(scenario, values, counts, np.ones(1, dtype=bool))
+            somewhere = np.arange(len(scenario.steps)) == 0  # as in any window
+            over = [name for name, _ in over_steps(values, somewhere, counts)]
+            per_run = {"lost", *own, *(in_window(n, w) for n in over for w in windows)}
             one = StepSums(np.ones(1), np.ones(1), np.ones(1))
             medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
             steps = dict.fromkeys(sorted(series), one)
-            result = FilterResult({"lost": per_run["lost"]}, steps, medians, None, [])
-            windows = {name: np.ones(1, dtype=bool) for name in scenario.windows}
-            self.per_run |= set(per_run)
+            result = FilterResult({"lost": np.zeros(1)}, steps, medians, None, [])
+            everywhere = {name: np.ones(1, dtype=bool) for name in windows}
+            self.per_run |= per_run
             self.per_step |= {row.metric for row in step_rows(result, of)}
-            self.summary |= {row.metric for row in summary_rows(result, of, windows)}
+            self.summary |= {row.metric for row in summary_rows(result, of, everywhere)}
             self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
             self.made |= set(_efficiencies(per_run))
 
@@ -194,13 +196,19 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
             yield from (f"squared_{name}", f"error_{name}")
 
 
+@lru_cache(maxsize=1)
+def _simulated(scenario: Scenario, seed: int) -> Simulation:
+    """One run, for all filters to look at."""
+    return simulate(scenario, seed, 0, 1)
+
+
 def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Names of what a filter notes at a step, from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
     if type(tracker).diagnostics is Filter.diagnostics:
         return set()
-    data = simulate(scenario, settings.seed, 0, 1)
+    data = _simulated(scenario, settings.seed)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # nothing is known of the memory yet
         tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _FEW))

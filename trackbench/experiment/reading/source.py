@@ -8,7 +8,7 @@ import errno
 import re
 import sys
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from io import IncrementalNewlineDecoder
 from math import inf, nan
 from pathlib import Path
@@ -144,7 +144,10 @@ def unseen(text: str) -> str | None:
 def parse(text: str, name: str) -> Source:
     """Parse YAML text."""
     try:
-        node = _Loader(text, name).get_single_node()
+        node = _composed(text)
+    except _TooManyError as error:
+        mark = Mark(name, error.line + 1, error.column + 1)
+        raise UserError(Problem(mark, "", _TOO_MANY)) from None
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
@@ -174,19 +177,30 @@ def scalar(text: str) -> Any:
     return _SPECIAL.get(text.lower(), text)
 
 
+@lru_cache(maxsize=32)
+def _composed(text: str) -> yaml.Node | None:
+    """The document's node; kept, since experiments share their parts."""
+    return _Loader(text).get_single_node()
+
+
+class _TooManyError(Exception):
+    """Where a file has a value too many."""
+
+    def __init__(self, at: yaml.Mark) -> None:
+        super().__init__(_TOO_MANY)
+        self.line, self.column = at.line, at.column
+
+
 class _Loader(yaml.SafeLoader):
     """Stops early in a file of far too many values, which take some 20 us each."""
 
-    def __init__(self, text: str, name: str) -> None:
-        super().__init__(text)
-        self.file, self.nodes = name, 0
+    nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """The next node, unless it is one too many."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            at = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise UserError(Problem(Mark(self.file, at.line + 1, at.column + 1), "", _TOO_MANY))
+            raise _TooManyError(self.peek_event().start_mark)  # type: ignore[no-untyped-call]
         return super().compose_node(parent, index)
 
 

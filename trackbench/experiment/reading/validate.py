@@ -63,12 +63,17 @@ def hints_of(cls: type[Any]) -> dict[str, Any]:
 
 def file_keys(cls: type[Any]) -> frozenset[str]:
     """Keys of a dataclass that are paths of data files."""
-    return frozenset(name for name, hint in hints_of(cls).items() if _is_file(hint))
+    return _file_keys(cast(Any, cls))
 
 
 def _is_file(hint: Any) -> bool:
     options = (hint, *get_args(hint))
     return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+
+
+@cache
+def _file_keys(cls: Any) -> frozenset[str]:
+    return frozenset(name for name, hint in _hints(cls).items() if _is_file(hint))
 
 
 @cache
