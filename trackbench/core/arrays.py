@@ -27,7 +27,7 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 
 def with_axes_of(like: Array, a: Array) -> Array:
     """``a`` with axes of length one appended until it has as many as ``like``, so that the two add."""
-    return a.reshape(a.shape + (1,) * (like.ndim - a.ndim))
+    return with_trailing(a, like.ndim, leading=0)
 
 
 def fixed(a: Array) -> Array:
