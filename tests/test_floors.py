@@ -124,6 +124,10 @@ def test_the_design_names_every_module_of_the_house() -> None:
             ["-c", "import trackbench.experiment.computing.worker"],
             {"scipy", "pandas", "pydantic", "yaml"},
         ),
+        (
+            ["-c", "import trackbench.experiment.computing.forked"],
+            {"pandas", "yaml", "matplotlib"},
+        ),
     ],
 )
 def test_nothing_heavy_is_imported_early(command: list[str], unwanted: set[str]) -> None:

@@ -160,6 +160,12 @@ def _documented(file: Path) -> Iterator[tuple[str, str]]:
                 yield kind, ast.get_docstring(node) or ""
 
 
+def import_own(*groups: Group) -> None:
+    """Import the package's own files of these groups."""
+    for group in groups:
+        _scan(_PACKAGES[group])
+
+
 def _entries(group: Group) -> EntryPoints:
     return entry_points(group=f"trackbench.{group}")
 

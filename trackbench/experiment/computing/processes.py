@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_WORKER = "trackbench.experiment.computing.worker"
+_FORKED = "trackbench.experiment.computing.forked"
 
 
 def begin(*modules: str) -> None:
@@ -23,7 +23,7 @@ def begin(*modules: str) -> None:
     if _can_fork() and not is_beginning():
         from multiprocessing.forkserver import ensure_running
 
-        _context().set_forkserver_preload([_WORKER, *modules])
+        _context().set_forkserver_preload([_FORKED, *modules])
         ensure_running()
 
 
