@@ -8,6 +8,8 @@ EXPERIMENTS := $(filter-out experiments/_%,$(wildcard experiments/*.yaml))
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
+# Else every program that the tests start compiles the package anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit \
   lowest wheel lock docs bench clean

@@ -30,6 +30,8 @@ scenario: MERWE
 filters:
   PF: {kind: pf, N: 20}
   HDEPF: {kind: hdepf, G: 40}
+tables:
+  errors: {kind: metrics, columns: {RMSE: mean(rmse)}}
 """.replace("MERWE", merwe_text(T=20))
 
 
