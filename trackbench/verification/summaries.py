@@ -1,6 +1,7 @@
 """summary.csv held against per_run.csv, from which most of it follows."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ from trackbench.verification.findings import Finding, changed
 HALF = {name: 0.5 * 10.0 ** (1 - digits) for name, digits in DIGITS.items()}
 """Share of a stored number that its digits leave open, at most."""
 _MARGIN = 2.0  # the ways that rounding is tried below are not all there are
+_FEW = 12
+"""Runs, or different values, that are moved one by one: few may be rounded in none of those ways."""
 
 
 class Bounded(NamedTuple):
@@ -90,53 +93,60 @@ def _found(
     runs, found = results.runs(point), {}
     for label in dict.fromkeys(label for label, _ in runs):
         mine = {metric: values for (of, metric), values in runs.items() if of == label}
-        for row in _bounded(mine, scenario):
+        for row in bounded(mine, sizes(scenario)):
             found[label, row.row.metric] = row
     return found
 
 
 @np.errstate(all="ignore")
-def _bounded(runs: dict[str, Array], scenario: Scenario) -> list[Bounded]:
-    """The rows of one filter; their room from moving the values to where they may have been."""
+def bounded(runs: dict[str, Array], sizes: Mapping[str, int]) -> list[Bounded]:
+    """The rows of one filter; their room from moving the values to where they may have been.
 
-    def rows(values: dict[str, Array]) -> list[SummaryRow]:
-        result = FilterResult(values, {}, {}, None, [])
-        return list(summary_rows(result, sizes(scenario), {}))
-
-    moved = [rows(values) for values in _moved(runs)]
-    return [
-        Bounded(row, *_room(row, others)) for row, *others in zip(rows(runs), *moved, strict=True)
-    ]
-
-
-def _room(row: SummaryRow, others: list[SummaryRow]) -> tuple[float, float]:
-    """How far value and error are off in the others; not a number where they are none."""
-    off = np.array([[row.value - o.value, row.stderr - o.stderr] for o in others])
-    value, stderr = _MARGIN * np.abs(off).max(axis=0)
-    return float(value), float(stderr)
+    ``sizes`` are as `summary_rows` takes them.
+    """
+    found = []
+    for name, x in runs.items():
+        if name != "lost":
+            make = partial(_rows, name, lost=runs["lost"], sizes=sizes)
+            found += [
+                Bounded(row, *room) for row, room in zip(make(x), _room(x, make), strict=True)
+            ]
+    return found
 
 
-def _moved(runs: dict[str, Array]) -> Iterator[dict[str, Array]]:
-    """All values larger, smaller, further apart, closer together, by as much as they were rounded."""
-    for direction in (_up, _apart, _askew):
-        for sign in (1.0, -1.0):
-            yield {
-                name: x if name == "lost" else x + sign * HALF["per_run.csv"] * direction(x)
-                for name, x in runs.items()
-            }
+def _rows(name: str, x: Array, lost: Array, sizes: Mapping[str, int]) -> list[SummaryRow]:
+    return list(summary_rows(FilterResult({"lost": lost, name: x}, {}, {}, None, []), sizes, {}))
 
 
-def _up(x: Array) -> Array:
-    return np.where(np.isfinite(x), np.abs(x), 0.0)
+def _room(x: Array, make: Callable[[Array], list[SummaryRow]]) -> list[list[float]]:
+    """How far value and error of each row may be off, by how the values (M,) were rounded.
+
+    All of them up, apart or askew, and back; or, of a few different ones, each as it makes things worse.
+    """
+
+    def numbers(values: Array) -> Array:  # not a number where they are none
+        return np.array([[row.value, row.stderr] for row in make(values)])
+
+    off = HALF["per_run.csv"] * np.where(np.isfinite(x), np.abs(x), 0.0)
+    ways = [sign * off * side for side in (1.0, _apart(x), _apart(x, 3)) for sign in (1.0, -1.0)]
+    given = numbers(x)
+    rooms = [np.abs(numbers(x + way) - given) for way in ways]
+    each = [np.abs(numbers(x + off * part) - given) for part in _parts(x)]
+    rooms.append(sum(each, np.zeros_like(given)))
+    room: list[list[float]] = (_MARGIN * np.max(rooms, axis=0)).tolist()
+    return room
+
+
+def _parts(x: Array) -> Iterable[Array]:
+    """Each run of few, or those of each value of few; none of many."""
+    values = np.unique(x[np.isfinite(x)])
+    if len(x) <= _FEW:
+        return np.eye(len(x))
+    return [x == value for value in values] if len(values) <= _FEW else []
 
 
 def _apart(x: Array, part: int = 2) -> Array:
-    """The larger half up and the smaller half down; which of equal values, is all the same."""
+    """The larger up and the smaller half down; of two halves a variance has no error, but of a third."""
     side = np.ones(len(x))
     side[np.argsort(x)[: np.isfinite(x).sum() // part]] = -1.0
-    return side * _up(x)
-
-
-def _askew(x: Array) -> Array:
-    """The smallest third down: of two halves a variance would have no error."""
-    return _apart(x, part=3)
+    return side
