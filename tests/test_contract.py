@@ -18,9 +18,10 @@ from trackbench.registry import kinds
 
 @pytest.fixture(scope="module")
 def used() -> dict[str, tuple[Any, Any]]:
-    """A filter of each kind that an experiment uses, and its scenario."""
+    """A filter of each kind that an experiment uses, and the shortest scenario that it has there."""
     points = [p for path in EXPERIMENTS.glob("*.yaml") for p in shipped(path.stem).points]
-    return {f.kind: (f, p.scenario) for p in points for f in p.filters.values()}
+    points.sort(key=lambda point: -len(point.scenario.steps))
+    return {f.kind: (f, p.seen_by(label)) for p in points for label, f in p.filters.items()}
 
 
 @pytest.mark.parametrize("kind", sorted(kinds("filters")))

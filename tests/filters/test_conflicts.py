@@ -12,6 +12,7 @@ from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.checks import check_fit
 from trackbench.experiment.reading.source import Source
 from trackbench.models.assumed import Assume
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.given import Given
 from trackbench.scenarios.targets.measured import Measured
@@ -72,3 +73,16 @@ def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
 def test_keys_that_mean_nothing_here_are_refused(kind: str, keys: dict[str, Any], key: str) -> None:
     tracker: Any = make_filter(kind, **keys)
     assert key in tracker.conflicts(banana(scans=4))
+
+
+@pytest.mark.parametrize("kind", ["cmkf", "mcaekf"])
+def test_an_imm_needs_the_sensor_that_its_models_filter_needs(kind: str) -> None:
+    tracker: Any = make_filter(
+        "imm",
+        filter=make_filter(kind),
+        motions=(ConstantVelocity(q=0.0), ConstantVelocity(q=1.0)),
+        transition=((0.9, 0.1), (0.1, 0.9)),
+    )
+    (refused,) = refusals(tracker, maneuver())
+    assert "imm needs a sensor of range and azimuth" in refused.what
+    assert refusals(tracker, banana(scans=4)) == []

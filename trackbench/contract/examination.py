@@ -102,7 +102,7 @@ def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
     for scenario in (LINEAR, SCALAR, RADAR, *scenarios):
-        lacking = [n for n in tracker.needs if not has(scenario, n)]
+        lacking = [n for n in tracker.needed if not has(scenario, n)]
         mistakes = list(foreign.conflicts(tracker, scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)

@@ -67,6 +67,11 @@ class Filter(Part, Generic[State]):
         return []
 
     @property
+    def needed(self) -> tuple[str, ...]:
+        """What it needs of the scenario: `needs`, and what a filter within it needs."""
+        return self.needs
+
+    @property
     def particle_count(self) -> int:
         """Particles per run: its key N, or 1 of a filter without any."""
         return int(getattr(self, "N", 1))

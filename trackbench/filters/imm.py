@@ -65,6 +65,11 @@ class IMM(JumpMarkov[Models]):
         if self.filter.gate is not None:
             raise MistakenKeyError("the models of an IMM refuse no measurement", "filter", "gate")
 
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Of sensor and start also what the models' filter needs; their motions are its own."""
+        return (*self.needs, *(n for n in self.filter.needs if not n.startswith("motion.")))
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
         """The prior in every model."""
         n, runs = own_components(model.motion), prior.mean.shape[1]

@@ -70,7 +70,7 @@ def has(scenario: Scenario, need: str) -> bool:
 def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
-    for need in tracker.needs:
+    for need in tracker.needed:
         if not has(scenario, need):
             what = f"{tracker.kind} needs {_NEEDS.get(need, need)}, which there is not here"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
