@@ -72,6 +72,7 @@ def test_overrides_and_only(tmp_path: Path) -> None:
     done = trackbench(
         *("run", str(EXPERIMENTS / "hdepf.yaml"), "--runs", "5", "--out", str(tmp_path / "o")),
         *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.sensor.R=0.1"),
+        *("--set", "block=fit"),
     )
     assert done.returncode == 0, done.stderr
     config = yaml.safe_load((tmp_path / "o" / "config.yaml").read_text())

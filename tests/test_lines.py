@@ -84,8 +84,8 @@ def test_check_and_mistakes() -> None:
 
 
 def test_run_and_compare(tmp_path: Path) -> None:
-    words = ("--runs", "4", "--set", "block=fit", "--out", "out")
-    assert "13 filters x 4 runs" in lines("run", "hdepf", *words, "--dry-run")[0]["would"]
+    words = ("--runs", "4", "--set", "block=fit", "--only", "PF", "--out", "out")
+    assert "2 filters x 4 runs" in lines("run", "hdepf", *words, "--dry-run")[0]["would"]
     (found,) = lines("run", "hdepf", *words, cwd=tmp_path)
     assert (found["experiment"], found["folder"], found["failed"]) == ("hdepf", "out", [])
     first = found["tables"]["table1"]["rows"][0]

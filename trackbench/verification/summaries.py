@@ -19,7 +19,7 @@ from trackbench.verification.findings import Finding, changed
 HALF = {name: 0.5 * 10.0 ** (1 - digits) for name, digits in DIGITS.items()}
 """Share of a stored number that its digits leave open, at most."""
 _MARGIN = 2.0  # the ways that rounding is tried below are not all there are
-_FEW = 12
+_FEW = 6
 """Runs, or different values, that are moved one by one: few may be rounded in none of those ways."""
 
 
