@@ -13,9 +13,13 @@ from trackbench.evaluation.differences import (
 )
 from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.measure import measure
+from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.experiment.storing.given import Given
+from trackbench.report.agreement import of_number
 from trackbench.report.columns import Columns
+from trackbench.report.evidence import Evidence
 from trackbench.report.expressions import Expressions
+from trackbench.report.judging import judge
 
 RUNS = 120
 
@@ -204,3 +208,17 @@ def test_a_ratio_of_times_is_paired_by_blocks(folder):
     assert apart.stderr == pytest.approx(0.5 * np.hypot(0.1 / 2, 0.1 / 4))
     assert apart.freedom == 1  # of the two blocks
     assert np.isnan(e.term(measure("ratio(cpu_s_per_run, D)").of("A")).stderr)
+
+
+@pytest.mark.parametrize(("edge", "fragile"), [(0.53, True), (0.7, False)])
+def test_a_time_that_another_execution_may_turn_is_fragile(folder, edge, fragile):
+    """However exact it is within this one: its ratio is 0.5, without any error."""
+    whole, ratio = Expressions(folder, {}), measure("ratio(cpu_s_per_run, B)")
+    claim = Claim(paper="p", claim="c", left="A", expression=ratio, factor=edge)
+    found = judge(claim, Evidence(whole, []))
+    assert (found.verdict.word, found.fragile) == ("holds", fragile)
+    printed = PublishedNumber(
+        paper="p", table="t", filter="A", metric="m", value=edge, digits=4, expression=ratio
+    )
+    verdict = of_number(printed, whole.term(ratio.of("A")), ())
+    assert (verdict.word, verdict.is_close) == ("near" if fragile else "differs", fragile)

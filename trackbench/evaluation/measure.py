@@ -106,6 +106,11 @@ class Measure(NamedTuple):
         return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
     @property
+    def is_cpu_time(self) -> bool:
+        """Whether it is a time, which another execution measures again."""
+        return self.metric == "cpu_s_per_run"
+
+    @property
     def is_efficiency(self) -> bool:
         """Whether it is made of a filter's runs and the reference's."""
         return self.family[0].name == "efficiency" and self.is_row

@@ -6,7 +6,7 @@ batch may contradict.
 """
 
 from collections.abc import Iterator, Sequence
-from math import fsum, inf, isfinite, isnan, log, nan, sqrt
+from math import fsum, hypot, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.reading.published import PublishedNumber
@@ -16,12 +16,12 @@ SURE = 3.0
 """Standard errors beyond which a difference is taken for real."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
-_ONE_IN_TWENTY = 1.6449
-"""Standard errors that a normal number is beyond, on one side, once in twenty times."""
 NOT_MEASURED, UNDECIDED = "not measured", "not decided"
 NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
 """Verdicts on a number, the best first."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
+NEXT_TIME = 0.1
+"""Share by which a ratio of CPU times may well be another when the same is executed again."""
 _TO_BE_SHOWN_BY_EACH = ("differs", "holds", "fails", "biased")
 _CONTRADICTS = {
     "agrees": ("near", "differs"),
@@ -47,19 +47,22 @@ class Verdict(NamedTuple):
     def is_close(self) -> bool:
         """Whether as many runs of another seed could well say something else than what is said here.
 
-        What each batch has shown: their B values of z are normal about the same mean, which is known
-        to 1 / sqrt(B): that one of them is below `SURE` has a probability of at most 5 % if the mean
-        is beyond this (Bonferroni).
+        What each batch has shown: their values of z are normal about the same mean.
         """
-        if self.turns:
-            return True
-        from scipy.special import ndtri
-
         B = len(self.shown)
-        if self.word not in _TO_BE_SHOWN_BY_EACH or not B:
-            return False
-        room = float(ndtri(1.0 - 0.05 / B)) * sqrt(1.0 + 1.0 / B)
-        return abs(fsum(self.shown)) / B < SURE + room
+        if self.turns or self.word not in _TO_BE_SHOWN_BY_EACH or not B:
+            return self.turns
+        return abs(fsum(self.shown)) / B < SURE + _room_of_another_seed(B)
+
+
+def _room_of_another_seed(B: int = 1) -> float:
+    """Standard errors from the mean of B numbers to beyond which one of B others is in 5 % of cases.
+
+    At most, on one side (Bonferroni).
+    """
+    from scipy.special import ndtri
+
+    return float(ndtri(1.0 - 0.05 / B)) * sqrt(1.0 + 1.0 / B)
 
 
 def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> Verdict:
@@ -67,7 +70,7 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole)
     found = [judge(number, batch) for batch in batches]
-    turns = any(judge(number, other)[0] != word for other in _at_another_seed(whole))
+    turns = any(judge(number, other)[0] != word for other in _another_time(number, whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
@@ -77,9 +80,11 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, zs, zs or (z,), turns and word not in (NOT_MEASURED, UNDECIDED))
 
 
-def _at_another_seed(whole: Term) -> Iterator[Term]:
+def _another_time(number: PublishedNumber, whole: Term) -> Iterator[Term]:
     """The ends of where nine in ten numbers of another seed are: both have an error."""
-    room = _ONE_IN_TWENTY * sqrt(2.0) * whole.stderr
+    room = _room_of_another_seed() * whole.stderr
+    if number.expression is not None and number.expression.is_cpu_time:
+        room = hypot(room, NEXT_TIME * whole.value)
     for end in (-room, room) if isfinite(room) else ():
         yield whole._replace(value=whole.value + end)
 

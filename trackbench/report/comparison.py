@@ -108,7 +108,7 @@ LEGEND = (
     "standard errors of the difference. What differs, holds or fails does so in each batch of "
     "runs by itself, else it is `not decided`. `fragile`: one run makes a good part of the "
     "number's variance, or the runs' tail is so heavy (index below 2) that it need not exist, or "
-    "as many runs of another seed could well say otherwise. "
+    "as many runs of another seed, or CPU times of another execution, could well say otherwise. "
     "`chosen`: agrees or not with a value that was chosen for it."
 )
 

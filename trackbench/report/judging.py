@@ -43,7 +43,7 @@ def judge(claim: Claim, evidence: Evidence | None) -> Judged:
     losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED)
-    fragile = verdict.is_close or any(score.off.term.fragile for score in found)
+    fragile = verdict.is_close or any(score.off.fragile(claim) for score in found)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = noted(*losing, _why(evidence.whole, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.splits, fragile, note)
@@ -77,14 +77,25 @@ class _Off(NamedTuple):
         """Whether batches of runs have it, too."""
         return self.term.splits
 
+    def margin(self, claim: Claim) -> float:
+        """How far the number is on the claim's side of its edge."""
+        off = self.term.value - self.edge
+        if claim.relation == "~":
+            return claim.tolerance * abs(self.target) - abs(off)
+        return -off if claim.relation == "<" else off
+
     def in_favour(self, claim: Claim) -> float:
         """z of the claim."""
         if claim.relation == "~":
-            room = claim.tolerance * abs(self.target)
-            off = Estimate(room - abs(self.term.value - self.edge), self.term.stderr)
-            return z_score(off)
+            return z_score(Estimate(self.margin(claim), self.term.stderr))
         z = self.term.z(self.edge)
         return -z if claim.relation == "<" else z
+
+    def fragile(self, claim: Claim) -> bool:
+        """Whether few runs make the number, or CPU times of another execution may turn the claim."""
+        timed = claim.expression is not None and claim.expression.is_cpu_time
+        turns = abs(self.margin(claim)) < agreement.NEXT_TIME * abs(self.target)
+        return self.term.fragile or (timed and turns)
 
 
 class _Score(NamedTuple):
