@@ -1,14 +1,20 @@
 """Metrics by name: what a config asks for must be there, and what it keeps is what is written."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from tests.conftest import EXPERIMENTS
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading import metric_names
+from trackbench.experiment.reading.config import load
+from trackbench.filters.base import tells_notes
+from trackbench.filters.bootstrap import PF
 
 CONFIG = """\
 name: small
@@ -185,3 +191,23 @@ def test_numbers_have_the_digits_they_are_said_to_have(tmp_path: Path) -> None:
         shorter = np.array([float(f"{x:.{digits}g}") for x in values])
         np.testing.assert_array_equal(values, shorter)
         assert (values != [float(f"{x:.{digits - 2}g}") for x in values]).any()
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_shipped_experiment_is_read_without_a_step(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its filters say what they note."""
+    monkeypatch.setattr(metric_names, "_simulated", lambda *_: pytest.fail("simulates"))
+    load(path)
+
+
+def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
+    class More(PF):
+        def diagnostics(self, state: Any) -> Any:
+            return super().diagnostics(state) | {"mine": 1.0}
+
+    class Told(More):
+        notes = frozenset({"dead_steps", "ess", "distinct", "mine"})
+
+    assert [tells_notes(cls()) for cls in (PF, More, Told)] == [True, False, True]

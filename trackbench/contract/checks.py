@@ -12,7 +12,7 @@ from trackbench.contract.passes import filtered, kalman_filtered, noise, simulat
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.evaluation.checked import check_estimate, check_names, checked_numbers
-from trackbench.filters.base import tells_likelihood
+from trackbench.filters.base import tells_likelihood, tells_notes
 
 _RUNS = 200
 
@@ -32,7 +32,10 @@ def _shapes(tracker: Any, scenario: Any) -> None:
         check_estimate(found, (n, n), runs)
         _check_array(f"mean at step {k}", found.mean)
         _check_array(f"cov at step {k}", found.cov)
-        check_names(checked_numbers("diagnostic", tracker.diagnostics(state), runs))
+        noted = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
+        check_names(noted)
+        if i and tells_notes(tracker) and set(noted) != tracker.notes:
+            raise BrokenError(f"notes is {sorted(tracker.notes)}, diagnostics {sorted(noted)}")
         if i and tells_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
 

@@ -107,6 +107,11 @@ class AlphaBeta(Filter[Smoothed]):
             return np.full(state.nis.shape, np.nan)
         return state.seen.log_likelihood
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"nis"})
+
     def diagnostics(self, state: Smoothed) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z."""
         return {"nis": state.nis}

@@ -46,6 +46,11 @@ class Filter(Part, Generic[State]):
         """Values per step (M,) by name, averaged over the steps."""
         return {}
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """Names of its diagnostics; a class that has some and does not say so is asked by a step."""
+        return frozenset()
+
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
         return {}
@@ -92,6 +97,12 @@ AnyFilter = Filter[Any]
 def knows_expectations(tracker: AnyFilter) -> bool:
     """Whether the filter knows posterior means of functions beside those of its estimate."""
     return type(tracker).expectation is not Filter.expectation
+
+
+def tells_notes(tracker: AnyFilter) -> bool:
+    """Whether its `notes` are of its own diagnostics: no class below them has others."""
+    owners = {n: [n in vars(c) for c in type(tracker).__mro__] for n in ("notes", "diagnostics")}
+    return owners["notes"].index(True) <= owners["diagnostics"].index(True)
 
 
 def tells_likelihood(tracker: AnyFilter) -> bool:

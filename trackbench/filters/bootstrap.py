@@ -51,6 +51,11 @@ class PF(ParticleFilter):
         source, age = weighted if self.estimate_from == "weighted" else resampled, state.age + 1
         return Cloud(resampled, source, source.moments(), dead, age, w=w, evidence=told)
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return super().notes | {"distinct"}
+
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``distinct``: share of particles that are no copies after resampling."""
         return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}

@@ -101,6 +101,11 @@ class ParticleFilter(Filter[Cloud]):
         """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
         return state.log_likelihood
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"dead_steps", "ess"})
+
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
 

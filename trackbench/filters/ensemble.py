@@ -60,6 +60,11 @@ class EnsembleFilter(Filter[Ensemble]):
             return np.full(state.nis.shape, np.nan)
         return state.seen.log_likelihood
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"nis"})
+
     def diagnostics(self, state: Ensemble) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z."""
         return {"nis": state.nis}

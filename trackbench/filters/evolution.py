@@ -63,6 +63,7 @@ class Evolution:
     """weights of the evolved particles"""
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
+    _also_noted: ClassVar[frozenset[str]] = frozenset({"acceptance", "spread_ratio"})
 
     def renewed(
         self, proposed: Proposed, log_posterior: Callable[[Array], Array], rng: Streams

@@ -72,6 +72,11 @@ class GaussianFilter(Filter[Tracked]):
             return np.full(state.nis.shape, np.nan)
         return state.seen.log_likelihood
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
+
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
         """``nis``: normalised innovation squared, expected n_z; ``gated``: refused measurements."""
         if self.gate is None:

@@ -53,6 +53,11 @@ class GaussianPF(Filter[Cloud]):
         """Logarithm (M,) of the mean weight."""
         return state.log_likelihood
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"dead_steps", "ess"})
+
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every likelihood was zero; ``ess``: effective share of the N particles."""
         return state.noted()

@@ -120,6 +120,11 @@ class IMM(JumpMarkov[Models]):
         each = np.stack([seen.log_likelihood for seen in state.seen])
         return log_mixture(state.predicted, each)
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"nis", "mode"})
+
     def diagnostics(self, state: Models) -> dict[str, Array]:
         """``nis``: the models' mean NIS by predicted weight; ``mode``: weight of all but the first."""
         return {"nis": state.nis, "mode": 1.0 - state.weights[0]}

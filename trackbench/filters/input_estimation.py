@@ -106,6 +106,11 @@ class InputEstimation(Filter[Corrected]):
         missing = np.isnan(state.seen.nu).any(axis=(0, 1))
         return np.where(missing, np.nan, over_axes(state.seen.log_likelihood))
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"nis", "mode", "alarm", "alarm_age_s"})
+
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
         """``nis``; ``mode`` and ``alarm``: 1 where the state was just corrected; ``alarm_age_s``."""
         alarm = state.alarm.astype(float)

@@ -124,6 +124,11 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
             x[of] = jitter_each(x[of], here, self.kernel, rng, self.bandwidth_scale)
         return x
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return super().notes | {"mode"}
+
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``mode``: the share of particles that follow another motion than the first."""
         assert state.mode is not None

@@ -47,6 +47,11 @@ class LineOfSight(ParticleFilter):
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.azimuths")
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives: the weights are not kept."""
+        return super().notes - {"ess"}
+
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Weighs in the log domain only."""
         if self.weights != "log":

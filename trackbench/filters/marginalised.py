@@ -36,6 +36,11 @@ class MPF(ParticleFilter):
     """factor on the optimal bandwidth"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives: the weights are not kept."""
+        return super().notes - {"ess"}
+
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Without process noise nothing but its particle moves a position."""
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:

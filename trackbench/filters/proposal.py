@@ -86,6 +86,7 @@ class ProposingFilter(Filter[Cloud]):
     """share of draws taken from the transition instead, which bounds the weights"""
 
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    _also_noted: ClassVar[frozenset[str]] = frozenset()
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """N draws from the prior, each with its own covariance."""
@@ -108,6 +109,11 @@ class ProposingFilter(Filter[Cloud]):
         """Logarithm (M,) of the mean weight; NaN if the weights are no densities."""
         densities = self.transition_density == "model"
         return state.log_likelihood if densities else np.full(state.dead.shape, np.nan)
+
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        return frozenset({"dead_steps", "ess", "distinct"}) | self._also_noted
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """``dead_steps``: every weight was zero, and the cloud was kept with equal weights.

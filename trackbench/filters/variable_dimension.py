@@ -176,6 +176,12 @@ class VariableDimension(Filter[Switched]):
             value = np.where(on, over_axes(turning.log_likelihood), value)
         return np.where(np.isnan(quiet.nu).any(axis=(0, 1)), np.nan, value)
 
+    @property
+    def notes(self) -> frozenset[str]:
+        """What `diagnostics` gives."""
+        of_onset = {"zeta", "zeta_beyond"} if self.logic.detector.onset_rule == "argmax" else set()
+        return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})
+
     def diagnostics(self, state: Switched) -> dict[str, Array]:
         """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now.
 

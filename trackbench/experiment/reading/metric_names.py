@@ -19,7 +19,7 @@ from trackbench.evaluation.passing import prior_of
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings
-from trackbench.filters.base import AnyFilter, Filter, knows_expectations, tells_likelihood
+from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, Simulation, in_window
@@ -203,11 +203,11 @@ def _simulated(scenario: Scenario, seed: int) -> Simulation:
 
 
 def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
-    """Names of what a filter notes at a step, from the first step of one run."""
+    """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
-    if type(tracker).diagnostics is Filter.diagnostics:
-        return set()
+    if tells_notes(tracker):
+        return set(tracker.notes)
     data = _simulated(scenario, settings.seed)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # nothing is known of the memory yet
