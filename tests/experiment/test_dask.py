@@ -13,6 +13,7 @@ import pytest
 
 from tests.experiment.test_resume import same_results, small, write
 from trackbench import api
+from trackbench.experiment.computing import engines
 from trackbench.experiment.problems import UserError
 
 distributed = pytest.importorskip("distributed")
@@ -65,7 +66,8 @@ def test_a_killed_dask_worker_costs_nothing_but_time(cluster: Any, tmp_path: Pat
     same_results(dask, serial)
 
 
-def test_no_scheduler_answers(tmp_path: Path) -> None:
+def test_no_scheduler_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "_PATIENCE", "1s")
     with pytest.raises(UserError, match=":9: no scheduler answers"):
         run(tmp_path, small(tmp_path), engine="dask", scheduler="tcp://127.0.0.1:9")
 

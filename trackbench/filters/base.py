@@ -99,9 +99,9 @@ def knows_expectations(tracker: AnyFilter) -> bool:
     return type(tracker).expectation is not Filter.expectation
 
 
-def tells_notes(tracker: AnyFilter) -> bool:
+def tells_notes(cls: type[AnyFilter]) -> bool:
     """Whether its `notes` are of its own diagnostics: no class below them has others."""
-    owners = {n: [n in vars(c) for c in type(tracker).__mro__] for n in ("notes", "diagnostics")}
+    owners = {n: [n in vars(c) for c in cls.__mro__] for n in ("notes", "diagnostics")}
     return owners["notes"].index(True) <= owners["diagnostics"].index(True)
 
 

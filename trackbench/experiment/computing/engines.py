@@ -16,6 +16,8 @@ OpenEngine = Callable[[], AbstractContextManager[Executor]]
 """Opens the engine, again after it broke."""
 T = TypeVar("T")
 
+_PATIENCE = "5s"
+"""How long a scheduler may take to answer."""
 _ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
@@ -83,7 +85,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         }
     connect: Any = Client  # has no types
     try:
-        client = connect(**settings, timeout="5s", set_as_default=False)
+        client = connect(**settings, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None

@@ -206,7 +206,7 @@ def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
-    if tells_notes(tracker):
+    if tells_notes(type(tracker)):
         return set(tracker.notes)
     data = _simulated(scenario, settings.seed)
     model, rng = scenario.model, block_stream(settings.seed, 0)
