@@ -32,7 +32,7 @@ from trackbench.experiment.reading.definition import Settings
 from trackbench.experiment.reading.source import parse
 from trackbench.scenarios.tracking import Tracking
 
-RUNS = 4
+RUNS = 6
 BARE = ("figures={}", "key_figure=null")
 """Draws nothing, which takes longest."""
 LONG = {
