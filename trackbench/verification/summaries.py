@@ -104,44 +104,44 @@ def bounded(runs: dict[str, Array], sizes: Mapping[str, int]) -> list[Bounded]:
 
     ``sizes`` are as `summary_rows` takes them.
     """
-    found = []
-    for name, x in runs.items():
-        if name != "lost":
-            make = partial(_rows, name, lost=runs["lost"], sizes=sizes)
-            found += [
-                Bounded(row, *room) for row, room in zip(make(x), _room(x, make), strict=True)
-            ]
-    return found
+    columns = (
+        _of_column(x, partial(_rows, name, lost=runs["lost"], sizes=sizes))
+        for name, x in runs.items()
+        if name != "lost"
+    )
+    return [row for column in columns for row in column]
 
 
 def _rows(name: str, x: Array, lost: Array, sizes: Mapping[str, int]) -> list[SummaryRow]:
     return list(summary_rows(FilterResult({"lost": lost, name: x}, {}, {}, None, []), sizes, {}))
 
 
-def _room(x: Array, make: Callable[[Array], list[SummaryRow]]) -> list[list[float]]:
-    """How far value and error of each row may be off, by how the values (M,) were rounded.
+def _of_column(x: Array, make: Callable[[Array], list[SummaryRow]]) -> Iterator[Bounded]:
+    """The rows of a metric, and how far they may be off by how its values (M,) were rounded.
 
     All of them up, apart or askew, and back; or, of a few different ones, each as it makes things worse.
     """
 
-    def numbers(values: Array) -> Array:  # not a number where they are none
-        return np.array([[row.value, row.stderr] for row in make(values)])
+    def off(values: Array) -> Array:  # (rows, 2); not a number where they are none
+        return np.abs(_numbers(make(values)) - _numbers(found))
 
-    off = HALF["per_run.csv"] * np.where(np.isfinite(x), np.abs(x), 0.0)
-    ways = [sign * off * side for side in (1.0, _apart(x), _apart(x, 3)) for sign in (1.0, -1.0)]
-    given = numbers(x)
-    rooms = [np.abs(numbers(x + way) - given) for way in ways]
-    each = [np.abs(numbers(x + off * part) - given) for part in _parts(x)]
-    rooms.append(sum(each, np.zeros_like(given)))
-    room: list[list[float]] = (_MARGIN * np.max(rooms, axis=0)).tolist()
-    return room
+    found, half = make(x), HALF["per_run.csv"] * np.where(np.isfinite(x), np.abs(x), 0.0)
+    sides = (1.0, _apart(x), _apart(x, 3))
+    together = [off(x + sign * half * side) for side in sides for sign in (1.0, -1.0)]
+    each = sum((off(x + half * part) for part in _parts(x)), np.zeros((len(found), 2)))
+    rooms = _MARGIN * np.max([*together, each], axis=0)
+    return (Bounded(row, *room) for row, room in zip(found, rooms.tolist(), strict=True))
+
+
+def _numbers(rows: list[SummaryRow]) -> Array:
+    return np.array([[row.value, row.stderr] for row in rows]).reshape(-1, 2)
 
 
 def _parts(x: Array) -> Iterable[Array]:
     """Each run of few, or those of each value of few; none of many."""
-    values = np.unique(x[np.isfinite(x)])
     if len(x) <= _FEW:
         return np.eye(len(x))
+    values = np.unique(x[np.isfinite(x)])
     return [x == value for value in values] if len(values) <= _FEW else []
 
 
