@@ -101,8 +101,8 @@ def knows_expectations(tracker: AnyFilter) -> bool:
 
 def tells_notes(cls: type[AnyFilter]) -> bool:
     """Whether its `notes` are of its own diagnostics: no class below them has others."""
-    owners = {n: [n in vars(c) for c in cls.__mro__] for n in ("notes", "diagnostics")}
-    return owners["notes"].index(True) <= owners["diagnostics"].index(True)
+    nearest = next(c for c in cls.__mro__ if {"notes", "diagnostics"} & vars(c).keys())
+    return "notes" in vars(nearest)
 
 
 def tells_likelihood(tracker: AnyFilter) -> bool:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -22,7 +22,7 @@ from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import of_kind
-from trackbench.scenarios.base import Scenario, Simulation, in_window
+from trackbench.scenarios.base import Scenario, in_window
 
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""
@@ -196,19 +196,13 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
             yield from (f"squared_{name}", f"error_{name}")
 
 
-@lru_cache(maxsize=1)
-def _simulated(scenario: Scenario, seed: int) -> Simulation:
-    """One run, for all filters to look at."""
-    return simulate(scenario, seed, 0, 1)
-
-
 def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
     if tells_notes(type(tracker)):
         return set(tracker.notes)
-    data = _simulated(scenario, settings.seed)
+    data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # nothing is known of the memory yet
         tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _FEW))
