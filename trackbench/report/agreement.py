@@ -49,9 +49,11 @@ class Verdict(NamedTuple):
 
         What each batch has shown: their values of z are normal about the same mean.
         """
+        if self.turns:
+            return True
         B = len(self.shown)
-        if self.turns or self.word not in _TO_BE_SHOWN_BY_EACH or not B:
-            return self.turns
+        if self.word not in _TO_BE_SHOWN_BY_EACH or not B:
+            return False
         return abs(fsum(self.shown)) / B < SURE + _room_of_another_seed(B)
 
 
@@ -70,7 +72,7 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole)
     found = [judge(number, batch) for batch in batches]
-    turns = any(judge(number, other)[0] != word for other in _another_time(number, whole))
+    turns = any(judge(number, other)[0] != word for other in _measured_again(number, whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
@@ -80,8 +82,8 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, zs, zs or (z,), turns and word not in (NOT_MEASURED, UNDECIDED))
 
 
-def _another_time(number: PublishedNumber, whole: Term) -> Iterator[Term]:
-    """The ends of where nine in ten numbers of another seed are: both have an error."""
+def _measured_again(number: PublishedNumber, whole: Term) -> Iterator[Term]:
+    """The ends of where nine in ten numbers of another seed are, or CPU times of another execution."""
     room = _room_of_another_seed() * whole.stderr
     if number.expression is not None and number.expression.is_cpu_time:
         room = hypot(room, NEXT_TIME * whole.value)
