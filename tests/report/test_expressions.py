@@ -222,3 +222,11 @@ def test_a_time_that_another_execution_may_turn_is_fragile(folder, edge, fragile
     )
     verdict = of_number(printed, whole.term(ratio.of("A")), ())
     assert (verdict.word, verdict.is_close) == ("near" if fragile else "differs", fragile)
+
+
+def test_what_is_not_measured_is_not_fragile(folder):
+    """Against a filter that is there its times are fragile; the other is not."""
+    time = measure("cpu_s_per_run")
+    claim = Claim(paper="p", claim="c", left="A", expression=time, factor=0.52, right="B;none")
+    found = judge(claim, Evidence(Expressions(folder, {}), []))
+    assert (found.verdict.word, found.fragile) == ("not measured", False)

@@ -44,6 +44,7 @@ def judge(claim: Claim, evidence: Evidence | None) -> Judged:
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED)
     fragile = verdict.is_close or any(score.off.fragile(claim) for score in found)
+    fragile &= verdict.word != NOT_MEASURED
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = noted(*losing, _why(evidence.whole, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.splits, fragile, note)
