@@ -16,7 +16,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.evaluation.intervals import deviations, limits, studentised
+from trackbench.evaluation.intervals import (
+    Spread,
+    deviations,
+    interval_of,
+    spread,
+    studentised,
+)
 
 _FARTHEST, _CLOSE = 1024.0, 1e-10  # of a z, and relative
 
@@ -40,6 +46,29 @@ class Sides(NamedTuple):
         return float(total(a * b)) / sqrt(float(total(a * a)) * float(total(b * b)))
 
 
+class _Ends(NamedTuple):
+    """What the limits of a difference are made of."""
+
+    first: Spread
+    second: Spread
+    correlation: float
+    other: float
+
+    def below(self, z: float) -> float:
+        """How far below the difference its limit lies at z standard deviations."""
+        return self._together(self.first.below(z), self.second.above(z), z)
+
+    def above(self, z: float) -> float:
+        """How far above it."""
+        return self._together(self.first.above(z), self.second.below(z), z)
+
+    def _together(self, a: float, b: float, z: float) -> float:
+        if not a + b < inf:
+            return inf
+        square = a * a + b * b - 2.0 * self.correlation * a * b
+        return sqrt(max(square, 0.0) + z * z * self.other * self.other)
+
+
 @np.errstate(all="ignore")
 def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> float:
     """z of the hypothesis that the difference is zero: the limits at so many deviations end there.
@@ -48,20 +77,16 @@ def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> fl
     """
     if not _both_spread(sides) or not 0.0 < abs(value) < inf:
         return studentised(value, sides.of_difference, other)
-    above_zero, correlation = value > 0.0, sides.correlation
-
-    def within(z: float) -> bool:
-        below, above = _limits(sides, correlation, z, other)
-        return not (below if above_zero else above) < abs(value)
-
+    ends = _ends(sides, other)
+    reach, distance = ends.below if value > 0.0 else ends.above, abs(value)
     low, high = 0.0, 1.0
-    while not within(high):
+    while reach(high) < distance:
         if high > _FARTHEST:
             return copysign(inf, value)
         low, high = high, 2.0 * high
     while high - low > _CLOSE * high:
         z = 0.5 * (low + high)
-        low, high = (low, z) if within(z) else (z, high)
+        low, high = (z, high) if reach(z) < distance else (low, z)
     return copysign(high, value)
 
 
@@ -71,10 +96,9 @@ def interval_of_difference(
 ) -> tuple[float, float]:
     """Confidence interval of the difference: all that `studentised_difference` does not exclude."""
     if not _both_spread(sides):
-        below, above = limits(sides.of_difference, deviations(level), other)
-    else:
-        below, above = _limits(sides, sides.correlation, deviations(level), other)
-    return value - below, value + above
+        return interval_of(value, sides.of_difference, level, other)
+    ends, z = _ends(sides, other), deviations(level)
+    return value - ends.below(z), value + ends.above(z)
 
 
 def _both_spread(sides: Sides) -> bool:
@@ -82,14 +106,5 @@ def _both_spread(sides: Sides) -> bool:
     return all((np.nan_to_num(x) != 0.0).any() for x in (*sides, sides.of_difference))
 
 
-def _limits(sides: Sides, correlation: float, z: float, other: float) -> tuple[float, float]:
-    """How far below and above the difference its limits lie at z standard deviations."""
-    (first_below, first_above), (second_below, second_above) = (limits(x, z) for x in sides)
-
-    def together(a: float, b: float) -> float:
-        if not a + b < inf:
-            return inf
-        square = a * a + b * b - 2.0 * correlation * a * b
-        return sqrt(max(square, 0.0) + z * z * other * other)
-
-    return together(first_below, second_above), together(first_above, second_below)
+def _ends(sides: Sides, other: float) -> _Ends:
+    return _Ends(spread(sides.first), spread(sides.second), sides.correlation, other)

@@ -31,12 +31,20 @@ HEAVY = 2.0
 """Index of a tail below which a variance, and with it a standard error, need not exist."""
 
 
-class _Spread(NamedTuple):
+class Spread(NamedTuple):
     """Standard error, Hall's ``a``, degrees of freedom."""
 
     stderr: float
     skewness: float
     freedom: float
+
+    def below(self, z: float) -> float:
+        """How far below the number the hypothesis lies that is z standard deviations off."""
+        return self.stderr * _inverse(t_of_normal(z, self.freedom), self.skewness)
+
+    def above(self, z: float) -> float:
+        """How far above it."""
+        return -self.below(-z)
 
 
 @np.errstate(all="ignore")
@@ -46,7 +54,7 @@ def studentised(value: float, influences: Array, other: float = 0.0) -> float:
     ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
     error: for fewer than two runs, and for 0 / 0.
     """
-    found = _spread(influences, other)
+    found = spread(influences, other)
     T, a = float(np.divide(value, found.stderr)), found.skewness
     if a != 0.0:
         T += a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
@@ -93,17 +101,8 @@ def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
     """Confidence interval of the number: all hypotheses that `studentised` does not exclude."""
-    below, above = limits(influences, deviations(level), other)
-    return value - below, value + above
-
-
-@np.errstate(all="ignore")
-def limits(influences: Array, z: float, other: float = 0.0) -> tuple[float, float]:
-    """How far below and above the number the hypotheses lie that are z standard deviations off."""
-    found = _spread(influences, other)
-    width = t_of_normal(z, found.freedom)
-    below, above = (found.stderr * _inverse(y, found.skewness) for y in (width, -width))
-    return below, -above
+    found, z = spread(influences, other), deviations(level)
+    return value - found.below(z), value + found.above(z)
 
 
 def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -167,22 +166,22 @@ def dominance(influences: Array) -> float:
     return float(squares.max() / total(squares)) if len(squares) else np.nan
 
 
-def _spread(influences: Array, other: float) -> _Spread:
+def spread(influences: Array, other: float = 0.0) -> Spread:
     """Of the mean of the influences; what is normal beside them dilutes skewness and kurtosis."""
     x = influences[~np.isnan(influences)]
     M = len(x)
     if M < 2:
-        return _Spread(np.nan, np.nan, np.nan)
+        return Spread(np.nan, np.nan, np.nan)
     stderr = float(np.sqrt(total(np.square(x)) / (M * (M - 1.0))))
     whole = float(np.sqrt(stderr * stderr + other * other))
     if not stderr > 0.0:
-        return _Spread(whole, 0.0, np.inf if whole > 0.0 else M - 1.0)
+        return Spread(whole, 0.0, np.inf if whole > 0.0 else M - 1.0)
     unit = x / (stderr * np.sqrt(M - 1.0))  # so that the mean square is one
     squares, share = np.square(unit), stderr / whole
     kurtosis = float(total(np.square(squares))) / M
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
-    return _Spread(whole, float(a), freedom / share**4)
+    return Spread(whole, float(a), freedom / share**4)
 
 
 def _inverse(y: float, a: float) -> float:

@@ -28,7 +28,8 @@ def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
 
 def shortened(numbers: Iterable[float], digits: int) -> list[str]:
     """Numbers of so many significant digits as `csv` writes them, in half its time."""
-    texts = map(f"{{:.{digits}g}}".format, numbers)
+    spec = f".{digits}g"
+    texts = [format(x, spec) for x in numbers]
     return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
 
 
@@ -119,6 +120,19 @@ class CsvWriter:
         """Write all of them."""
         left = iter(rows)
         while some := list(islice(left, _AT_ONCE)):
-            text = StringIO()
-            csv.writer(text, lineterminator="\n").writerows(some)
-            self._file.write(text.getvalue().encode())
+            self.write(_lines(some))
+
+    def write(self, text: str) -> None:
+        """Write lines that are a CSV's already."""
+        self._file.write(text.encode())
+
+
+def fields(row: Row) -> str:
+    """A row's beginning, or all of it, as a CSV has it between its commas."""
+    return _lines([row])[:-1]
+
+
+def _lines(rows: Iterable[Row]) -> str:
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

@@ -3,9 +3,9 @@
 import json
 import re
 from collections.abc import Iterator
+from html import escape
 from itertools import count
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
         ensure_ascii=False,
     )
     content = _MARK.sub(r'data-\1="\2"', content)
-    quoted = escape(told, {'"': "&quot;"})
+    quoted = escape(told, quote=False).replace('"', "&quot;")
     return content.replace("<svg ", f'<svg data-live="{quoted}" ', 1)
 
 

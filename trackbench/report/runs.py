@@ -21,12 +21,15 @@ def read_runs(
     """The filters' runs by the values of the grid's columns, whose texts stand for what is given."""
     rows = csv.reader(file)
     head = next(rows)
-    value, found = head.index("value"), dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]]()
+    value, found = (
+        itemgetter(head.index("value")),
+        dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]](),
+    )
     keys = itemgetter(*(head.index(name) for name in (*grid, "filter", "metric")))
     for (*texts, label, metric), group in groupby(rows, keys):
         if label in labels:
             point = tuple(parse(text) for parse, text in zip(grid.values(), texts, strict=True))
-            values = np.fromiter((float(row[value]) for row in group), float)
+            values = np.fromiter(map(float, map(value, group)), float)
             found.setdefault(point, {}).setdefault((label, metric), []).append(values)
     return {
         point: {key: np.concatenate(parts) for key, parts in runs.items()}

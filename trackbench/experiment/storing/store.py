@@ -1,8 +1,7 @@
 """The files of a results folder, each written whole or not at all."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,15 @@ from trackbench.evaluation.summary import (
     summary_rows,
 )
 from trackbench.experiment.computing.runner import Outcome
-from trackbench.experiment.files import CsvWriter, Row, made, replacing, shortened, write_text
+from trackbench.experiment.files import (
+    CsvWriter,
+    Row,
+    fields,
+    made,
+    replacing,
+    shortened,
+    write_text,
+)
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.asked import Shared, shared
 from trackbench.experiment.reading.definition import Experiment
@@ -110,6 +117,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
             for name in _FRAMES:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
+            _write_runs(writers["per_run.csv"], experiment, key, result)
             for collection in kept.values():
                 collection.add(key, result)
         for name, writer in writers.items():
@@ -140,34 +148,36 @@ def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
 
 def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
-    point, label = experiment.points[key[0]], key[1]
-    prefix = [*point.values.values(), label]
     columns, rows = _FRAMES[name]
     wanted = kept_metrics(experiment.settings, name)
-    if wanted is not None and not wanted:
+    if rows is None or (wanted is not None and not wanted):
         return
     if wanted is not None:  # a summary of what is not kept is never asked for
         kept = {m: x for m, x in result.per_run.items() if measured(m).base in {"lost", *wanted}}
         result = result._replace(per_run=kept)
-    if name == "per_run.csv":
-        yield from _run_rows(prefix, result, wanted)
-        return
+    prefix = _prefix(experiment, key)
     metric = columns.index("metric") - 1 if "metric" in columns else None
-    for row in rows(result, point.scenario):
+    for row in rows(result, experiment.points[key[0]].scenario):
         if metric is None or wanted is None or measured(row[metric]).base in wanted:
             yield [*prefix, *_plain(row, DIGITS.get(name))]
 
 
-def _run_rows(
-    prefix: list[Any], result: FilterResult, wanted: Collection[str] | None
-) -> Iterator[Row]:
-    """Rows of per_run.csv, a metric at a time, since there are hundreds of thousands."""
+def _prefix(experiment: Experiment, key: Key) -> list[Any]:
+    return [*experiment.points[key[0]].values.values(), key[1]]
+
+
+def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
+    """Rows of per_run.csv, a metric at a time and not by `csv`: there are hundreds of thousands."""
+    head, wanted = (
+        fields(_prefix(experiment, key)),
+        kept_metrics(experiment.settings, "per_run.csv"),
+    )
     for metric, values in result.per_run.items():
         if wanted is None or measured(metric).base in wanted:
-            plain = values.tolist()
+            plain, name = values.tolist(), fields([metric])
             if values.dtype.kind == "f":
                 plain = shortened(plain, DIGITS["per_run.csv"])
-            yield from zip(*map(repeat, prefix), range(len(plain)), repeat(metric), plain)
+            writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
