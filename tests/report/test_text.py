@@ -68,3 +68,12 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
     assert r"\label{tab:errors}" in text
     assert text.count(r"\bfseries") == 1
     assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text
+
+
+def test_an_error_keeps_a_digit_however_small():
+    assert rounded(2293.6, 0.034, 4) == "2293.60 ± 0.03"
+    assert rounded(-2293.4, 0.96, 4) == "-2293.4 ± 1.0"
+    assert rounded(0.46410162, 3.2e-5, 4) == "0.46410 ± 0.00003"
+    assert rounded(0.46410162, 3.2e-9, 4) == "4.64e-01 ± 3.2e-09"
+    assert rounded(0.3164, 0.0123, 4) == "0.316 ± 0.012"
+    assert rounded(1.0, 0.0, 4) == "1.000 ± 0.000"

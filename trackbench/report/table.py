@@ -142,12 +142,13 @@ class Table:
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
-    """Value and standard error to the same decimal place, the error with two digits."""
+    """Value and standard error to the same decimal place, the error with one digit or two."""
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)
     if isfinite(stderr) and stderr > 0:
-        decimals = min(decimals, 1 - _exponent(stderr)) if value else 1 - _exponent(stderr)
+        place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
+        decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
     if decimals > 7 or abs(value) >= 1e6:
         return f"{value:.2e} ± {stderr:.1e}" if isfinite(stderr) else f"{value:.2e}"
