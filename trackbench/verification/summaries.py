@@ -1,7 +1,7 @@
 """summary.csv held against per_run.csv, from which most of it follows."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,19 +23,53 @@ _FEW = 6
 """Runs, or different values, that are moved one by one: few may be rounded in none of those ways."""
 
 
+class Column:
+    """The rows of a metric as they follow from its rounded values (M,), and their room by that."""
+
+    def __init__(self, x: Array, make: Callable[[Array], list[SummaryRow]]) -> None:
+        self._x, self._make = x, make
+        self.rows = make(x)
+
+    @cached_property
+    @np.errstate(all="ignore")
+    def rooms(self) -> list[list[float]]:
+        """How far value and error of each row may be off by how the values were rounded.
+
+        All of them up, apart or askew, and back; or, of a few different ones, each as it makes things
+        worse.
+        """
+        x, half = (
+            self._x,
+            HALF["per_run.csv"] * np.where(np.isfinite(self._x), np.abs(self._x), 0.0),
+        )
+        sides = (1.0, _apart(x), _apart(x, 3))
+        together = [self._off(x + sign * half * side) for side in sides for sign in (1.0, -1.0)]
+        nothing = np.zeros((len(self.rows), 2))
+        each = sum((self._off(x + half * part) for part in _parts(x)), nothing)
+        rooms: list[list[float]] = (_MARGIN * np.max([*together, each], axis=0)).tolist()
+        return rooms
+
+    def _off(self, values: Array) -> Array:
+        """What becomes of value and error of the rows (rows, 2); not a number where they are none."""
+        return np.abs(_numbers(self._make(values)) - _numbers(self.rows))
+
+
 class Bounded(NamedTuple):
     """A row as it follows from rounded values, and how far value and error may be off by that."""
 
     row: SummaryRow
-    value_room: float
-    stderr_room: float
+    column: Column
+    place: int
 
     def holds(self, stored: SummaryRow) -> bool:
-        """Whether a stored row, rounded itself, may be this one."""
-        return (
-            (stored.runs, stored.lost) == (self.row.runs, self.row.lost)
-            and near(stored.value, self.row.value, self.value_room)
-            and near(stored.stderr, self.row.stderr, self.stderr_room)
+        """Whether a stored row, rounded itself, may be this one; the room is found if it is needed."""
+        if (stored.runs, stored.lost) != (self.row.runs, self.row.lost):
+            return False
+        return self._is(stored, (0.0, 0.0)) or self._is(stored, self.column.rooms[self.place])
+
+    def _is(self, stored: SummaryRow, room: Sequence[float]) -> bool:
+        return near(stored.value, self.row.value, room[0]) and near(
+            stored.stderr, self.row.stderr, room[1]
         )
 
 
@@ -98,39 +132,18 @@ def _found(
     return found
 
 
+def bounded(runs: dict[str, Array], sizes: Mapping[str, int]) -> Iterator[Bounded]:
+    """The rows of one filter, with their room; ``sizes`` are as `summary_rows` takes them."""
+    for name, x in runs.items():
+        if name != "lost":
+            column = Column(x, partial(_rows, name, lost=runs["lost"], sizes=sizes))
+            for place, row in enumerate(column.rows):
+                yield Bounded(row, column, place)
+
+
 @np.errstate(all="ignore")
-def bounded(runs: dict[str, Array], sizes: Mapping[str, int]) -> list[Bounded]:
-    """The rows of one filter; their room from moving the values to where they may have been.
-
-    ``sizes`` are as `summary_rows` takes them.
-    """
-    columns = (
-        _of_column(x, partial(_rows, name, lost=runs["lost"], sizes=sizes))
-        for name, x in runs.items()
-        if name != "lost"
-    )
-    return [row for column in columns for row in column]
-
-
 def _rows(name: str, x: Array, lost: Array, sizes: Mapping[str, int]) -> list[SummaryRow]:
     return list(summary_rows(FilterResult({"lost": lost, name: x}, {}, {}, None, []), sizes, {}))
-
-
-def _of_column(x: Array, make: Callable[[Array], list[SummaryRow]]) -> Iterator[Bounded]:
-    """The rows of a metric, and how far they may be off by how its values (M,) were rounded.
-
-    All of them up, apart or askew, and back; or, of a few different ones, each as it makes things worse.
-    """
-
-    def off(values: Array) -> Array:  # (rows, 2); not a number where they are none
-        return np.abs(_numbers(make(values)) - _numbers(found))
-
-    found, half = make(x), HALF["per_run.csv"] * np.where(np.isfinite(x), np.abs(x), 0.0)
-    sides = (1.0, _apart(x), _apart(x, 3))
-    together = [off(x + sign * half * side) for side in sides for sign in (1.0, -1.0)]
-    each = sum((off(x + half * part) for part in _parts(x)), np.zeros((len(found), 2)))
-    rooms = _MARGIN * np.max([*together, each], axis=0)
-    return (Bounded(row, *room) for row, room in zip(found, rooms.tolist(), strict=True))
 
 
 def _numbers(rows: list[SummaryRow]) -> Array:
