@@ -12,7 +12,8 @@ from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading.checks import check_fit
 from trackbench.experiment.reading.source import Source
 from trackbench.models.assumed import Assume
-from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.base import Motion
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.given import Given
 from trackbench.scenarios.targets.measured import Measured
@@ -75,14 +76,33 @@ def test_keys_that_mean_nothing_here_are_refused(kind: str, keys: dict[str, Any]
     assert key in tracker.conflicts(banana(scans=4))
 
 
+def imm(larger: Motion, kind: str, **keys: Any) -> Any:
+    motions = (ConstantVelocity(q=1.0), larger)
+    filter_ = make_filter(kind, **keys)
+    return make_filter("imm", filter=filter_, motions=motions, transition=((0.9, 0.1), (0.1, 0.9)))
+
+
 @pytest.mark.parametrize("kind", ["cmkf", "mcaekf"])
 def test_an_imm_needs_the_sensor_that_its_models_filter_needs(kind: str) -> None:
-    tracker: Any = make_filter(
-        "imm",
-        filter=make_filter(kind),
-        motions=(ConstantVelocity(q=0.0), ConstantVelocity(q=1.0)),
-        transition=((0.9, 0.1), (0.1, 0.9)),
-    )
+    tracker = imm(ConstantVelocity(q=0.0), kind)
     (refused,) = refusals(tracker, maneuver())
     assert "imm needs a sensor of range and azimuth" in refused.what
     assert refusals(tracker, banana(scans=4)) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "key"),
+    [
+        ("ekf", {"R": 1.0}, "filter.R"),
+        ("ckf", {"start": "mucm"}, "filter.start"),
+        ("ukf", {"noise": "additive", "kappa": -5.0}, "filter.kappa"),
+        ("ghkf", {"order": 6}, "filter.order"),
+    ],
+)
+def test_an_imm_refuses_what_its_models_filter_does(
+    kind: str, keys: dict[str, Any], key: str
+) -> None:
+    """Also of the larger model alone: 6^6 points are too many, 6^4 are not."""
+    (refused,) = refusals(imm(ConstantAcceleration(q=1.0), kind, **keys), maneuver())
+    assert refused.path == f"f.{key}"
+    assert refusals(imm(ConstantAcceleration(q=1.0), kind), maneuver()) == []

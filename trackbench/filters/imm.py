@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixing import (
@@ -22,7 +22,7 @@ from trackbench.filters.extended import EKF
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.filters.jumping import JumpMarkov, own_components
 from trackbench.keys import MistakenKeyError, PartOf
-from trackbench.models.base import Model, extra_std
+from trackbench.models.base import Model, Scene, extra_std
 from trackbench.models.extended import extended_gaussian
 from trackbench.registry import register
 
@@ -69,6 +69,13 @@ class IMM(JumpMarkov[Models]):
     def needed(self) -> tuple[str, ...]:
         """Of sensor and start also what the models' filter needs; their motions are its own."""
         return (*self.needs, *(n for n in self.filter.needs if not n.startswith("motion.")))
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """What the models' filter cannot do with one of them."""
+        found: dict[str, str] = {}
+        for own in self.models(scenario.model):
+            found |= self.filter.conflicts(_Believed(scenario, own))
+        return {f"filter.{key}".rstrip("."): what for key, what in found.items()}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
         """The prior in every model."""
@@ -128,3 +135,26 @@ class IMM(JumpMarkov[Models]):
     def diagnostics(self, state: Models) -> dict[str, Array]:
         """``nis``: the models' mean NIS by predicted weight; ``mode``: weight of all but the first."""
         return {"nis": state.nis, "mode": 1.0 - state.weights[0]}
+
+
+class _Believed(Scene):
+    """A scenario as the filter of one model sees it."""
+
+    def __init__(self, scenario: Scene, model: Model) -> None:
+        self._scenario, self._model = scenario, model
+
+    @property
+    def model(self) -> Model:
+        return self._model
+
+    @property
+    def steps(self) -> Index:
+        return self._scenario.steps
+
+    @property
+    def times(self) -> Array:
+        return self._scenario.times
+
+    @property
+    def prior_kind(self) -> type[Distribution]:
+        return self._scenario.prior_kind
