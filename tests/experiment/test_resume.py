@@ -269,10 +269,10 @@ def test_another_version_of_the_code_computes_again(
     assert manifest(again)["blocks"] == {"computed": 8, "reused": 0}
     same_results(again, good)
     size = cache.cache_size(tmp_path / "cache")
-    assert (size.blocks, size.old_blocks) == (8, 8)
+    assert (size.blocks.number, size.old_blocks.number) == (8, 8)
     cache.clear_cache(tmp_path / "cache", old_only=True)
     size = cache.cache_size(tmp_path / "cache")
-    assert (size.blocks, size.old_blocks) == (8, 0)
+    assert (size.blocks.number, size.old_blocks.number) == (8, 0)
 
 
 def test_the_code_digest_follows_the_source(

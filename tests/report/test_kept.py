@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from trackbench import api
-from trackbench.experiment.computing.cache import cache_folder, clear_cache
+from trackbench.experiment.computing.cache import cache_folder, cache_size, clear_cache
 from trackbench.report import drawers
 from trackbench.report.drawers import drawing, drawn
 from trackbench.report.kept import KeptFigures
@@ -35,7 +35,9 @@ def test_what_was_drawn_is_not_drawn_again(folder: Path, monkeypatch: pytest.Mon
     assert files(folder, fresh=False) == first
     with pytest.raises(TypeError):
         files(folder, fresh=True)
+    assert cache_size(cache_folder()).figures.number == len(first)
     clear_cache(cache_folder())
+    assert cache_size(cache_folder()).figures == (0, 0)
     with pytest.raises(TypeError):
         files(folder, fresh=False)
 

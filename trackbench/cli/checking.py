@@ -36,23 +36,29 @@ def check(
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="remove every block")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="remove all of it")] = False,
     prune: Annotated[
         bool, typer.Option("--prune", help="remove blocks that other versions of the code made")
     ] = False,
 ) -> None:
-    """Show or clear the finished blocks that are kept for the next run."""
-    from trackbench.experiment.computing.cache import cache_folder, cache_size, clear_cache
+    """Show or clear what is kept for the next run: finished blocks, drawn figures."""
+    from trackbench.experiment.computing.cache import Held, cache_folder, cache_size, clear_cache
     from trackbench.experiment.problems import counted
 
     root = cache_folder()
     if clear or prune:
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
-    typer.echo(f"{root}/: {counted(size.blocks, 'block')}, {size.bytes / 1e6:.1f} MB")
-    if size.old_blocks:
-        old = f"{counted(size.old_blocks, 'block')}, {size.old_bytes / 1e6:.1f} MB"
+
+    def told(held: Held, word: str = "block") -> str:
+        return f"{counted(held.number, word)}, {held.bytes / 1e6:.1f} MB"
+
+    typer.echo(f"{root}/: {told(size.blocks)}")
+    if size.old_blocks.number:
+        old = told(size.old_blocks)
         typer.echo(f"of other versions of the code: {old}; remove them with --prune")
+    if size.figures.number:
+        typer.echo(f"drawn before: {told(size.figures, 'figure file')}; they go with the blocks")
 
 
 def _check_config(config: Path, options: "Options", json: bool) -> None:

@@ -8,8 +8,10 @@ figures that were drawn.
 
 import os
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.experiment.computing.codec import decode, encode
@@ -67,25 +69,32 @@ class BlockStore:
         return self.root / "blocks" / code_digest()[:_CODE_DIGITS] / key[:2] / f"{key}.block"
 
 
-@dataclass(frozen=True)
-class CacheSize:
-    """Number of blocks and their bytes: of this version of the code, and of others."""
+class Held(NamedTuple):
+    """Number of files and their bytes."""
 
-    blocks: int
+    number: int
     bytes: int
-    old_blocks: int
-    old_bytes: int
+
+    @classmethod
+    def of(cls, folders: Iterable[Path]) -> "Held":
+        """What some folders hold."""
+        files = [path for folder in folders for path in folder.rglob("*.*") if path.is_file()]
+        return cls(len(files), sum(path.stat().st_size for path in files))
+
+
+class CacheSize(NamedTuple):
+    """What a cache folder holds: blocks of this version of the code and of others, and figures."""
+
+    blocks: Held
+    old_blocks: Held
+    figures: Held
 
 
 def cache_size(root: Path) -> CacheSize:
     """What a cache folder holds."""
-    counts = {True: [0, 0], False: [0, 0]}
-    for folder in _versions(root):
-        found = counts[folder.name == code_digest()[:_CODE_DIGITS]]
-        for file in folder.rglob("*.block"):
-            found[0] += 1
-            found[1] += file.stat().st_size
-    return CacheSize(*counts[True], *counts[False])
+    now = code_digest()[:_CODE_DIGITS]
+    mine, others = ([f for f in _versions(root) if (f.name == now) is own] for own in (True, False))
+    return CacheSize(Held.of(mine), Held.of(others), Held.of([root / "figures"]))
 
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
