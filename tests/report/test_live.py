@@ -56,6 +56,10 @@ def test_values_read_off_are_those_of_the_file(made, log):
         np.testing.assert_allclose(found[:, 0], rows["step"], atol=0.01)
         scale = 0.0 if log else 1e-3 * axes["y"]["ends"][1]
         np.testing.assert_allclose(found[:, 1], rows["value"], rtol=0.003, atol=scale)
+        steps, errors = axes["errors"][str(number)]
+        known = frame[(frame["filter"] == label) & (frame["stderr"] > 0)]
+        assert steps == known["step"].tolist()
+        np.testing.assert_allclose(errors, known["stderr"], rtol=0.06)
 
 
 def test_a_label_is_told_as_it_is(made, hostile):

@@ -2,8 +2,11 @@
 
 import io
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from trackbench.core.arrays import Array
 
 _DPI = 150
 
@@ -14,6 +17,8 @@ class Canvas(Figure):
     def __init__(self, width_in: float, height_in: float) -> None:
         super().__init__(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(self)
+        self.errors: dict[tuple[Axes, str], tuple[Array, Array]] = {}
+        """abscissas and standard errors (n,) by axes and label, to be read off the page"""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """The picture, and its size on the page in pixels, which are 1/100 in."""

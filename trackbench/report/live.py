@@ -54,7 +54,7 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
     if not labels:
         return content
     told = json.dumps(
-        {"labels": labels, "axes": [_told(figure, ax) for ax in _panels(figure)]},
+        {"labels": labels, "axes": [_told(figure, ax, labels) for ax in _panels(figure)]},
         ensure_ascii=False,
     )
     content = _MARK.sub(r'data-\1="\2"', content)
@@ -91,8 +91,8 @@ def _is_called_zero(ax: "Axes", tick: float) -> bool:
     return ax.xaxis.get_major_formatter()(tick, None) == "0"
 
 
-def _told(figure: "Figure", ax: "Axes") -> dict[str, Any]:
-    """Left, top, right and bottom in the SVG's points; ends, scale and sharers of both axes."""
+def _told(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
+    """Left, top, right and bottom in the SVG's points; ends, scale and sharers of both axes; errors."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()
     corners = (box.x0 * width, (1 - box.y1) * height, box.x1 * width, (1 - box.y0) * height)
@@ -109,4 +109,22 @@ def _told(figure: "Figure", ax: "Axes") -> dict[str, Any]:
     if zeros:
         told["x"]["zero"] = zeros[0]
     told["equal"] = ax.get_aspect() != "auto"
+    told["errors"] = dict(_errors(figure, ax, labels))
     return told
+
+
+def _errors(
+    figure: "Figure", ax: "Axes", labels: list[str]
+) -> Iterator[tuple[int, list[list[float]]]]:
+    """Abscissas and standard errors there of the curves, by number, as far as they are known."""
+    from trackbench.report.canvas import Canvas
+
+    known = figure.errors if isinstance(figure, Canvas) else {}
+    for (where, label), (x, stderr) in known.items():
+        if where is ax and label in labels:
+            there = np.isfinite(stderr) & (stderr > 0)
+            columns = ((x, "{:.9g}"), (stderr, "{:.2g}"))
+            yield (
+                labels.index(label),
+                [[float(form.format(v)) for v in c[there]] for c, form in columns],
+            )

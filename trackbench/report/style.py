@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trackbench.core.arrays import Array
 from trackbench.report import live, wording
 from trackbench.report.paper import sheet
@@ -71,13 +73,28 @@ def line(index: int) -> dict[str, Any]:
 
 
 def spread(
-    ax: "Axes", x: Array, low: Array, high: Array, look: dict[str, Any], place: int, places: int
+    ax: "Axes",
+    x: Array,
+    value: Array,
+    stderr: Array,
+    look: dict[str, Any],
+    place: int,
+    places: int,
+    log: bool = False,
 ) -> None:
-    """Two standard errors around the line at ``place`` of so many, said in the legend.
+    """Two standard errors around the line at ``place`` of so many, said in the legend and on the page.
 
     A band; where there are more than three, which would lie over each other to a grey, bars at some
-    of the x, no two lines' at the same.
+    of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
     """
+    from trackbench.report.canvas import Canvas
+
+    figure = ax.get_figure()
+    if isinstance(figure, Canvas):
+        figure.errors[ax, look["label"]] = (x, stderr)
+    low, high = value - 2 * stderr, value + 2 * stderr
+    if log:
+        low = np.maximum(low, 0.1 * value)
     whose = {"color": look["color"], "label": f"_{look['label']}"}
     if places <= _MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, **whose)

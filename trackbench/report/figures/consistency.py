@@ -81,8 +81,7 @@ class Bias(OverTime):
                 for i, (rows, look) in enumerate(lines):
                     k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
                     ax.plot(k, value, **look)
-                    low, high = value - 2 * stderr, value + 2 * stderr
-                    style.spread(ax, k, low, high, look, i, len(lines))
+                    style.spread(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):

@@ -143,9 +143,7 @@ class RmseVsTime(OverTime):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
                 ax.plot(k, value, **look)
-                low = value - 2 * stderr
-                low = np.maximum(low, 0.1 * value) if self.log else low
-                style.spread(ax, k, low, value + 2 * stderr, look, i, len(lines))
+                style.spread(ax, k, value, stderr, look, i, len(lines), self.log)
         return self.finish(figure)
 
 

@@ -135,6 +135,11 @@
       const [left, top, right, bottom] = this.box;
       return x >= left && x <= right && y >= top && y <= bottom;
     }
+    // The standard error of a curve at a point of its own.
+    error({ number }, x) {
+      const [values, errors] = this.told.errors[number] ?? [[], []], [left, , right] = this.box;
+      return errors[values.findIndex((value) => Math.abs(place(this.told.x, left, right, value) - x) < 0.05)];
+    }
     // What the curves say at the abscissa of a point of the drawing; of tracks, the nearest point.
     read([x, y]) {
       const found = [], shown = this.curves.filter(({ number }) => !this.figure.hidden.has(number));
@@ -150,7 +155,8 @@
         if (i < 0 || (i === 0 && points[0][0] > snapped[0] + 1e-6)) continue;  // it does not reach so far
         const here = points[i][0] - snapped[0] < 1e-6 ? 1 : (snapped[0] - points[i - 1][0]) / (points[i][0] - points[i - 1][0]);
         const between = (list) => (here === 1 ? list[i] : list[i].map((b, k) => list[i - 1][k] + here * (b - list[i - 1][k])));
-        found.push({ curve, at: between(points), value: this.value(between(curve.points)) });
+        const error = here === 1 ? this.error(curve, curve.points[i][0]) : undefined;
+        found.push({ curve, at: between(points), value: this.value(between(curve.points)), error });
       }
       return found.sort((a, b) => b.value[1] - a.value[1]);
     }
@@ -160,6 +166,16 @@
     let best, least = Infinity;
     for (const point of points) if (distance(point) < least) [best, least] = [point, distance(point)];
     return [least, best];
+  };
+
+  const digits = (value) => String(+value.toPrecision(3));
+  const exponent = (number) => Math.floor(Math.log10(Math.abs(number)));
+  // As in the tables: to the same place, which is the error's first or second digit.
+  const withError = (value, error) => {
+    if (!(error > 0)) return digits(value);
+    const first = -exponent(error), places = value ? Math.min(Math.max(3 - exponent(value), first), first + 1) : first + 1;
+    if (places > 7 || Math.abs(value) >= 1e6) return `${value.toExponential(2)} ± ${error.toExponential(1)}`;
+    return [value, error].map((x) => x.toFixed(Math.max(places, 0))).join(" ± ");
   };
 
   const ticks = ({ log, ends: [low, high] }) => {
@@ -339,16 +355,16 @@
       this.cursor?.remove();
       this.note.hidden = !rows.length;
       if (!rows.length) return;
-      const [left, top, right, bottom] = panel.box, x = rows[0].at[0], digits = (v) => String(+v.toPrecision(3));
+      const [left, top, right, bottom] = panel.box, x = rows[0].at[0];
       this.last = { panel, x };
       const { zero } = panel.told.x, first = rows[0].value[0];
       this.cursor = node("g", { "pointer-events": "none" }, this.svg);
       if (panel.single) node("line", { x1: x, x2: x, y1: top, y2: bottom, class: "cursor" }, this.cursor);
       for (const row of rows) if (panel.inside(row.at)) node("circle", { cx: row.at[0], cy: row.at[1], r: 2.2, fill: row.curve.colour }, this.cursor);
-      const lines = rows.map(({ curve, value }) => {
+      const lines = rows.map(({ curve, value, error }) => {
         const line = document.createElement("div"), dot = document.createElement("i"), number = document.createElement("b");
         dot.style.background = curve.colour;
-        number.textContent = panel.single ? digits(value[1]) : value.map(digits).join(", ");
+        number.textContent = panel.single ? withError(value[1], error) : value.map(digits).join(", ");
         line.append(dot, `${this.told.labels[curve.number]} `, number);
         return line;
       });
