@@ -63,17 +63,12 @@ def hints_of(cls: type[Any]) -> dict[str, Any]:
 
 def file_keys(cls: type[Any]) -> frozenset[str]:
     """Keys of a dataclass that are paths of data files."""
-    return _file_keys(cast(Any, cls))
+    return frozenset(name for name, hint in hints_of(cls).items() if _is_file(hint))
 
 
 def _is_file(hint: Any) -> bool:
     options = (hint, *get_args(hint))
     return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
-
-
-@cache
-def _file_keys(cls: Any) -> frozenset[str]:
-    return frozenset(name for name, hint in _hints(cls).items() if _is_file(hint))
 
 
 @cache
@@ -182,17 +177,18 @@ def _within(cls: type[Any], path: Keys) -> type[Any] | None:
     for key in path:
         if isinstance(key, int):
             continue
-        inner = _dataclasses(get_type_hints(found).get(key))
+        inner = dataclasses_in(get_type_hints(found).get(key))
         if len(inner) != 1:
             return None
         found = inner[0]
     return found
 
 
-def _dataclasses(hint: Any) -> list[type[Any]]:
+def dataclasses_in(hint: Any) -> list[type[Any]]:
+    """The dataclasses that a value of this type, or an item of it, may be."""
     if isinstance(hint, type) and is_dataclass(hint):
         return [hint]
-    return [cls for option in get_args(hint) for cls in _dataclasses(option)]
+    return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
 def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
