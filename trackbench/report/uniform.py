@@ -62,10 +62,9 @@ def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniform
     tests = [
         (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
     ]
-    bad: dict[str, dict[str, None]] = {}
+    bad: dict[str, list[str]] = {}
     for (label, head, _), p in zip(tests, holm(np.array([p for _, _, p in tests])), strict=True):
-        if p < alpha:
-            bad.setdefault(label, {})[head] = None
+        if p < alpha and head not in bad.setdefault(label, []):
+            bad[label].append(head)
     good = [label for label, _, _ in tests if label not in bad]
-    found_bad = {label: list(heads) for label, heads in bad.items()}
-    return Uniformity(found_bad, list(dict.fromkeys(good)), len(tests))
+    return Uniformity(bad, list(dict.fromkeys(good)), len(tests))

@@ -145,9 +145,7 @@ def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -
     levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
-    better = metric.family[0].better
-    levels = {b: abs(x - 1.0) if better == "one" else x for b, x in levels.items()}
-    best = (max if better == "higher" else min)(levels, key=levels.__getitem__)
+    best = [*levels][_best(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
 
 
