@@ -20,7 +20,7 @@ from trackbench.scenarios.recordings.recording import Clock, laid_out, one_clock
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.recordings.truths import truth_at
 from trackbench.scenarios.starts.base import Start, locating
-from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
 
 
 class Recording(NamedTuple):
@@ -202,6 +202,4 @@ class Measured(FromFiles, Naming, Target):
         if squared is None:
             return {}
         peaks = {n: np.sqrt(np.fmax.reduce(squared[m], axis=0)) for n, m in scored.windows.items()}
-        out = {f"peak_position[{n}]" if n else "peak_position": p for n, p in peaks.items()}
-        strayed = (peaks[""] > STRAY * scored.sigma).astype(float)
-        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+        return scored.of_peaks(peaks)
