@@ -131,9 +131,8 @@ def names_of(
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
-        found: dict[
-            frozenset[str], set[str]
-        ] = {}  # by what they count: series are named one by one
+        # By what they count: series are named one by one.
+        found: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_foretold(settings, point.scenario, tracker))

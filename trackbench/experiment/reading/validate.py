@@ -97,11 +97,7 @@ def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
 
 
 def build(
-    cls: type[T],
-    source: Source,
-    keys: Keys,
-    parts: Sequence[Any] = (),
-    also: Sequence[str] = (),
+    cls: type[T], source: Source, keys: Keys, parts: Sequence[Any] = (), also: Sequence[str] = ()
 ) -> T | None:
     """The dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from trackbench.registry import register
 from trackbench.report import style, wording
@@ -63,10 +63,8 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
         height = min(t.objective, top)
         ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
     if isfinite(best.objective):
-        where, bar = x(best.values[axis.key]), best.stderr
-        ax.errorbar(
-            where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4
-        )
+        look: Any = {"fmt": "D", "color": style.COLOURS[1], "capsize": 2, "zorder": 4}
+        ax.errorbar(x(best.values[axis.key]), best.objective, best.stderr, **look)
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:
