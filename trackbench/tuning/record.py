@@ -43,7 +43,7 @@ class Trial(NamedTuple):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """What orders trials."""
+        """What orders trials: one that loses fewer runs comes first, whatever its error."""
         return self.lost, self.objective if isfinite(self.objective) else inf
 
 
