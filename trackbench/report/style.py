@@ -27,6 +27,8 @@ FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth"
 BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
+BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "lw": 0}
+"""Look of where a filter without fault is found."""
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 
 SPREAD = "± 2 standard errors"

@@ -20,6 +20,7 @@ from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
+from trackbench.keys import is_number
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
@@ -167,7 +168,7 @@ def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
 def _numbers(tracker: AnyFilter) -> set[str]:
     """The keys of a filter that are numbers."""
     values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
-    return {k for k, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+    return {key for key, value in values.items() if is_number(value)}
 
 
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:

@@ -170,11 +170,8 @@ class Reliability(Curves):
                     most = max(most, runs)
             if most and self.metric.steps:
                 width = kolmogorov_band(most, self.level)
-                name = f"{100 * self.level:g} % band"
-                ends = np.array([0.0, 1.0])
-                ax.fill_between(
-                    ends, ends - width, ends + width, color="black", alpha=0.15, lw=0, label=name
-                )
+                name, ends = f"{100 * self.level:g} % band", np.array([0.0, 1.0])
+                ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
         style.legend_outside(figure, figure.axes)
         return figure

@@ -56,8 +56,7 @@ class Anees(OverTime):
                     ax.plot(rows[self.x], rows["value"], **look)
                     runs = max(runs, int(rows["runs"].max()))
             band = anees_band(self.n_x, runs, self.level)
-            name = f"{100 * self.level:g} % band"
-            ax.axhspan(*band, label=name, color="black", alpha=0.15, linewidth=0)
+            ax.axhspan(*band, label=f"{100 * self.level:g} % band", **style.BAND)
         return self.finish(figure)
 
 

@@ -56,9 +56,7 @@ class Nis(OverTime):
                     band = max(band, (k, number), key=lambda b: len(b[0]))
             if len(band[0]):
                 low, high = np.array([anees_band(1, round(n)) for n in band[1]]).T
-                ax.fill_between(
-                    band[0], low, high, color="black", alpha=0.15, lw=0, label="95 % band"
-                )
+                ax.fill_between(band[0], low, high, label="95 % band", **style.BAND)
             ax.axhline(1.0, color="black", linewidth=0.6)
         return self.finish(figure)
 
@@ -101,7 +99,7 @@ class Autocorrelation(Curves):
                     most = max(most, found[label, "innovations"])
             if most:
                 width = 1.96 / np.sqrt(most)
-                ax.axhspan(-width, width, color="black", alpha=0.15, lw=0, label="95 % band")
+                ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
         style.legend_outside(figure, figure.axes)
         return figure

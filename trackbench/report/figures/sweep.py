@@ -9,6 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import OfSummary, measure
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import is_number
 from trackbench.registry import register
 from trackbench.report import style, wording
 from trackbench.report.columns import Columns
@@ -53,7 +54,7 @@ class RmseVsParameter(FigureKind):
         path = self.parameter or next(iter(points[0].values), "")
         found = missing_paths(points, parameter=path)
         values = [point.values[path] for point in points] if not found else []
-        words = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
+        words = [value for value in values if not is_number(value)]
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
     def tell(self, results: Results) -> str:

@@ -10,6 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, OfSummary, measured
 from trackbench.experiment.reading.combining import filters_of, is_of_scenario
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import is_number
 from trackbench.registry import register
 from trackbench.report import style, wording
 from trackbench.report.grids import missing_paths
@@ -124,7 +125,7 @@ def _lines(
 ) -> "Figure":
     figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
     values = held.values[path]
-    numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    numeric = all(map(is_number, values))
     for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
         drawn = _drawn(held, labels, varied, metric)
         for label in drawn:
