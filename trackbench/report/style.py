@@ -91,9 +91,9 @@ def spread(
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
 
 
-def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
+def legend_outside(figure: "Figure") -> None:
     """One legend below the axes, each label once, in as many columns as there is room for."""
-    found = _legend(axes if isinstance(axes, Sequence) else [axes])
+    found = _legend(figure)
     if not found:
         return
     columns = _columns(list(found), figure.get_figwidth())
@@ -119,10 +119,10 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
     return -(-len(labels) // rows)
 
 
-def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
+def _legend(figure: "Figure") -> dict[str, Any]:
     """What the lines are, by label; the first of those of one label."""
     found: dict[str, Any] = {}
-    for ax in axes:
+    for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(words(label), handle)
     last = {label: found.pop(label) for label in [SPREAD] if label in found}

@@ -74,7 +74,7 @@ class Banana(FigureKind):
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axes[0][0].set_ylabel("Along it, less the range (m)")
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes[0]))
+        style.legend_outside(figure)
         return figure
 
     def _ellipses(self, ax: "Axes", z: Gaussian, r: float, i: int, label: str) -> None:
@@ -141,7 +141,7 @@ class PosteriorEllipses(FigureKind):
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
         style.title(figure, self.title)
-        style.legend_outside(figure, ax)
+        style.legend_outside(figure)
         return figure
 
     def _panel(

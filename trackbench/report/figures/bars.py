@@ -79,7 +79,7 @@ class Bars(FigureKind):
         axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
         style.title(figure, self.title, len(results.points()))
-        style.legend_outside(figure, list(axes[:, 0]))
+        style.legend_outside(figure)
         return figure
 
     def _bars(

@@ -86,7 +86,7 @@ class Bias(OverTime):
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
             ax.set_ylabel(head)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 

@@ -90,7 +90,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         style.title(figure, self.title, len(every))
-        style.legend_outside(figure, list(axes[:, 0]))
+        style.legend_outside(figure)
         return figure
 
     def _panel(self, ax: "Axes", results: Results, scene: dict[str, Any]) -> None:

@@ -93,7 +93,7 @@ class Curves(FigureKind):
                 style.plain_log_axis(ax)
             else:
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 
@@ -178,7 +178,7 @@ class EstimatesOfOneRun(OverTime):
         if known:
             panels[0][0][1].set_ylabel("Estimate - truth")
             figure.align_ylabels()
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
     def _panel(

@@ -101,7 +101,7 @@ class Autocorrelation(Curves):
                 width = 1.96 / np.sqrt(most)
                 ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 

@@ -87,7 +87,7 @@ class Track(FigureKind):
             ax.set_title(style.words(label))
         axes[0][0].set_ylabel("y (km)")
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes[0]))
+        style.legend_outside(figure)
         return figure
 
     def _sees(self, tracks: dict[str, Array]) -> bool:
@@ -171,7 +171,7 @@ class MeanAndStd(FigureKind):
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes.flat))
+        style.legend_outside(figure)
         return figure
 
 

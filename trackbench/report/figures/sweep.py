@@ -94,7 +94,7 @@ class RmseVsParameter(FigureKind):
         ax.set_xlabel(self.x_label or wording.axis(path))
         ax.set_ylabel(self.y_label)
         style.title(figure, self.title)
-        style.legend_outside(figure, ax)
+        style.legend_outside(figure)
         return figure
 
     def _line(

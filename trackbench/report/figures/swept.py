@@ -137,7 +137,7 @@ def _lines(
             style.plain_log_axis(ax, most=np.inf)
         ax.set(xlabel=wording.axis(path), ylabel=words)
     style.title(figure, title)
-    style.legend_outside(figure, axes)
+    style.legend_outside(figure)
     return figure
 
 
