@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.figures.curves import Curves
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
@@ -26,10 +27,6 @@ from trackbench.report.uniform import (
     steps_that_are_not,
 )
 from trackbench.report.wording import joined, named, percent, verb
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ALPHA, _LEAST_P = 0.01, 1e-4
 _LEVELS = 101
@@ -77,7 +74,7 @@ class CalibrationFigure(FigureKind):
         tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A row of panels per filter (and point of the grid), a column per PIT."""
         every = [(p, b) for p in results.points() for b in results.chosen(self.filters)]
         rows = every[: style.MOST_PANELS]
@@ -101,7 +98,7 @@ class CalibrationFigure(FigureKind):
         return figure
 
 
-def _bars(ax: "Axes", found: Histogram, colour: str, over_steps: bool) -> None:
+def _bars(ax: Axes, found: Histogram, colour: str, over_steps: bool) -> None:
     """Ten bars about their common expectation, the band, the p-value."""
     edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
     at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
@@ -155,7 +152,7 @@ class Reliability(Curves):
             f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
         )
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:

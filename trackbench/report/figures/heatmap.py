@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +12,13 @@ from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.paper import sheet
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
 
@@ -63,7 +59,7 @@ class HeatMap(FigureKind):
         found = [p for _, pairs in results.pairs for p in pairs if p.metric == self.metric.name]
         return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One panel; with two paths, one per filter."""
         labels = results.chosen(self.filters)
         if not results.grid:
@@ -91,7 +87,7 @@ class HeatMap(FigureKind):
 
     def _panels(
         self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
-    ) -> "Figure":
+    ) -> Figure:
         from matplotlib.colors import LogNorm, Normalize
 
         finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
@@ -113,7 +109,7 @@ class HeatMap(FigureKind):
         style.title(figure, self.title)
         return figure
 
-    def _pairs(self, results: Results, labels: list[str]) -> "Figure":
+    def _pairs(self, results: Results, labels: list[str]) -> Figure:
         z = np.full((len(labels), len(labels)), np.nan)
         for pair in self._shown_pairs(results):
             i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
@@ -133,7 +129,7 @@ class HeatMap(FigureKind):
         return figure
 
 
-def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> None:
+def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
     """Upright where the columns are too narrow for what they are called."""
     upright = max(map(len, columns)) * _LETTER_IN > cell_in
     ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
@@ -143,7 +139,7 @@ def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> N
     ax.tick_params(length=0)
 
 
-def _numbers(ax: "Axes", values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
+def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
     """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
     if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
         return

@@ -1,7 +1,7 @@
 """Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from trackbench.evaluation.measure import measured
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.artists import Figure
 from trackbench.report.figures.curves import Curves, OverTime
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _ENOUGH = 60  # measured components whose average is worth a point
 
@@ -39,7 +37,7 @@ class Nis(OverTime):
     over: Count | None = None
     """steps that are averaged together; default: as many as measure 60 components"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
@@ -85,7 +83,7 @@ class Autocorrelation(Curves):
     y_label: str = "Autocorrelation"
     """label of the vertical axis"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A point per lag, one line per filter; the band is 1.96 over the root of their number."""
         figure, panels = self.panels(results)
         lags = np.arange(1, LAGS + 1)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,15 +12,12 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.keys import is_number
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.columns import Columns
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.wording import named, three_digits
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
 
@@ -76,7 +73,7 @@ class RmseVsParameter(FigureKind):
         held = {p: v for p, v in results.points()[0].items() if p != path}
         return path, results.columns("summary", held).where(metric=str(self.metric))
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
@@ -98,7 +95,7 @@ class RmseVsParameter(FigureKind):
         return figure
 
     def _line(
-        self, ax: "Axes", x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
+        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
     ) -> None:
         shown = _moved_zero(x) if self.log_x else x
         if len(y) and np.ptp(y) == 0.0:
@@ -119,7 +116,7 @@ def _moved_zero(x: Array) -> Array:
     return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
 
 
-def _logarithmic(ax: "Axes", values: Array) -> None:
+def _logarithmic(ax: Axes, values: Array) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     ax.set_xscale("log")
