@@ -129,8 +129,7 @@ def _like(key: Any) -> Any:
 
 
 def _again(one: Any, keys: dict[str, Any]) -> Looped:
-    found: Looped = one._looped(**keys)
-    return found
+    return one._looped(**keys)
 
 
 def interval(model: Model, k: int | None = None) -> float:

@@ -79,8 +79,7 @@ class Names:
         """What a key of such a role may name."""
         if role == "summary":
             return self.summary | self.given
-        found: set[str] = self.summary if role == "row" else getattr(self, role)
-        return found
+        return self.summary if role == "row" else getattr(self, role)
 
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]

@@ -103,8 +103,7 @@ class Measured(FromFiles, Naming, Target):
     @property
     def _recording(self) -> "Recording":
         """What was read for the scenario's own sensor and start."""
-        made: Recording = self.__dict__["_read"][1]
-        return made
+        return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """The steps of the files, those first that the start uses up."""

@@ -77,8 +77,7 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def told(self) -> tuple[str, ...]:
         """What was done to the rows."""
-        told: tuple[str, ...] = self.__dict__["_told"]
-        return told
+        return self.__dict__["_told"]
 
     @property
     def axes(self) -> int:
@@ -87,8 +86,7 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     @property
     def _path(self) -> tuple[Array, Array]:
-        read: tuple[Array, Array] = self.__dict__["_read"]
-        return read
+        return self.__dict__["_read"]
 
     def check(self, timeline: Timeline) -> None:
         """The file covers the time there is."""
