@@ -21,13 +21,15 @@ def check_rank(m: Measure, *path: str) -> None:
         raise MistakenKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
-def steps_that_are_not(measures: Iterable[Measure], points: Sequence[Point]) -> str:
-    """Which of the measures are at a step that a point has not; nothing if there is none."""
+def steps_that_are_not(
+    key: str, measures: Iterable[Measure], points: Sequence[Point]
+) -> dict[str, str]:
+    """What is wrong with a key of measures, one of which is at a step that a point has not."""
     for m in measures:
         for steps in (point.scenario.steps for point in points):
             if m.step is not None and m.step not in steps:
-                return f"{m}: the steps are {steps[0]} to {steps[-1]}"
-    return ""
+                return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
+    return {}
 
 
 def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:

@@ -54,8 +54,7 @@ class CalibrationFigure(FigureKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Steps that there are not."""
-        what = steps_that_are_not(self.columns.values(), points)
-        return {"columns": what} if what else {}
+        return steps_that_are_not("columns", self.columns.values(), points)
 
     def tell(self, results: Results) -> str:
         """Whose ranks are uniform, as far as can be told, and whose are not."""
@@ -137,8 +136,7 @@ class Reliability(Curves):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """A step that there is not."""
-        what = steps_that_are_not([self.metric], points)
-        return {"metric": what} if what else {}
+        return steps_that_are_not("metric", [self.metric], points)
 
     def tell(self, results: Results) -> str:
         """What is in the region of 90 %."""
