@@ -46,9 +46,8 @@ def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
 
     for group in groups:
         if group in ("metrics", "statistics"):
-            yield from filter(
-                None, map(facts, METRICS if group == "metrics" else statistics_known())
-            )
+            known = METRICS if group == "metrics" else statistics_known()
+            yield from filter(None, map(facts, known))
             continue
         if group == "experiments":
             yield from ({"group": group, **one._asdict()} for one in listed())
@@ -118,9 +117,8 @@ def _found(kind: str) -> list[tuple[Group, type[Any]]]:
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not found and described(kind) is None:
         known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
-        raise UserError(
-            Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
-        )
+        what = f"there is no such kind; {unknown(kind, known)}"
+        raise UserError(Problem(Mark("describe"), kind, what))
     return found
 
 

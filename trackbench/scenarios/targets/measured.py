@@ -182,9 +182,8 @@ class Measured(FromFiles, Naming, Target):
         made, steps = self._recording, len(timeline.steps)
         seen = np.concatenate([made.scans, made.seen], axis=1)
         end = seen.shape[1] - (len(made.clock.steps) - steps)
-        return Flight(
-            recorded_columns(self._padded()[:, :steps], rng), recorded_columns(seen[:, :end], rng)
-        )
+        truth = recorded_columns(self._padded()[:, :steps], rng)
+        return Flight(truth, recorded_columns(seen[:, :end], rng))
 
     def _padded(self) -> Array:
         """The truth at every step, those that the start uses up included."""
