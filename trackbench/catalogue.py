@@ -6,7 +6,7 @@ A listing reads docstrings and imports nothing of what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 from trackbench.glossary import columns, described, facts, statistics_known
 from trackbench.hooks import hooks, offered
@@ -46,9 +46,8 @@ def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
 
     for group in groups:
         if group in ("metrics", "statistics"):
-            yield from filter(
-                None, map(facts, METRICS if group == "metrics" else statistics_known())
-            )
+            known = METRICS if group == "metrics" else statistics_known()
+            yield from filter(None, map(facts, known))
             continue
         if group == "experiments":
             yield from ({"group": group, **one._asdict()} for one in listed())
@@ -118,9 +117,8 @@ def _found(kind: str) -> list[tuple[Group, type[Any]]]:
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
     if not found and described(kind) is None:
         known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
-        raise UserError(
-            Problem(Mark("describe"), kind, f"there is no such kind; {unknown(kind, known)}")
-        )
+        what = f"there is no such kind; {unknown(kind, known)}"
+        raise UserError(Problem(Mark("describe"), kind, what))
     return found
 
 
@@ -176,7 +174,7 @@ def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Key, default and text of each field; those of a mapping follow it, indented by their path."""
-    from trackbench.experiment.reading.validate import adapter, help_texts, hints_of
+    from trackbench.experiment.reading.validate import adapter, dataclasses_in, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
     hints = hints_of(cls)
@@ -189,7 +187,7 @@ def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
             yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
             continue
         yield prefix + field.name, _default(field), text
-        nested = _mappings(hints[field.name])
+        nested = dataclasses_in(hints[field.name])
         for one in nested:
             of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
             yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
@@ -201,13 +199,6 @@ def _default(field: "dataclasses.Field[Any]") -> str:
     if dataclasses.is_dataclass(field.default):
         return "as below"
     return "none" if field.default is None else str(field.default)
-
-
-def _mappings(hint: Any) -> list[type[Any]]:
-    """The dataclasses that a key's value, or an item of it, may be."""
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return [hint]
-    return [m for part in get_args(hint) for m in _mappings(part)]
 
 
 def _paragraphs(doc: str) -> list[str]:

@@ -5,7 +5,7 @@ import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeGuard
 
 from annotated_types import Ge, Gt, Interval
 
@@ -93,6 +93,11 @@ class PartOf:
 
 def _made_before(number: Any, info: Any) -> Any:
     return None if number is None else info.context[number]
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value of a config is a number, which a truth value is not."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def part_group(hint: Any) -> str | None:

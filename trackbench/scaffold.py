@@ -33,12 +33,8 @@ def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list
         raise UserError(f"new {what} {name}: --per-run is of a filter")
     words = _words(what, name)
     module = "_".join(words)
-    filled = {
-        folder / template.replace("per_run" if per_run else what, module): _filled(
-            template, name, words
-        )
-        for template in (_PER_RUN if per_run else _TEMPLATES[what])
-    }
+    templates, part = (_PER_RUN, "per_run") if per_run else (_TEMPLATES[what], what)
+    filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
     for path in filled:
         if path.exists():
             raise UserError(Problem(Mark(f"new {what} {name}"), "", f"there is a file {path}"))
@@ -59,11 +55,9 @@ def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
     except DataError as error:
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None
-    shown = json.dumps(os.path.relpath(data, folder))
-    text = _filled("recording.yaml", name, words).replace(
-        "measurements: @FILE@", f"measurements: {shown}"
-    )
-    for part, lines in {"@FILE@": data.name, **parts}.items():
+    text = _filled("recording.yaml", words)
+    file = {"measurements: @FILE@": f"measurements: {json.dumps(os.path.relpath(data, folder))}"}
+    for part, lines in {**file, "@FILE@": data.name, **parts}.items():
         text = text.replace(part, lines)
     write_text(path, text)
     return [path]
@@ -81,7 +75,7 @@ def _words(what: str, name: str) -> list[str]:
     return words
 
 
-def _filled(template: str, name: str, words: list[str]) -> str:
+def _filled(template: str, words: list[str]) -> str:
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
     values = {
         "@KIND@": "-".join(words),

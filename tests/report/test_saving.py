@@ -18,7 +18,7 @@ def figure() -> Any:
         ax.set_ylabel("RMSE (m)")
     axes[0, 0].set_title("costs $5, no formula: $x^$")
     axes[1, 1].set_aspect(0.2)
-    style.legend_outside(drawn, list(axes.flat))
+    style.legend_outside(drawn)
     style.title(drawn, "A title")
     return drawn
 

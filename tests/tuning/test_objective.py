@@ -5,6 +5,7 @@ import pytest
 
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.tuning.objective import Objective, bad_terms
+from trackbench.tuning.record import Trial
 
 SIZES = {"": 4, "position": 2}
 
@@ -80,7 +81,8 @@ def test_fewer_lost_runs_come_first() -> None:
     small = objective.score({"rmse": np.array([1.0, np.nan]), "lost": np.array([0.0, 1.0])})
     large = objective.score({"rmse": np.array([9.0, 9.0]), "lost": np.zeros(2)})
     none = objective.score({"rmse": np.full(2, np.nan), "lost": np.ones(2)})
-    assert sorted([none, small, large], key=lambda s: s.rank) == [large, small, none]
+    ranked = sorted([none, small, large], key=lambda score: Trial.of({}, score).rank)
+    assert ranked == [large, small, none]
 
 
 def test_what_is_no_statistic_over_runs() -> None:

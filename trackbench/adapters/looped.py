@@ -64,9 +64,8 @@ class Looped(Filter[Objects]):
         each = tuple(self._made() for _ in range(runs))
         for m, own in enumerate(each):
             own.model, own.dt, own.rng = model, interval(model), _Stream(rng, m)
-            mean[:, m], cov[..., m] = order.started(
-                prior.mean[:, m], given[..., m % given.shape[2]]
-            )
+            first_cov = given[..., m % given.shape[2]]
+            mean[:, m], cov[..., m] = order.started(prior.mean[:, m], first_cov)
             own.start(mean[:, m].copy(), cov[..., m].copy())
         return Objects(each, order, mean, cov)
 
@@ -130,8 +129,7 @@ def _like(key: Any) -> Any:
 
 
 def _again(one: Any, keys: dict[str, Any]) -> Looped:
-    found: Looped = one._looped(**keys)
-    return found
+    return one._looped(**keys)
 
 
 def interval(model: Model, k: int | None = None) -> float:
@@ -151,17 +149,14 @@ def _moments(found: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
     if not isinstance(found, tuple | list) or len(found) != 2:
         what = f"{one.__name__} gives a {type(found).__name__}, not a mean and a covariance"
         raise ReturnedError(method, what)
-    mean, cov = as_numbers(found[0], (n,)), as_numbers(found[1], (n, n))
-    for what, given, kept, shape in (
-        ("mean", found[0], mean, (n,)),
-        ("covariance", found[1], cov, (n, n)),
-    ):
-        if kept is None:
+    kept = []
+    for what, given, shape in (("mean", found[0], (n,)), ("covariance", found[1], (n, n))):
+        array = as_numbers(given, shape)
+        if array is None:
             text = f"the {what} of a run is {_described(given)}, not {shape} real numbers"
             raise ReturnedError(method, text)
-    assert mean is not None
-    assert cov is not None
-    return mean, cov
+        kept.append(array)
+    return kept[0], kept[1]
 
 
 def _described(given: Any) -> str:

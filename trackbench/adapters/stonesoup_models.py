@@ -80,10 +80,8 @@ class Seeing(NonLinearGaussianMeasurement):
 
     def jacobian(self, state: Any, **kwargs: Any) -> Any:
         """The sensor's own."""
-        sensor = self.of.model.sensor
-        return np.asarray(sensor.jacobian(_columns(state)[:, :1], self.of.k)).reshape(
-            self.ndim_meas, -1
-        )
+        found = self.of.model.sensor.jacobian(_columns(state)[:, :1], self.of.k)
+        return np.asarray(found).reshape(self.ndim_meas, -1)
 
 
 class Moving(GaussianModel, TransitionModel):

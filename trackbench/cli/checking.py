@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 def check(
     config: Annotated[
-        Path | None,
-        typer.Argument(help="as of `run`", autocompletion=configs),
+        Path | None, typer.Argument(help="as of `run`", autocompletion=configs)
     ] = None,
     set_: Set = None,
     only: Only = None,

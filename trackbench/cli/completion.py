@@ -121,8 +121,7 @@ def _config(ctx: typer.Context) -> dict[str, Any]:
     path = located(Path(given[0] or ctx.args[0]), lambda line: None)
     source = read(path)
     inline_parts(source, path.parent)
-    found: dict[str, Any] = source.data
-    return found
+    return source.data
 
 
 def _word(word: str) -> str:

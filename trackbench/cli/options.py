@@ -20,18 +20,12 @@ Configs = Annotated[
     list[Path], typer.Argument(metavar="CONFIG", help=_CONFIG, autocompletion=configs)
 ]
 Name = Annotated[
-    str,
-    typer.Argument(help="a shipped experiment's name", autocompletion=experiments),
+    str, typer.Argument(help="a shipped experiment's name", autocompletion=experiments)
 ]
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="results folder")]
 Set = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="PATH=VALUE",
-        help="override a key",
-        autocompletion=assignments,
-    ),
+    typer.Option("--set", metavar="PATH=VALUE", help="override a key", autocompletion=assignments),
 ]
 Only = Annotated[
     list[str] | None,

@@ -66,8 +66,7 @@ def tune(
     ] = None,
     evaluations: Annotated[int | None, typer.Option(min=2, help="trials of each filter")] = None,
     fresh: Annotated[
-        bool,
-        typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it"),
+        bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
     ] = False,
     **given: Any,
 ) -> None:

@@ -78,17 +78,15 @@ def _made(cls: type[Any]) -> Any:
         raise BrokenError("is not a dataclass (frozen=True, kw_only=True)")
     required = [f.name for f in fields(cls) if f.init and not _has_default(f)]
     if required:
-        raise BrokenError(
-            f"give {', '.join(required)} a default, so that a first run needs no keys"
-        )
+        what = ", ".join(required)
+        raise BrokenError(f"give {what} a default, so that a first run needs no keys")
     one, other = cls(), cls()
     try:
         if hash(one) != hash(other) or one != other:
             raise BrokenError("two equal filters differ: make it @dataclass(frozen=True)")
     except TypeError as error:
-        raise BrokenError(
-            f"cannot be hashed ({error}): frozen=True, tuples and not lists"
-        ) from None
+        what = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
+        raise BrokenError(what) from None
     if pickle.loads(pickle.dumps(one)) != one:
         raise BrokenError("does not survive the way to another process")
     return one

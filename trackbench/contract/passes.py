@@ -27,8 +27,7 @@ def noise() -> Generator:
 
 def simulated(scenario: Any, runs: int, step: int = 1) -> Simulation:
     """The first runs of the scenario, the same every time; in their order, or the last one first."""
-    data: Simulation = scenario.simulate(RunStreams(1, range(runs)[::step]), runs)
-    return data
+    return scenario.simulate(RunStreams(1, range(runs)[::step]), runs)
 
 
 def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
@@ -45,8 +44,7 @@ def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
 
 
 def _start() -> list[int]:
-    state: list[int] = noise().bit_generator.state["state"]["state"].tolist()
-    return state
+    return noise().bit_generator.state["state"]["state"].tolist()
 
 
 def kalman_filtered(scenario: Any, data: Simulation) -> Pass:

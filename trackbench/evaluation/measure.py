@@ -158,9 +158,7 @@ class Measure(NamedTuple):
         from pydantic_core import core_schema
 
         return core_schema.no_info_after_validator_function(
-            measure,
-            core_schema.str_schema(),
-            serialization=core_schema.to_string_ser_schema(),
+            measure, core_schema.str_schema(), serialization=core_schema.to_string_ser_schema()
         )
 
 

@@ -32,6 +32,8 @@ class Histogram(NamedTuple):
 
 def at_step(pit: Array) -> Histogram:
     """Of one transform (M,) a run: Pearson's chi-square over the tenths, NaN left out."""
+    from scipy.special import chdtrc
+
     pit = pit[~np.isnan(pit)]
     M = len(pit)
     which = tenth_of(pit)
@@ -41,7 +43,7 @@ def at_step(pit: Array) -> Histogram:
     if M < TENTHS:
         return Histogram(shares, stderr, M)
     expected, distance = M / TENTHS, kolmogorov(pit)
-    p = beyond_chi_square(float(total(np.square(counts - expected))) / expected, TENTHS - 1)
+    p = float(chdtrc(TENTHS - 1, float(total(np.square(counts - expected))) / expected))
     return Histogram(shares, stderr, M, distance, kolmogorov_p(distance, M), p)
 
 
@@ -50,6 +52,8 @@ def over_steps(shares: Array) -> Histogram:
 
     NaN, as of lost runs, is left out; the distance is that at the tenths' edges.
     """
+    from scipy.special import fdtrc
+
     shares = shares[:, ~np.isnan(shares).any(axis=0)]
     M = shares.shape[1]
     if M <= TENTHS:
@@ -63,7 +67,7 @@ def over_steps(shares: Array) -> Histogram:
     n, p = TENTHS - 1, 0.0  # the last share is what is left of one
     if (variance > 0.0).all():  # no tenth is without any truth
         T2 = M * float(linalg.mahalanobis(centre[:n] - 1.0 / TENTHS, covariance[:n, :n]))
-        p = beyond_f(T2 * (M - n) / (n * (M - 1.0)), n, M - n)
+        p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
     return Histogram(centre, np.sqrt(variance / M), M, distance, p=p)
 
 
@@ -88,17 +92,3 @@ def kolmogorov_p(distance: float, M: int) -> float:
 
     root = np.sqrt(M)
     return float(beyond(distance * (root + 0.12 + 0.11 / root)))
-
-
-def beyond_chi_square(x: float, n: int) -> float:
-    """Probability that a chi-square of n degrees of freedom is larger."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(n, x))
-
-
-def beyond_f(x: float, n: int, m: int) -> float:
-    """Probability that Fisher's F of n and m degrees of freedom is larger."""
-    from scipy.special import fdtrc
-
-    return float(fdtrc(n, m, x))

@@ -133,10 +133,7 @@ class APF(ParticleFilter):
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, dead, mass = particles.normalise(second)
-        told = (
-            Evidence(chosen.mass, state.log_w, first.shape[1]),
-            Evidence(mass, 0.0, w.shape[1]),
-        )
+        told = (Evidence(chosen.mass, state.log_w, first.shape[1]), Evidence(mass, 0.0, w.shape[1]))
         moved, age = Particles(x, w), state.age + 1
         log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
         return Cloud(moved, moved, moved.moments(), dead, age, log_w=log_w, w=w, evidence=told)

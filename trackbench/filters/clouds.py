@@ -57,33 +57,10 @@ class Cloud(NamedTuple):
         return {"dead_steps": self.dead.astype(float)} | ess | dict(self.notes)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParticleFilter(Filter[Cloud]):
-    """Keys and hooks shared by the filters that carry a cloud."""
+class CloudFilter(Filter[Cloud]):
+    """Base of the filters whose estimate is that of a weighted cloud."""
 
-    N: Annotated[int, Ge(2)] = 100
-    """number of particles"""
-    resampling: Scheme = "systematic"
-    """resampling scheme"""
-    weights: WeightReading = "log"
-    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
-    boost: Count = 1
-    """factor on N during the first steps"""
-    boost_scans: Natural = 0
-    """how many steps the cloud is boosted for"""
     counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
-
-    @property
-    def most_particles(self) -> int:
-        """Those of the boost."""
-        return self.N * (self.boost if self.boost_scans else 1)
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Draws from the prior in each run, with weights where it covers its tails."""
-        x, log_w = covering(prior, rng, self._size(0))
-        cloud = Particles(x, particles.normalise(log_w).w)
-        dead = np.zeros(x.shape[1], dtype=np.bool_)
-        return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
 
     def estimate(self, state: Cloud) -> Gaussian:
         """Weighted mean and covariance."""
@@ -92,10 +69,6 @@ class ParticleFilter(Filter[Cloud]):
     def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
         """Posterior means (M,) of functions of the state."""
         return state.weighted.expectation(g)
-
-    def posterior(self, state: Cloud) -> Posterior | None:
-        """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
-        return CloudPosterior(state.weighted) if state.P is None else None
 
     def log_likelihood(self, state: Cloud) -> Array:
         """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
@@ -112,6 +85,38 @@ class ParticleFilter(Filter[Cloud]):
         ``ess``: effective sample size before resampling, as a share of N.
         """
         return state.noted()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParticleFilter(CloudFilter):
+    """Keys and hooks shared by the filters that carry a cloud."""
+
+    N: Annotated[int, Ge(2)] = 100
+    """number of particles"""
+    resampling: Scheme = "systematic"
+    """resampling scheme"""
+    weights: WeightReading = "log"
+    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    boost: Count = 1
+    """factor on N during the first steps"""
+    boost_scans: Natural = 0
+    """how many steps the cloud is boosted for"""
+
+    @property
+    def most_particles(self) -> int:
+        """Those of the boost."""
+        return self.N * (self.boost if self.boost_scans else 1)
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
+        """Draws from the prior in each run, with weights where it covers its tails."""
+        x, log_w = covering(prior, rng, self._size(0))
+        cloud = Particles(x, particles.normalise(log_w).w)
+        dead = np.zeros(x.shape[1], dtype=np.bool_)
+        return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
+
+    def posterior(self, state: Cloud) -> Posterior | None:
+        """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
+        return CloudPosterior(state.weighted) if state.P is None else None
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)

@@ -1,8 +1,7 @@
 """Gaussian particle filter: a Gaussian between the steps, particles within each."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -10,17 +9,16 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.distributions import Distribution, covering
 from trackbench.core.particles import Evidence, Particles
-from trackbench.filters.base import Filter
-from trackbench.filters.clouds import Cloud
+from trackbench.filters.clouds import Cloud, CloudFilter
 from trackbench.models.base import Model, log_likelihood
 from trackbench.registry import register
 
 
 @register("filters", "gpf")
 @dataclass(frozen=True, kw_only=True)
-class GaussianPF(Filter[Cloud]):
+class GaussianPF(CloudFilter):
     """Gaussian particle filter: draws anew from a Gaussian at each step, so that nothing is resampled.
 
     Kotecha & Djuric 2003a. The moments are as right as N draws make them; that the posterior has no
@@ -29,7 +27,6 @@ class GaussianPF(Filter[Cloud]):
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
-    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """The moments of draws from the prior."""
@@ -40,27 +37,6 @@ class GaussianPF(Filter[Cloud]):
         """Draw, move, weigh, and keep the moments."""
         x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
         return _fitted(x, log_likelihood(model.sensor, z, x, k))
-
-    def estimate(self, state: Cloud) -> Gaussian:
-        """The Gaussian."""
-        return state.estimate
-
-    def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Posterior means (M,) of functions of the state."""
-        return state.weighted.expectation(g)
-
-    def log_likelihood(self, state: Cloud) -> Array:
-        """Logarithm (M,) of the mean weight."""
-        return state.log_likelihood
-
-    @property
-    def notes(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return frozenset({"dead_steps", "ess"})
-
-    def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero; ``ess``: effective share of the N particles."""
-        return state.noted()
 
 
 def _fitted(x: Array, log_w: Array) -> Cloud:

@@ -79,9 +79,8 @@ class GaussianSum(Filter[Mixture]):
         """A component per pair of nodes, which together have the prior's moments."""
         width = self._width
         nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
-        log_w = (
-            -0.5 * np.square(nodes) / (1.0 - width * width)
-        )  # the mixture has the whole variance
+        # The mixture has the whole variance.
+        log_w = -0.5 * np.square(nodes) / (1.0 - width * width)
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         if isinstance(prior, TwoPoint):
             start = _of_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)

@@ -148,9 +148,8 @@ def _extra(models: list[Model]) -> Array:
         dict(zip(reversed(m.motion.components), reversed(extra_std(m.motion)), strict=False))
         for m in models
     ]
-    return np.array([[row.get(name, np.nan) for row in rows] for name in _names(models)]).reshape(
-        -1, len(models)
-    )
+    found = [[row.get(name, np.nan) for row in rows] for name in _names(models)]
+    return np.array(found).reshape(-1, len(models))
 
 
 def _entering(extra: Array, mode: Index, rng: Streams) -> Array:

@@ -96,10 +96,8 @@ class GHKF(SigmaPointFilter):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """The same, and not too many points."""
-        out, number = (
-            super().conflicts(scenario),
-            self.order ** len(scenario.model.motion.components),
-        )
+        out = super().conflicts(scenario)
+        number = self.order ** len(scenario.model.motion.components)
         if number > _MOST_POINTS:
             out["order"] = f"{number} points a step; at most {_MOST_POINTS}"
         return out

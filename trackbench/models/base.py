@@ -41,8 +41,7 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     Those are neither a position nor a velocity, and a target may not have them; a motion that has such
     components says so by an attribute of this name.
     """
-    own: tuple[float, ...] = getattr(motion, "extra_std", ())
-    return own
+    return getattr(motion, "extra_std", ())
 
 
 class Motion(Part):

@@ -44,8 +44,7 @@ class Irregular:
     @property
     def Q(self) -> Array:
         """Covariance (n, n) of the noise over the first interval, which is singular if all are."""
-        Q: Array = self._one.Q  # type: ignore[attr-defined]
-        return Q
+        return self._one.Q  # type: ignore[attr-defined]
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -62,8 +61,7 @@ class Irregular:
         return self.over(self.first)
 
     def _jacobian(self, x: Array, k: int) -> Array:
-        F: Array = self.over(k).jacobian(x, k)  # type: ignore[attr-defined]
-        return F
+        return self.over(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
 def alike(motion: Motion, other: SampledMotion) -> SampledMotion:

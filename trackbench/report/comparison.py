@@ -32,11 +32,9 @@ def write_comparison(results: Results, comparison: Comparison) -> None:
         for name in FILES:
             remove(folder / name)
         return
-    for name, header, rows in (
-        ("comparison.csv", NUMBER_HEADER, number_rows(comparison)),
-        ("claims.csv", CLAIM_HEADER, claim_rows(comparison)),
-    ):
-        write_csv(folder / name, header, (row.values() for row in rows))
+    numbers, claims = number_rows(comparison), claim_rows(comparison)
+    write_csv(folder / "comparison.csv", NUMBER_HEADER, (row.values() for row in numbers))
+    write_csv(folder / "claims.csv", CLAIM_HEADER, (row.values() for row in claims))
     write_text(folder / "comparison.md", markdown(results, comparison))
 
 
@@ -91,11 +89,8 @@ def summary_lines(comparison: Comparison) -> list[str]:
 
 def markdown(results: Results, comparison: Comparison) -> str:
     """Counts, published numbers per table, rank agreement, claims."""
-    title = results.title
-    parts = [
-        f"# Published and measured: {title}",
-        "\n".join(f"- {line}" for line in summary_lines(comparison)),
-    ]
+    counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
+    parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join([*parts, LEGEND]) + "\n"
 

@@ -19,6 +19,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log
 from trackbench.evaluation.measure import Measure, measure
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import is_number
 from trackbench.report.expressions import Expressions
 from trackbench.report.grids import named_form, points_of
 from trackbench.report.results import Results
@@ -117,9 +118,7 @@ class Curve:
 def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
     """The numbers that a key of a filter takes over the grid; none if it has no such key."""
     values = [getattr(point.filters.get(label), key, None) for point in points]
-    return [
-        v for v in dict.fromkeys(values) if isinstance(v, int | float) and not isinstance(v, bool)
-    ]
+    return [value for value in dict.fromkeys(values) if is_number(value)]
 
 
 def cost_conflicts(

@@ -42,13 +42,10 @@ def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.fragile)
     words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
-    several = {
-        word: word.removesuffix("s") for word in words if word in _VERBS and numbers[word] > 1
-    }
     return [
-        Tally(numbers[word], word, several.get(word, word), fragile[word])
+        Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
         for word in words
-        if numbers[word]
+        if (n := numbers[word])
     ]
 
 

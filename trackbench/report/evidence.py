@@ -46,7 +46,5 @@ def evidence_at(results: Results, text: str) -> Evidence | None:
 def point_of(results: Results, text: str) -> dict[str, Any] | None:
     """The point with results that ``path=value; path=value`` picks; the first one if it is empty."""
     wanted = {k.strip(): scalar(v.strip()) for k, _, v in (p.partition("=") for p in split(text))}
-    for point in results.points():
-        if all(point.get(path) == value for path, value in wanted.items()):
-            return point
-    return None
+    found = (p for p in results.points() if all(p.get(k) == v for k, v in wanted.items()))
+    return next(found, None)

@@ -15,6 +15,7 @@ from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
+from trackbench.keys import is_number
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Share, Term, gain, quietly, quotient, together
 from trackbench.scenarios.base import in_window
@@ -207,9 +208,7 @@ class Expressions:
         if label not in self.results.filters:
             return MISSING
         given = self.results.given(self.point).filters[label].get(name)
-        if isinstance(given, int | float) and not isinstance(given, bool):
-            return Term(float(given), 0.0, None, 1)
-        return MISSING
+        return Term(float(given), 0.0, None, 1) if is_number(given) else MISSING
 
     def values(self, m: Measure) -> Array | None:
         """Values per run that a statistic is of, lost runs left out; None for anything else."""

@@ -45,14 +45,12 @@ class Frames(Asked):
     @property
     def one_by_one(self) -> list[str]:
         """Labels of the filters whose runs are looped over in Python, which their times show."""
-        found: list[str] = self.manifest.get("one_by_one", [])
-        return found
+        return self.manifest.get("one_by_one", [])
 
     @property
     def failed(self) -> list[dict[str, Any]]:
         """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
-        found: list[dict[str, Any]] = self.manifest["failed"]
-        return found
+        return self.manifest["failed"]
 
     def given(self, point: dict[str, Any]) -> Given:
         """What is known of a point besides its numbers: scenario, filters, components, shading."""

@@ -109,9 +109,8 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
     lines = [f"- {line}" for line in summary_lines(everything)]
     parts = [_HEAD.rstrip(), "\n".join(lines) or "Nothing is published about these experiments."]
     for results, comparison in found:
-        title = results.title
         name = results.folder.relative_to(folder).as_posix()
-        parts.append(f"## [{results.config['name']}]({name}/): {title}")
+        parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     return "\n\n".join([*parts, LEGEND]) + "\n"

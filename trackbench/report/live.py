@@ -5,14 +5,11 @@ import re
 from collections.abc import Iterator
 from html import escape
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from trackbench.report.artists import Artist, Axes, Figure
 
 _POINTS = 72.0  # to the inch, which is the unit of an SVG of matplotlib
 _FEW = 600
@@ -23,7 +20,7 @@ _MARK = re.compile(r'id="(of|key|axes)-(\d+)(?:-\d+)?"')
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 
 
-def mark(figure: "Figure") -> list[str]:
+def mark(figure: Figure) -> list[str]:
     """Give the shapes of each labelled curve its number; returns the labels, none of a figure without.
 
     A shape of a curve without a line in the legend, such as its band, has its label behind a ``_``.
@@ -48,7 +45,7 @@ def mark(figure: "Figure") -> list[str]:
     return labels
 
 
-def marked(content: str, figure: "Figure", labels: list[str]) -> str:
+def marked(content: str, figure: Figure, labels: list[str]) -> str:
     """The SVG of a figure that `mark` saw, with what was marked as data attributes."""
     content = _METADATA.sub("", content, count=1)
     if not labels:
@@ -62,7 +59,7 @@ def marked(content: str, figure: "Figure", labels: list[str]) -> str:
     return content.replace("<svg ", f'<svg data-live="{quoted}" ', 1)
 
 
-def _panels(figure: "Figure") -> list["Axes"]:
+def _panels(figure: Figure) -> list[Axes]:
     """The axes with curves over numbers."""
     return [
         ax
@@ -71,14 +68,14 @@ def _panels(figure: "Figure") -> list["Axes"]:
     ]
 
 
-def _curves(ax: "Axes") -> Iterator[str]:
+def _curves(ax: Axes) -> Iterator[str]:
     for line in ax.lines:
         label = str(line.get_label())
         if not label.startswith("_") and np.size(line.get_xdata()) >= _CURVE:
             yield label
 
 
-def _shapes(ax: "Axes") -> Iterator[tuple["Artist", str]]:
+def _shapes(ax: Axes) -> Iterator[tuple[Artist, str]]:
     for container in ax.containers:
         for part in container.get_children():
             yield part, str(container.get_label()).removeprefix("_")
@@ -86,12 +83,12 @@ def _shapes(ax: "Axes") -> Iterator[tuple["Artist", str]]:
         yield artist, str(artist.get_label()).removeprefix("_")
 
 
-def _is_called_zero(ax: "Axes", tick: float) -> bool:
+def _is_called_zero(ax: Axes, tick: float) -> bool:
     """Whether a logarithmic axis says that zero is here."""
     return ax.xaxis.get_major_formatter()(tick, None) == "0"
 
 
-def _told(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
+def _told(figure: Figure, ax: Axes, labels: list[str]) -> dict[str, Any]:
     """Left, top, right and bottom in the SVG's points; ends, scale and sharers of both axes; errors."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()
@@ -113,9 +110,7 @@ def _told(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
     return told
 
 
-def _errors(
-    figure: "Figure", ax: "Axes", labels: list[str]
-) -> Iterator[tuple[int, list[list[float]]]]:
+def _errors(figure: Figure, ax: Axes, labels: list[str]) -> Iterator[tuple[int, list[list[float]]]]:
     """Abscissas and standard errors there of the curves, by number, as far as they are known."""
     from trackbench.report.canvas import Canvas
 

@@ -4,10 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from trackbench.report.artists import Figure
 
 Style: TypeAlias = Literal["screen", "paper"]
 """For the report, or for LaTeX."""
@@ -66,7 +65,7 @@ def sheet() -> Sheet:
     return _SHEET.get()
 
 
-def is_crowded(figure: "Figure") -> bool:
+def is_crowded(figure: Figure) -> bool:
     """Whether so many panels stand beside each other that the figure is left to a wider sheet."""
     specs = [ax.get_subplotspec() for ax in figure.axes]
     most = max((s.get_gridspec().ncols for s in specs if s is not None), default=0)

@@ -1,10 +1,9 @@
 """A drawn figure as a file's content: laid out once for all formats; equal figures are equal files."""
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from trackbench.report.artists import Figure
 
 FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Formats of a figure and what a file leaves unsaid."""
@@ -12,7 +11,7 @@ _SVG_DPI = 150  # of rasterised parts inside it; a screen needs no more
 _COMPRESSION = 1  # of PNG: the files are a tenth larger than at 6, for two thirds of the time
 
 
-def saved(figure: "Figure", form: str) -> bytes:
+def saved(figure: Figure, form: str) -> bytes:
     """The figure's file in one of the `FORMATS`."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -34,7 +33,7 @@ def saved(figure: "Figure", form: str) -> bytes:
     return out.getvalue()
 
 
-def _settle(figure: "Figure") -> None:
+def _settle(figure: Figure) -> None:
     """Let everything have its place, by the SVG's letters whatever the format is, and keep it."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.layout_engine import PlaceHolderLayoutEngine
@@ -50,7 +49,7 @@ def _settle(figure: "Figure") -> None:
         figure.set_layout_engine("none")
 
 
-def spell_out(figure: "Figure") -> None:
+def spell_out(figure: Figure) -> None:
     """Let a text with dollars that is no formula stand as it is written."""
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text

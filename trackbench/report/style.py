@@ -5,19 +5,16 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.report import live, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.paper import sheet
 from trackbench.report.saving import saved, spell_out
 from trackbench.report.svg import compact
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Okabe & Ito 2008, without its yellow, which disappears on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
@@ -29,6 +26,8 @@ FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth"
 BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
 ANY, MANEUVER = "#555555", "#f3d9a4"
 """Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
+BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "lw": 0}
+"""Look of where a filter without fault is found."""
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
 
 SPREAD = "± 2 standard errors"
@@ -73,7 +72,7 @@ def line(index: int) -> dict[str, Any]:
 
 
 def spread(
-    ax: "Axes",
+    ax: Axes,
     x: Array,
     value: Array,
     stderr: Array,
@@ -106,9 +105,9 @@ def spread(
     ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
 
 
-def legend_outside(figure: "Figure", axes: "Axes | Sequence[Axes]") -> None:
+def legend_outside(figure: Figure) -> None:
     """One legend below the axes, each label once, in as many columns as there is room for."""
-    found = _legend(axes if isinstance(axes, Sequence) else [axes])
+    found = _legend(figure)
     if not found:
         return
     columns = _columns(list(found), figure.get_figwidth())
@@ -134,10 +133,10 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
     return -(-len(labels) // rows)
 
 
-def _legend(axes: "Sequence[Axes]") -> dict[str, Any]:
+def _legend(figure: Figure) -> dict[str, Any]:
     """What the lines are, by label; the first of those of one label."""
     found: dict[str, Any] = {}
-    for ax in axes:
+    for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(words(label), handle)
     last = {label: found.pop(label) for label in [SPREAD] if label in found}
@@ -148,7 +147,7 @@ MOST_PANELS = 12
 _MOSAIC = 3
 
 
-def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Figure", Any]:
+def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Figure, Any]:
     """A figure and the axes (number, rows) of so many panels, four beside each other at most."""
     across = min(number, sheet().across)
     blocks = -(-number // across)
@@ -159,7 +158,7 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple["Fi
     return figure, panes[:number]
 
 
-def mosaic(number: int, row_in: float, beside_in: float) -> tuple["Figure", list["Axes"]]:
+def mosaic(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[Axes]]:
     """A figure and so many axes in rows of three, and those that fill the last row, left blank."""
     across = min(max(number, 1), _MOSAIC)
     rows = -(-max(number, 1) // across)
@@ -169,7 +168,7 @@ def mosaic(number: int, row_in: float, beside_in: float) -> tuple["Figure", list
     return figure, list(axes.flat)
 
 
-def title(figure: "Figure", text: str, points: int = 1) -> None:
+def title(figure: Figure, text: str, points: int = 1) -> None:
     """The heading, with how many of the grid's points are shown if there are too many."""
     part = f"the first {MOST_PANELS} of {points} points" if points > MOST_PANELS else ""
     if not sheet().titled:
@@ -189,7 +188,7 @@ def wrapped(text: str, across: int = 1) -> str:
     return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
-def plain_log_axis(ax: "Axes", most: float = 100.0) -> None:
+def plain_log_axis(ax: Axes, most: float = 100.0) -> None:
     """Say 200 and not 2 x 10^2 on a logarithmic vertical axis that spans that factor at most."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
@@ -224,7 +223,7 @@ def forms(formats: Iterable[str]) -> list[str]:
     return list(dict.fromkeys("pdf" if form == "tex" else form for form in formats))
 
 
-def content(figure: "Figure", form: str) -> bytes:
+def content(figure: Figure, form: str) -> bytes:
     """The figure as a file's content in one of the `saving.FORMATS`."""
     if form != "svg":
         return saved(figure, form)
@@ -232,14 +231,14 @@ def content(figure: "Figure", form: str) -> bytes:
     return live.marked(compact(saved(figure, form).decode()), figure, labels).encode()
 
 
-def settled(figure: "Figure") -> "Figure":
+def settled(figure: Figure) -> Figure:
     """The figure, laid out here and now: what is left for later would be in the user's style."""
     spell_out(figure)
     figure.draw_without_rendering()
     return figure
 
 
-def close(figure: "Figure") -> None:
+def close(figure: Figure) -> None:
     """Free the memory of a figure that a plugin made by pyplot."""
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close(figure)

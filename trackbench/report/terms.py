@@ -5,11 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.differences import (
-    Sides,
-    interval_of_difference,
-    studentised_difference,
-)
+from trackbench.evaluation.differences import Sides, interval_of_difference, studentised_difference
 from trackbench.evaluation.intervals import (
     interval_of,
     is_fragile,

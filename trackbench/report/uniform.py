@@ -21,13 +21,15 @@ def check_rank(m: Measure, *path: str) -> None:
         raise MistakenKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
-def steps_that_are_not(measures: Iterable[Measure], points: Sequence[Point]) -> str:
-    """Which of the measures are at a step that a point has not; nothing if there is none."""
+def steps_that_are_not(
+    key: str, measures: Iterable[Measure], points: Sequence[Point]
+) -> dict[str, str]:
+    """What is wrong with a key of measures, one of which is at a step that a point has not."""
     for m in measures:
         for steps in (point.scenario.steps for point in points):
             if m.step is not None and m.step not in steps:
-                return f"{m}: the steps are {steps[0]} to {steps[-1]}"
-    return ""
+                return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
+    return {}
 
 
 def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
@@ -62,10 +64,9 @@ def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniform
     tests = [
         (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
     ]
-    bad: dict[str, dict[str, None]] = {}
+    bad: dict[str, list[str]] = {}
     for (label, head, _), p in zip(tests, holm(np.array([p for _, _, p in tests])), strict=True):
-        if p < alpha:
-            bad.setdefault(label, {})[head] = None
+        if p < alpha and head not in bad.setdefault(label, []):
+            bad[label].append(head)
     good = [label for label, _, _ in tests if label not in bad]
-    found_bad = {label: list(heads) for label, heads in bad.items()}
-    return Uniformity(found_bad, list(dict.fromkeys(good)), len(tests))
+    return Uniformity(bad, list(dict.fromkeys(good)), len(tests))

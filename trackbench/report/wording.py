@@ -5,6 +5,7 @@ from typing import Any
 
 from trackbench.evaluation.measure import Measure
 from trackbench.experiment.reading.combining import single_paths
+from trackbench.keys import is_number
 from trackbench.metrics import unit_of
 
 MOST_NAMES = 4
@@ -100,5 +101,4 @@ def name(path: str) -> str:
 
 def number(value: Any) -> str:
     """A grid's value: six digits of a number, words and truth values as they are."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f"{value:g}" if is_number else str(value)
+    return f"{value:g}" if is_number(value) else str(value)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from trackbench.core import elementary
+from trackbench.keys import is_number
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 RANGE = rf"(log:)?({_NUMBER})\.\.({_NUMBER})"
@@ -50,9 +51,7 @@ class Axis:
         if self.choices:
             places = [i for i, choice in enumerate(self.choices) if choice == value]
             return (places[0] + 0.5) / len(self.choices) if places else None
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return None
-        if not self.low <= value <= self.high:
+        if not is_number(value) or not self.low <= value <= self.high:
             return None
         if not self.log:
             return (value - self.low) / (self.high - self.low)

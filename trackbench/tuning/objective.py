@@ -19,18 +19,13 @@ _TARGETS = {"one": 1.0, "zero": 0.0}
 class Score(NamedTuple):
     """How many runs were lost, and of the others the metric and each run's influence (M,) on it.
 
-    Smaller is better; a setting that loses fewer runs comes first, whatever its error.
+    Smaller is better.
     """
 
     lost: int
     value: float
     influences: Array
     """NaN of lost runs"""
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """What orders settings."""
-        return self.lost, self.value if np.isfinite(self.value) else np.inf
 
     @property
     def stderr(self) -> float:

@@ -43,7 +43,7 @@ class Trial(NamedTuple):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """What orders trials."""
+        """What orders trials: one that loses fewer runs comes first, whatever its error."""
         return self.lost, self.objective if isfinite(self.objective) else inf
 
 
@@ -101,10 +101,9 @@ class Record:
         if not isfinite(best.objective):
             yield "no value that was tried keeps a single training run"
             return
-        late = self.trials.index(best) >= len(self.trials) - looked_around(
-            self.axes, len(self.trials)
-        )
-        if late and any(not axis.choices for axis in self.axes) and len(self.trials) > 1:
+        number = len(self.trials)
+        late = self.trials.index(best) >= number - looked_around(self.axes, number)
+        if late and any(not axis.choices for axis in self.axes) and number > 1:
             yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
             yield f"{best.lost} of {runs} training runs are lost with the best values"
@@ -168,9 +167,8 @@ def _reach(line: list[tuple[float, float]], limit: float) -> float:
     reached, height = line[0]
     for x, y in line[1:]:
         if not y <= limit:
-            return reached + (x - reached) * (
-                (limit - height) / (y - height) if isfinite(y) else 0.0
-            )
+            share = (limit - height) / (y - height) if isfinite(y) else 0.0
+            return reached + (x - reached) * share
         reached, height = x, y
     return reached
 

@@ -33,14 +33,8 @@ _RATIOS = (
 """Generalised golden ratios, ``x^(d + 1) = x + 1``, of one key to five."""
 _STEP = 0.1  # share of an axis between the corners of the first simplex
 _SMALL = 2e-3  # share within which the simplex has come together
-_AROUND = (
-    -0.2,
-    -0.08,
-    -0.03,
-    0.03,
-    0.08,
-    0.2,
-)  # of an axis, where a key is looked at from the best
+_AROUND = (-0.2, -0.08, -0.03, 0.03, 0.08, 0.2)
+"""Shares of an axis at which a key is looked at from the best."""
 _WORST = 1e300
 _LOST = 1e12  # what a lost run counts: more than any objective
 

@@ -94,9 +94,8 @@ class _Tuner:
             self.record.trials += found.values()
             self._there.clear()
             try:
-                self._ask(
-                    self._asking.send({values: trial.rank for values, trial in found.items()})
-                )
+                ranks = {values: trial.rank for values, trial in found.items()}
+                self._ask(self._asking.send(ranks))
             except StopIteration:
                 self._asked = {}
         return len(self.record.trials) - before

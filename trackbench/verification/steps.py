@@ -35,11 +35,9 @@ def follow_from_steps(
     ]
     wrong = [key for key, agrees in checked if not agrees]
     if wrong:
-        what = (
-            "averages over steps are not those of per_run.csv or summary.csv; the first is that of"
-        )
         first = ", ".join(map(str, filter(None, wrong[0])))
-        yield changed(f"per_step.csv: {len(wrong)} of {len(checked)} {what} {first}")
+        what = f"are not those of per_run.csv or summary.csv; the first is that of {first}"
+        yield changed(f"per_step.csv: {len(wrong)} of {len(checked)} averages over steps {what}")
 
 
 def _averages(

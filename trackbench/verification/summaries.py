@@ -102,9 +102,8 @@ def follow_from_runs(
             if key not in mine or key not in found or not found[key].holds(mine[key]):
                 wrong.append((*point.values(), *key))
         if {len(values) for values in results.runs(point).values()} - {results.config["runs"]}:
-            yield changed(
-                "per_run.csv: has not as many runs of every metric as the config asks for"
-            )
+            what = "has not as many runs of every metric as the config asks for"
+            yield changed(f"per_run.csv: {what}")
     timing = results.timing
     if not np.allclose(timing["cpu_s_per_run"], timing["cpu_s"] / timing["runs"], 1e-9, 0.0):
         yield changed("timing.csv: cpu_s_per_run is not cpu_s over runs")

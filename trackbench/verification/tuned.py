@@ -6,6 +6,8 @@ all of them where all runs are.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import takewhile
 
 import numpy as np
 
@@ -77,20 +79,16 @@ def _followed(
     ranks: dict[Values, Rank] = {_values(record, t): t.rank for t in record.trials}
     asked: list[Values] = []
     asking = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
-    try:
+    with suppress(StopIteration):
         wanted = next(asking)
         while set(wanted) <= ranks.keys():
             asked += wanted
             wanted = asking.send({values: ranks[values] for values in wanted})
         asked += wanted
-    except StopIteration:
-        pass
     if asked == list(ranks) or _is_close(record):
         return
-    pairs = zip(asked, ranks, strict=False)
-    place = next(
-        (i for i, pair in enumerate(pairs) if len({*pair}) > 1), min(len(asked), len(ranks))
-    )
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(asked, ranks, strict=False))
+    place = len(list(alike))
     what = "is not what the search asks for after those before it"
     yield changed(f"{_FILE}: {label}: trial {place} {what}")
 

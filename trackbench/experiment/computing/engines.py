@@ -5,13 +5,12 @@ import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, contextmanager
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 from trackbench.experiment.computing import processes
 from trackbench.experiment.problems import UserError
 
 Engine = Literal["serial", "processes", "dask"]
-ENGINES: tuple[Engine, ...] = get_args(Engine)
 OpenEngine = Callable[[], AbstractContextManager[Executor]]
 """Opens the engine, again after it broke."""
 T = TypeVar("T")
@@ -50,18 +49,13 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
     if name == "dask":
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
-        return _serial
+        return SerialExecutor
     if processes.is_beginning():
         raise RuntimeError(
             "a script that runs an experiment on several processes is imported by each of them: "
             'put the call under `if __name__ == "__main__":`, or use engine="serial"'
         )
     return lambda: processes.pool(workers)
-
-
-@contextmanager
-def _serial() -> Iterator[Executor]:
-    yield SerialExecutor()
 
 
 @contextmanager

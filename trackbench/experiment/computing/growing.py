@@ -8,12 +8,7 @@ from trackbench.evaluation.derived import sizes
 from trackbench.evaluation.precision import Looked, Wanted, looked, looks
 from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.planning.plan import Key
-from trackbench.experiment.reading.definition import Experiment, Settings
-
-
-def wanted(settings: Settings) -> list[Wanted]:
-    """The standard errors that are asked for."""
-    return [Wanted.read(metric, error) for metric, error in settings.until.items()]
+from trackbench.experiment.reading.definition import Experiment
 
 
 def with_runs(experiment: Experiment, runs: int) -> Experiment:
@@ -48,7 +43,7 @@ def grown(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | N
 
 def short(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[Key, Looked]]:
     """The numbers that are not yet exact enough."""
-    asked = wanted(experiment.settings)
+    asked = [Wanted.read(*item) for item in experiment.settings.until.items()]
     for key, result in outcome.results():
         scenario = experiment.points[key[0]].scenario
         for found in looked(asked, result, sizes(scenario), scenario.windows):

@@ -40,9 +40,8 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
     if here.own != expected.own:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
-        from trackbench.experiment.reading.plugins import (
-            load_plugin,  # brings the config's reader along
-        )
+        # Here, since it brings the config's reader along.
+        from trackbench.experiment.reading.plugins import load_plugin
 
         load_plugin(plugin, checked=False)
     block: BlockTask = pickle.loads(task)

@@ -149,10 +149,7 @@ def check_drawable(
 
 
 def check_figures(
-    source: Source,
-    settings: Settings,
-    figures: dict[str, DrawnExhibit],
-    points: list[Point],
+    source: Source, settings: Settings, figures: dict[str, DrawnExhibit], points: list[Point]
 ) -> None:
     """A figure may show only runs and components that there are."""
     sizes = [len(p.scenario.components) for p in points]

@@ -57,10 +57,7 @@ def separate(
 
 
 def combinations(
-    grid: Mapping[str, Sequence[Any]],
-    labels: Collection[str],
-    reference: str | None,
-    every: bool,
+    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
 ) -> list[Places]:
     """The points in the order of their values: every combination, or one group of filters at a time.
 
@@ -78,10 +75,7 @@ def combinations(
 
 
 def number_of_points(
-    grid: Mapping[str, Sequence[Any]],
-    labels: Collection[str],
-    reference: str | None,
-    every: bool,
+    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
 ) -> int:
     """How many `combinations` gives."""
     if every:

@@ -76,12 +76,12 @@ def _mark_all(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
         _mark_all(source, (*keys, key), value[key], mark)
 
 
-def assignment(source: Source, text: str, option: str = "--set") -> tuple[Keys, Any, Mark]:
+def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
     """``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
     """
-    keys, value, mark = split_assignment(source, text, option)
+    keys, value, mark = split_assignment(source, text, "--set")
     if not value.lstrip().startswith(("[", "{", '"', "'")):
         return keys, scalar(value.strip()), mark
     try:

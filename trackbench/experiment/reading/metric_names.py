@@ -20,6 +20,7 @@ from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
+from trackbench.keys import is_number
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
@@ -78,8 +79,7 @@ class Names:
         """What a key of such a role may name."""
         if role == "summary":
             return self.summary | self.given
-        found: set[str] = self.summary if role == "row" else getattr(self, role)
-        return found
+        return self.summary if role == "row" else getattr(self, role)
 
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
@@ -131,9 +131,8 @@ def names_of(
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
-        found: dict[
-            frozenset[str], set[str]
-        ] = {}  # by what they count: series are named one by one
+        # By what they count: series are named one by one.
+        found: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_foretold(settings, point.scenario, tracker))
@@ -168,7 +167,7 @@ def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
 def _numbers(tracker: AnyFilter) -> set[str]:
     """The keys of a filter that are numbers."""
     values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
-    return {k for k, v in values.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+    return {key for key, value in values.items() if is_number(value)}
 
 
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from trackbench.experiment.problems import Mark, UserError
-from trackbench.experiment.reading.source import Keys, Source, unseen
+from trackbench.experiment.reading.source import DEEPEST, Keys, Source, unseen
 
 Config: TypeAlias = Path | str | Mapping[str, Any]
 """A file, the name of a shipped experiment, or what a file would say as a mapping."""
 _MARK = Mark("config")
-_DEEPEST = 50
 
 
 def source_of(config: Mapping[str, Any]) -> Source:
@@ -38,8 +37,8 @@ def _plain(value: Any, keys: Keys, source: Source) -> Any:
 
 
 def _mistakes(value: Any, keys: Keys) -> Iterator[str]:
-    if len(keys) > _DEEPEST:
-        yield f"nested more than {_DEEPEST} levels deep"
+    if len(keys) > DEEPEST:
+        yield f"nested more than {DEEPEST} levels deep"
     elif isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             yield "a key must be a word"

@@ -27,7 +27,7 @@ _LARGEST_FILE = 1_000_000  # bytes
 _UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
 _MOST_NODES = 20_000  # after aliases are expanded
 _TOO_MANY = f"more than {_MOST_NODES} values"
-_DEEPEST = 50
+DEEPEST = 50  # levels
 _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 _LONGEST_NUMBER = 100  # characters; a longer whole number is a word, since no float could hold it
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -218,8 +218,8 @@ class _Builder:
         self.nodes += 1
         if self.nodes > _MOST_NODES:
             raise UserError(Problem(mark, "", f"{_TOO_MANY} after aliases"))
-        if len(keys) > _DEEPEST:
-            raise UserError(Problem(mark, "", f"nested more than {_DEEPEST} levels deep"))
+        if len(keys) > DEEPEST:
+            raise UserError(Problem(mark, "", f"nested more than {DEEPEST} levels deep"))
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, keys)
         if isinstance(node, yaml.SequenceNode):

@@ -102,11 +102,7 @@ def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
 
 
 def build(
-    cls: type[T],
-    source: Source,
-    keys: Keys,
-    parts: Sequence[Any] = (),
-    also: Sequence[str] = (),
+    cls: type[T], source: Source, keys: Keys, parts: Sequence[Any] = (), also: Sequence[str] = ()
 ) -> T | None:
     """The dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
 
@@ -182,17 +178,18 @@ def _within(cls: type[Any], path: Keys) -> type[Any] | None:
     for key in path:
         if isinstance(key, int):
             continue
-        inner = _dataclasses(get_type_hints(found).get(key))
+        inner = dataclasses_in(get_type_hints(found).get(key))
         if len(inner) != 1:
             return None
         found = inner[0]
     return found
 
 
-def _dataclasses(hint: Any) -> list[type[Any]]:
+def dataclasses_in(hint: Any) -> list[type[Any]]:
+    """The dataclasses that a value of this type, or an item of it, may be."""
     if isinstance(hint, type) and is_dataclass(hint):
         return [hint]
-    return [cls for option in get_args(hint) for cls in _dataclasses(option)]
+    return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
 def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:

@@ -100,10 +100,8 @@ class Turning:
         F[3, 1], F[1, 3] = s, -s
         # d/dw of T sin(u) / u and T (1 - cos u) / u, u = w T
         u = w * T
-        d_along, d_across = (
-            T * T * _sinc_slope(u),
-            T * (along - 0.5 * T * np.square(_sinc(0.5 * u))),
-        )
+        d_along = T * T * _sinc_slope(u)
+        d_across = T * (along - 0.5 * T * np.square(_sinc(0.5 * u)))
         F[0, 4] = d_along * vx - d_across * vy
         F[1, 4] = -T * (s * vx + c * vy)
         F[2, 4] = d_across * vx + d_along * vy

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,12 +16,9 @@ from trackbench.keys import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}
 
@@ -45,7 +42,7 @@ class Banana(FigureKind):
     samples: Count = 3000
     """number of points"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A panel per range."""
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -74,10 +71,10 @@ class Banana(FigureKind):
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axes[0][0].set_ylabel("Along it, less the range (m)")
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes[0]))
+        style.legend_outside(figure)
         return figure
 
-    def _ellipses(self, ax: "Axes", z: Gaussian, r: float, i: int, label: str) -> None:
+    def _ellipses(self, ax: Axes, z: Gaussian, r: float, i: int, label: str) -> None:
         mean, cov = z.mean[:, 0], z.cov[..., 0]
         for deviations in (1, 2):
             along, across = ellipse(mean - [r, 0.0], cov, deviations)
@@ -130,7 +127,7 @@ class PosteriorEllipses(FigureKind):
         """The tracks' covariances must be kept too."""
         return True
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """The measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
         point = results.every_point[self.point - 1]
@@ -141,11 +138,11 @@ class PosteriorEllipses(FigureKind):
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
         style.title(figure, self.title)
-        style.legend_outside(figure, ax)
+        style.legend_outside(figure)
         return figure
 
     def _panel(
-        self, ax: "Axes", tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
+        self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
     ) -> None:
         k, m = int(np.flatnonzero(tracks["steps"] == self.step)[0]), self.run - 1
         truth = tracks["truth"][[0, 2], k, m]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,15 +11,12 @@ from trackbench.evaluation.statistics import interval
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking, sentences
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @register("figures", "bars")
@@ -55,7 +52,7 @@ class Bars(FigureKind):
         published = "Diamonds are the numbers that were published." if there else ""
         return sentences(ranking(values, self.metric.family[0].better, where), published)
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
@@ -79,11 +76,11 @@ class Bars(FigureKind):
         axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
         axes[0][0].invert_yaxis()
         style.title(figure, self.title, len(results.points()))
-        style.legend_outside(figure, list(axes[:, 0]))
+        style.legend_outside(figure)
         return figure
 
     def _bars(
-        self, ax: "Axes", results: Results, expressions: Expressions, labels: list[str]
+        self, ax: Axes, results: Results, expressions: Expressions, labels: list[str]
     ) -> None:
         look: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
@@ -105,7 +102,7 @@ class Bars(FigureKind):
         return term.value, low, high
 
     def _published(
-        self, ax: "Axes", results: Results, point: dict[str, Any], labels: list[str]
+        self, ax: Axes, results: Results, point: dict[str, Any], labels: list[str]
     ) -> None:
         look: dict[str, Any] = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
         for number in results.published.numbers:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.figures.curves import Curves
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
@@ -26,10 +27,6 @@ from trackbench.report.uniform import (
     steps_that_are_not,
 )
 from trackbench.report.wording import joined, named, percent, verb
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ALPHA, _LEAST_P = 0.01, 1e-4
 _LEVELS = 101
@@ -57,8 +54,7 @@ class CalibrationFigure(FigureKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Steps that there are not."""
-        what = steps_that_are_not(self.columns.values(), points)
-        return {"columns": what} if what else {}
+        return steps_that_are_not("columns", self.columns.values(), points)
 
     def tell(self, results: Results) -> str:
         """Whose ranks are uniform, as far as can be told, and whose are not."""
@@ -77,7 +73,7 @@ class CalibrationFigure(FigureKind):
         tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A row of panels per filter (and point of the grid), a column per PIT."""
         every = [(p, b) for p in results.points() for b in results.chosen(self.filters)]
         rows = every[: style.MOST_PANELS]
@@ -101,7 +97,7 @@ class CalibrationFigure(FigureKind):
         return figure
 
 
-def _bars(ax: "Axes", found: Histogram, colour: str, over_steps: bool) -> None:
+def _bars(ax: Axes, found: Histogram, colour: str, over_steps: bool) -> None:
     """Ten bars about their common expectation, the band, the p-value."""
     edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
     at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
@@ -140,8 +136,7 @@ class Reliability(Curves):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """A step that there is not."""
-        what = steps_that_are_not([self.metric], points)
-        return {"metric": what} if what else {}
+        return steps_that_are_not("metric", [self.metric], points)
 
     def tell(self, results: Results) -> str:
         """What is in the region of 90 %."""
@@ -155,7 +150,7 @@ class Reliability(Curves):
             f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
         )
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
@@ -170,13 +165,10 @@ class Reliability(Curves):
                     most = max(most, runs)
             if most and self.metric.steps:
                 width = kolmogorov_band(most, self.level)
-                name = f"{100 * self.level:g} % band"
-                ends = np.array([0.0, 1.0])
-                ax.fill_between(
-                    ends, ends - width, ends + width, color="black", alpha=0.15, lw=0, label=name
-                )
+                name, ends = f"{100 * self.level:g} % band", np.array([0.0, 1.0])
+                ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 

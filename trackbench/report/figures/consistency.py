@@ -1,7 +1,6 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,13 +9,11 @@ from trackbench.evaluation.measure import OfStep, OfSummary, measure
 from trackbench.keys import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Figure
 from trackbench.report.figures.curves import OverTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.wording import named
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @register("figures", "anees")
@@ -46,7 +43,7 @@ class Anees(OverTime):
         what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
         return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter; between the grey lines a consistent filter stays."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
@@ -56,8 +53,7 @@ class Anees(OverTime):
                     ax.plot(rows[self.x], rows["value"], **look)
                     runs = max(runs, int(rows["runs"].max()))
             band = anees_band(self.n_x, runs, self.level)
-            name = f"{100 * self.level:g} % band"
-            ax.axhspan(*band, label=name, color="black", alpha=0.15, linewidth=0)
+            ax.axhspan(*band, label=f"{100 * self.level:g} % band", **style.BAND)
         return self.finish(figure)
 
 
@@ -71,7 +67,7 @@ class Bias(OverTime):
     linear_within: Positive | None = None
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results, len(self.rows))
         for axes, point in panels:
@@ -86,7 +82,7 @@ class Bias(OverTime):
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
             ax.set_ylabel(head)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 
@@ -102,7 +98,7 @@ class Dots(FigureKind):
     expected: dict[str, float]
     """value of each metric for a filter without fault, drawn as a line"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A column of panels per metric."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)

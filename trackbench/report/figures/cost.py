@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from trackbench.evaluation.measure import Expression, measure
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.costs import (
     COST,
     MICRO,
@@ -27,10 +28,6 @@ from trackbench.report.grids import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.wording import joined
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MARKERS = "osD^vP*X"
 _FRONT: dict[str, Any] = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
@@ -79,7 +76,7 @@ class AccuracyVsCost(FigureKind):
         where = f" at {wording.heading(scene)}" if scene else ""
         return f"On the front{where}: {'; '.join(found)}." if found else ""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One panel per scene."""
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
@@ -90,10 +87,10 @@ class AccuracyVsCost(FigureKind):
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         style.title(figure, self.title, len(every))
-        style.legend_outside(figure, list(axes[:, 0]))
+        style.legend_outside(figure)
         return figure
 
-    def _panel(self, ax: "Axes", results: Results, scene: dict[str, Any]) -> None:
+    def _panel(self, ax: Axes, results: Results, scene: dict[str, Any]) -> None:
         there = self._curves(results, scene)
         marks: dict[str, int] = {}
         for curve in there:
@@ -131,7 +128,7 @@ class AccuracyVsCost(FigureKind):
         stored = expressions.stored.get((floor, str(self.metric)))
         return (stored or expressions.term(self.metric.of(floor))).value
 
-    def _curve(self, ax: "Axes", curve: Curve, look: dict[str, Any]) -> None:
+    def _curve(self, ax: Axes, curve: Curve, look: dict[str, Any]) -> None:
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
         bars = {"fmt": "none", "color": look["color"], "elinewidth": 0.8, "capsize": 1.5}

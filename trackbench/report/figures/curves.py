@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -11,14 +11,11 @@ from trackbench.evaluation.measure import Measure, OfStep, measure
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.columns import Columns
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROUNDING = 1e-12
 
@@ -59,7 +56,7 @@ class Curves(FigureKind):
 
     def panels(
         self, results: Results, rows: int = 1, **layout: Any
-    ) -> tuple["Figure", list[tuple[list["Axes"], dict[str, Any]]]]:
+    ) -> tuple[Figure, list[tuple[list[Axes], dict[str, Any]]]]:
         """A column of panels per grid point; those of one row share their vertical axis."""
         points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
@@ -86,14 +83,14 @@ class Curves(FigureKind):
         for label, look in self.labels(results):
             yield rows.where(filter=label), {"label": label, **look}
 
-    def finish(self, figure: "Figure") -> "Figure":
+    def finish(self, figure: Figure) -> Figure:
         """The figure with its legend and legible vertical axes."""
         for ax in figure.axes:
             if self.log:
                 style.plain_log_axis(ax)
             else:
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 
@@ -132,7 +129,7 @@ class RmseVsTime(OverTime):
         better = self.metric.family[0].better
         return ranking(averages, better, f"Averaged over the steps{where}")
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
@@ -163,7 +160,7 @@ class EstimatesOfOneRun(OverTime):
         """Runs whose tracks must be kept."""
         return self.run
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter over the truth's points; errors only where there is a truth."""
         tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
         c, run = self.component - 1, self.run - 1
@@ -176,11 +173,11 @@ class EstimatesOfOneRun(OverTime):
         if known:
             panels[0][0][1].set_ylabel("Estimate - truth")
             figure.align_ylabels()
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
     def _panel(
-        self, axes: list["Axes"], results: Results, tracks: dict[str, Array], c: int, run: int
+        self, axes: list[Axes], results: Results, tracks: dict[str, Array], c: int, run: int
     ) -> None:
         k, truth = tracks[f"{self.x}s"], tracks["truth"][c, :, run]
         if np.isfinite(truth).any():

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +12,13 @@ from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Point
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import missing_paths
+from trackbench.report.grids import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
+from trackbench.report.paired import Pair
 from trackbench.report.paper import sheet
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 _LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
 
@@ -52,18 +49,17 @@ class HeatMap(FigureKind):
         """How to read it; of pairs, how many differ."""
         if results.grid:
             return ""
-        shown = results.chosen(self.filters)
-        pairs = [
-            pair
-            for _, found in results.pairs
-            for pair in found
-            if pair.metric == self.metric.name and {pair.filter_a, pair.filter_b} <= {*shown}
-        ]
+        pairs = self._shown_pairs(results)
         alike = sum(not pair.p_holm < 0.05 for pair in pairs)
         words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
         return f"{words} {alike} of {counted(len(pairs), 'pair')} do not differ at 5 % (Holm)."
 
-    def draw(self, results: Results) -> "Figure":
+    def _shown_pairs(self, results: Results) -> list[Pair]:
+        labels = results.chosen(self.filters)
+        found = [p for _, pairs in results.pairs for p in pairs if p.metric == self.metric.name]
+        return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
+
+    def draw(self, results: Results) -> Figure:
         """One panel; with two paths, one per filter."""
         labels = results.chosen(self.filters)
         if not results.grid:
@@ -73,9 +69,8 @@ class HeatMap(FigureKind):
         columns = list(dict.fromkeys(point[x] for point in points))
         if self.y is None:
             rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
-            return self._panels(
-                x, columns, "", [style.words(b) for b in labels], {"": np.array(rows)}
-            )
+            names = [style.words(b) for b in labels]
+            return self._panels(x, columns, "", names, {"": np.array(rows)})
         levels = list(dict.fromkeys(point[self.y] for point in points))
         panels = {
             b: np.array(
@@ -86,16 +81,13 @@ class HeatMap(FigureKind):
         return self._panels(x, columns, self.y, levels, panels)
 
     def _cell(self, results: Results, wanted: dict[str, Any], label: str) -> float:
-        point = next(
-            (p for p in results.points() if all(p[k] == v for k, v in wanted.items())), None
-        )
-        if point is None:
-            return float("nan")
-        return Expressions(results, point).term(self.metric.of(label)).value
+        points = points_of(results, wanted)
+        m = self.metric.of(label)
+        return Expressions(results, points[0]).term(m).value if points else float("nan")
 
     def _panels(
         self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
-    ) -> "Figure":
+    ) -> Figure:
         from matplotlib.colors import LogNorm, Normalize
 
         finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
@@ -117,14 +109,11 @@ class HeatMap(FigureKind):
         style.title(figure, self.title)
         return figure
 
-    def _pairs(self, results: Results, labels: list[str]) -> "Figure":
-        metric = self.metric.name
+    def _pairs(self, results: Results, labels: list[str]) -> Figure:
         z = np.full((len(labels), len(labels)), np.nan)
-        for _, pairs in results.pairs:
-            for pair in pairs:
-                if pair.metric == metric and {pair.filter_a, pair.filter_b} <= set(labels):
-                    i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
-                    z[i, j], z[j, i] = pair.z, -pair.z
+        for pair in self._shown_pairs(results):
+            i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
+            z[i, j], z[j, i] = pair.z, -pair.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.words(b) for b in labels]
@@ -134,13 +123,13 @@ class HeatMap(FigureKind):
             tick.set_ha("right")
         texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
         _numbers(ax, z, texts, image, (sheet().width_in - 2.5) / len(labels))
-        ax.set(xlabel="less that of this filter", ylabel=f"{metric} of this filter")
+        ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
         style.title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 
 
-def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> None:
+def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
     """Upright where the columns are too narrow for what they are called."""
     upright = max(map(len, columns)) * _LETTER_IN > cell_in
     ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
@@ -150,7 +139,7 @@ def _ticks(ax: "Axes", columns: list[str], rows: list[str], cell_in: float) -> N
     ax.tick_params(length=0)
 
 
-def _numbers(ax: "Axes", values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
+def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
     """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
     if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
         return

@@ -1,7 +1,7 @@
 """Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from trackbench.evaluation.measure import measured
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.artists import Figure
 from trackbench.report.figures.curves import Curves, OverTime
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _ENOUGH = 60  # measured components whose average is worth a point
 
@@ -39,7 +37,7 @@ class Nis(OverTime):
     over: Count | None = None
     """steps that are averaged together; default: as many as measure 60 components"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
@@ -56,9 +54,7 @@ class Nis(OverTime):
                     band = max(band, (k, number), key=lambda b: len(b[0]))
             if len(band[0]):
                 low, high = np.array([anees_band(1, round(n)) for n in band[1]]).T
-                ax.fill_between(
-                    band[0], low, high, color="black", alpha=0.15, lw=0, label="95 % band"
-                )
+                ax.fill_between(band[0], low, high, label="95 % band", **style.BAND)
             ax.axhline(1.0, color="black", linewidth=0.6)
         return self.finish(figure)
 
@@ -87,7 +83,7 @@ class Autocorrelation(Curves):
     y_label: str = "Autocorrelation"
     """label of the vertical axis"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A point per lag, one line per filter; the band is 1.96 over the root of their number."""
         figure, panels = self.panels(results)
         lags = np.arange(1, LAGS + 1)
@@ -101,9 +97,9 @@ class Autocorrelation(Curves):
                     most = max(most, found[label, "innovations"])
             if most:
                 width = 1.96 / np.sqrt(most)
-                ax.axhspan(-width, width, color="black", alpha=0.15, lw=0, label="95 % band")
+                ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
-        style.legend_outside(figure, figure.axes)
+        style.legend_outside(figure)
         return figure
 
 

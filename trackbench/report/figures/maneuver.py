@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,13 +11,10 @@ from trackbench.experiment.reading.definition import Point
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paper import sheet
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _AXES = ("x", "y")
 
@@ -60,7 +57,7 @@ class Track(FigureKind):
         """The positions that the first run's measurements tell must be kept."""
         return self.measurements
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
         # of the first point where not every filter failed
@@ -87,13 +84,13 @@ class Track(FigureKind):
             ax.set_title(style.words(label))
         axes[0][0].set_ylabel("y (km)")
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes[0]))
+        style.legend_outside(figure)
         return figure
 
     def _sees(self, tracks: dict[str, Array]) -> bool:
         return self.measurements and "seen" in tracks and self.components == (0, 2)
 
-    def _estimates(self, ax: "Axes", mean: Array, colour: str) -> None:
+    def _estimates(self, ax: Axes, mean: Array, colour: str) -> None:
         x, y = mean[list(self.components), :, : self.runs] / 1000.0
         shown = x.shape[1]
         name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
@@ -114,7 +111,7 @@ def _size(panels: int, *tracks: Array) -> tuple[float, float]:
     return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
 
 
-def _truth(ax: "Axes", xy: Array, times: Array, turning: list[list[float]], thin: bool) -> None:
+def _truth(ax: Axes, xy: Array, times: Array, turning: list[list[float]], thin: bool) -> None:
     width = 0.7 if thin else 1.4
     there = np.isfinite(xy).all(axis=0)
     if not there.any():
@@ -151,7 +148,7 @@ class MeanAndStd(FigureKind):
             return {}
         return {"": "there are no errors in x and y to show"}
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """Mean error above, standard deviation below; x left, y right."""
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
@@ -171,9 +168,9 @@ class MeanAndStd(FigureKind):
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
         style.title(figure, self.title)
-        style.legend_outside(figure, list(axes.flat))
+        style.legend_outside(figure)
         return figure
 
 
-def _line(ax: "Axes", rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
+def _line(ax: Axes, rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
     ax.plot(rows["time"], sign * rows["value"], label=label, **look | {"linewidth": 0.8})

@@ -1,19 +1,17 @@
 """Figure kind `rmse-per-run`: a metric in each run, in order of the errors or of the runs' numbers."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import OfRun, measure
 from trackbench.registry import register
+from trackbench.report.artists import Figure
 from trackbench.report.figures.curves import Curves
 from trackbench.report.results import Results
 from trackbench.report.telling import ranking
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MOST = 200  # points of a line over the share of runs
 
@@ -49,7 +47,7 @@ class RmsePerRun(Curves):
         }
         return ranking(medians, self.metric.family[0].better, "By the median run")
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:

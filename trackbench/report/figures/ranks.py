@@ -1,7 +1,6 @@
 """Figure kind `critical-difference`: mean ranks over runs, and who does not differ from whom."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,12 +9,9 @@ from trackbench.evaluation.measure import OfRun, measure
 from trackbench.keys import OpenShare
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @register("figures", "critical-difference")
@@ -33,7 +29,7 @@ class CriticalDifference(FigureKind):
     alpha: OpenShare = 0.05
     """probability of a false difference anywhere in the figure"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A panel per point of the grid, one below the other."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
@@ -104,7 +100,7 @@ def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
     return found
 
 
-def _panel(ax: "Axes", labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
+def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
     """Ranks on the upper axis, labels left and right below it, bars of the groups in between."""
     k = len(labels)
     order = np.argsort(mean)

@@ -2,24 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import OfSummary, measure
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import is_number
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.columns import Columns
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.wording import named, three_digits
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
 
@@ -53,7 +51,7 @@ class RmseVsParameter(FigureKind):
         path = self.parameter or next(iter(points[0].values), "")
         found = missing_paths(points, parameter=path)
         values = [point.values[path] for point in points] if not found else []
-        words = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
+        words = [value for value in values if not is_number(value)]
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
     def tell(self, results: Results) -> str:
@@ -75,7 +73,7 @@ class RmseVsParameter(FigureKind):
         held = {p: v for p, v in results.points()[0].items() if p != path}
         return path, results.columns("summary", held).where(metric=str(self.metric))
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """One panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
@@ -93,11 +91,11 @@ class RmseVsParameter(FigureKind):
         ax.set_xlabel(self.x_label or wording.axis(path))
         ax.set_ylabel(self.y_label)
         style.title(figure, self.title)
-        style.legend_outside(figure, ax)
+        style.legend_outside(figure)
         return figure
 
     def _line(
-        self, ax: "Axes", x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
+        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
     ) -> None:
         shown = _moved_zero(x) if self.log_x else x
         if len(y) and np.ptp(y) == 0.0:
@@ -118,7 +116,7 @@ def _moved_zero(x: Array) -> Array:
     return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
 
 
-def _logarithmic(ax: "Axes", values: Array) -> None:
+def _logarithmic(ax: Axes, values: Array) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     ax.set_xscale("log")

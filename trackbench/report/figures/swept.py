@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,17 +10,15 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.measure import Measure, OfSummary, measured
 from trackbench.experiment.reading.combining import filters_of, is_of_scenario
 from trackbench.experiment.reading.definition import Point
+from trackbench.keys import is_number
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.grids import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.standing import ranking_metrics
 from trackbench.report.wording import mean_of, named, three_digits
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROW_IN = 2.6
 _MOST_ERRORS = 2
@@ -65,7 +63,7 @@ class SweepFigure(FigureKind):
                 told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
         return f"Best: {'; '.join(told)}." if told else ""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """Panels of metrics, or of filters."""
         held, metrics = _Held(results, self.paths), self._metrics(results)
         labels, varied = self._labels(results)
@@ -121,10 +119,10 @@ def _lines(
     varied: list[str],
     metrics: dict[str, Measure],
     title: str,
-) -> "Figure":
+) -> Figure:
     figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
     values = held.values[path]
-    numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    numeric = all(map(is_number, values))
     for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
         drawn = _drawn(held, labels, varied, metric)
         for label in drawn:
@@ -136,7 +134,7 @@ def _lines(
             style.plain_log_axis(ax, most=np.inf)
         ax.set(xlabel=wording.axis(path), ylabel=words)
     style.title(figure, title)
-    style.legend_outside(figure, axes)
+    style.legend_outside(figure)
     return figure
 
 
@@ -145,14 +143,12 @@ def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -
     levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
-    better = metric.family[0].better
-    levels = {b: abs(x - 1.0) if better == "one" else x for b, x in levels.items()}
-    best = (max if better == "higher" else min)(levels, key=levels.__getitem__)
+    best = [*levels][_best(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
 
 
 def _line(
-    ax: "Axes", held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
+    ax: Axes, held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
 ) -> None:
     rows, look = held.of(label, metric), held.results.look(label)
     if not rows:
@@ -178,7 +174,7 @@ def _best(values: Array, metric: Measure) -> int:
     return int(np.nanargmin(np.abs(values - 1.0) if better == "one" else values))
 
 
-def _scale(ax: "Axes", values: list[Any], numeric: bool) -> None:
+def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
     if not numeric:
         ax.set_xticks(range(len(values)), [str(v) for v in values])
     elif min(values) > 0 and max(values) >= 50 * min(values):
@@ -187,7 +183,7 @@ def _scale(ax: "Axes", values: list[Any], numeric: bool) -> None:
 
 def _heat_maps(
     held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
-) -> "Figure":
+) -> Figure:
     """A panel per filter, on one colour scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     across, down = held.values[x], held.values[y]
@@ -221,7 +217,7 @@ def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: li
     return found
 
 
-def _write_values(ax: "Axes", values: Array, finite: Array, few: bool) -> None:
+def _write_values(ax: Axes, values: Array, finite: Array, few: bool) -> None:
     if max(values.shape) > (_MOST_TEXT if few else _MOST_TEXT // 2):
         return
     middle = 0.5 * (finite.min() + finite.max())
@@ -231,7 +227,7 @@ def _write_values(ax: "Axes", values: Array, finite: Array, few: bool) -> None:
             ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=colour, fontsize=8)
 
 
-def _frame(ax: "Axes", at: tuple[Any, ...]) -> None:
+def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
     from matplotlib.patches import Rectangle
 
     i, j = at

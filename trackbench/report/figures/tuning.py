@@ -2,19 +2,16 @@
 
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 from trackbench.registry import register
 from trackbench.report import style, wording
+from trackbench.report.artists import Axes, Figure
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
 from trackbench.tuning.axes import Axis
 from trackbench.tuning.record import Record
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ABROAD = 3.0  # of the best half's spread: trials further up are off the page
 _BARS = 4.0  # standard errors of the best that the page shows at least
@@ -33,7 +30,7 @@ class TuningFigure(FigureKind):
     filter: str
     """label of the filter that is tuned"""
 
-    def draw(self, results: Results) -> "Figure":
+    def draw(self, results: Results) -> Figure:
         """A panel per key."""
         record = results.tuning.get(self.filter)
         axes = record.axes if record is not None else ()
@@ -45,7 +42,7 @@ class TuningFigure(FigureKind):
         return figure
 
 
-def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
+def _panel(ax: Axes, record: Record, axis: Axis) -> None:
     def x(value: object) -> float:
         return float(axis.choices.index(value) if axis.choices else value)  # type: ignore[arg-type]
 
@@ -63,10 +60,8 @@ def _panel(ax: "Axes", record: Record, axis: Axis) -> None:
         height = min(t.objective, top)
         ax.plot(x(t.values[axis.key]), height, marker, color=style.COLOURS[0], markersize=3.5)
     if isfinite(best.objective):
-        where, bar = x(best.values[axis.key]), best.stderr
-        ax.errorbar(
-            where, best.objective, bar, fmt="D", color=style.COLOURS[1], capsize=2, zorder=4
-        )
+        look: Any = {"fmt": "D", "color": style.COLOURS[1], "capsize": 2, "zorder": 4}
+        ax.errorbar(x(best.values[axis.key]), best.objective, best.stderr, **look)
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:

@@ -45,8 +45,7 @@ class CalibrationTable(TableKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Steps that there are not."""
-        what = steps_that_are_not(self.rows.values(), points)
-        return {"rows": what} if what else {}
+        return steps_that_are_not("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:
         """The table from a results folder."""

@@ -38,9 +38,8 @@ class Precision(TableKind):
                 for w in wanted:
                     at = [found for n in stops for found in _look(results, point, result, w, n)]
                     if at:
-                        cell = Cell(
-                            Estimate(at[-1].row.value, at[-1].row.stderr), at[-1].row.runs, 0
-                        )
+                        row = at[-1].row
+                        cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
                         keys = [label, w.metric, str(config["until"][w.metric]), _enough(at, stops)]
                         table.add([*(str(v) for v in point.values()), *keys], [cell])
         return table

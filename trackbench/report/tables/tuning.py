@@ -39,18 +39,14 @@ class TuningTable(TableKind):
         """The table from a results folder."""
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], results.given({}).sizes)
-        title = (
-            self.title or f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results.config)}"
-        )
-        table = Table(title, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
+        by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results.config)}"
+        table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
             found, given = (_score(objective, runs, of) for of in (tuned(label), label))
-            table.add(
-                [label, _found(record), str(len(record.trials))], _cells(record, found, given)
-            )
-            table.notes += (
-                f"{label}: {said}." for said in _said(record, found, given, tuning["runs"])
-            )
+            keys = [label, _found(record), str(len(record.trials))]
+            table.add(keys, _cells(record, found, given))
+            said = _said(record, found, given, tuning["runs"])
+            table.notes += (f"{label}: {text}." for text in said)
         return table
 
 

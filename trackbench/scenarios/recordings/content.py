@@ -21,8 +21,7 @@ class FromFiles:
     @property
     def contents(self) -> dict[str, str]:
         """Digest of all files, by each of their names."""
-        digest: str = self.__dict__["_content"]
-        return dict.fromkeys(self.patterns, digest)
+        return dict.fromkeys(self.patterns, self.__dict__["_content"])
 
     @contextmanager
     def reading(self) -> Iterator[None]:

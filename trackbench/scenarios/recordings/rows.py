@@ -150,9 +150,9 @@ def _rows_of_file(
     out = []
     for m, components in enumerate(sensors):
         rows = Rows(runs, time, np.stack([given[c] for c in components]), files, table.lines)
-        out.append(
-            rows if which is None else rows.at(_of_sensor(columns, table, which, m, sensors))
-        )
+        if which is not None:
+            rows = rows.at(_of_sensor(columns, table, which, m, sensors))
+        out.append(rows)
     return out
 
 

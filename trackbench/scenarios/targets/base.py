@@ -13,6 +13,7 @@ from trackbench.hooks import Part
 from trackbench.keys import Finite
 from trackbench.models.base import Motion, moving
 from trackbench.models.several import Sensors
+from trackbench.scenarios.base import in_window
 from trackbench.scenarios.starts.base import Start
 
 STRAY = 10.0
@@ -164,6 +165,12 @@ class Scored(NamedTuple):
     times: Array
     windows: Mapping[str, Mask]
     sigma: float
+
+    def of_peaks(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
+        """``peak_position``, m, and ``strayed`` (M,) of the largest error in each window (M,)."""
+        out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
+        strayed = (peaks[""] > STRAY * self.sigma).astype(float)
+        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
 
 
 def measured_along(

@@ -8,14 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.streams import Streams
 from trackbench.models.several import Sensors
-from trackbench.scenarios.targets.base import (
-    STRAY,
-    Flight,
-    Scored,
-    Target,
-    Timeline,
-    measured_along,
-)
+from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, measured_along
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +39,6 @@ class Flown(Target):
 
         Beyond ten standard deviations of a measurement none would be taken for the track's any more.
         """
-        squared, windows = values["squared_position"], scored.windows
-        peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in windows.items()}
-        out = {f"peak_position[{n}]" if n else "peak_position": p for n, p in peaks.items()}
-        strayed = (peaks[""] > STRAY * scored.sigma).astype(float)
-        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+        squared = values["squared_position"]
+        peaks = {n: np.sqrt(squared[m].max(axis=0)) for n, m in scored.windows.items()}
+        return scored.of_peaks(peaks)

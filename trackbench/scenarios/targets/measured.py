@@ -20,7 +20,7 @@ from trackbench.scenarios.recordings.recording import Clock, laid_out, one_clock
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.recordings.truths import truth_at
 from trackbench.scenarios.starts.base import Start, locating
-from trackbench.scenarios.targets.base import STRAY, Flight, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
 
 
 class Recording(NamedTuple):
@@ -103,8 +103,7 @@ class Measured(FromFiles, Naming, Target):
     @property
     def _recording(self) -> "Recording":
         """What was read for the scenario's own sensor and start."""
-        made: Recording = self.__dict__["_read"][1]
-        return made
+        return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """The steps of the files, those first that the start uses up."""
@@ -183,9 +182,8 @@ class Measured(FromFiles, Naming, Target):
         made, steps = self._recording, len(timeline.steps)
         seen = np.concatenate([made.scans, made.seen], axis=1)
         end = seen.shape[1] - (len(made.clock.steps) - steps)
-        return Flight(
-            recorded_columns(self._padded()[:, :steps], rng), recorded_columns(seen[:, :end], rng)
-        )
+        truth = recorded_columns(self._padded()[:, :steps], rng)
+        return Flight(truth, recorded_columns(seen[:, :end], rng))
 
     def _padded(self) -> Array:
         """The truth at every step, those that the start uses up included."""
@@ -202,6 +200,4 @@ class Measured(FromFiles, Naming, Target):
         if squared is None:
             return {}
         peaks = {n: np.sqrt(np.fmax.reduce(squared[m], axis=0)) for n, m in scored.windows.items()}
-        out = {f"peak_position[{n}]" if n else "peak_position": p for n, p in peaks.items()}
-        strayed = (peaks[""] > STRAY * scored.sigma).astype(float)
-        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+        return scored.of_peaks(peaks)

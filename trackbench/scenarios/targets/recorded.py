@@ -59,10 +59,9 @@ class RecordedPath(FromFiles, Naming, Flown):
         whole = np.flatnonzero(there[[x, y, z, *moving]].all(axis=0))
         if len(whole) < 2:
             raise self._mistake("a path needs two rows, at two times")
-        if len(whole) < len(path.time):
-            found.told.append(
-                f"{len(path.time) - len(whole)} rows with an empty cell were left out"
-            )
+        left_out = len(path.time) - len(whole)
+        if left_out:
+            found.told.append(f"{left_out} rows with an empty cell were left out")
         object.__setattr__(self, "_told", tuple(found.told))
         return path.time[whole], path.values[:, whole]
 
@@ -77,8 +76,7 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def told(self) -> tuple[str, ...]:
         """What was done to the rows."""
-        told: tuple[str, ...] = self.__dict__["_told"]
-        return told
+        return self.__dict__["_told"]
 
     @property
     def axes(self) -> int:
@@ -87,8 +85,7 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     @property
     def _path(self) -> tuple[Array, Array]:
-        read: tuple[Array, Array] = self.__dict__["_read"]
-        return read
+        return self.__dict__["_read"]
 
     def check(self, timeline: Timeline) -> None:
         """The file covers the time there is."""
