@@ -32,6 +32,8 @@ class Metric:
     """what a step's number is of the runs' values; nothing if it has none"""
     per_component: bool = False
     """whether it is divided by the number of components"""
+    is_event: bool = False
+    """whether a run has it or has not, so that the mean is a share of the runs"""
 
     @property
     def more_is_better(self) -> bool:
@@ -124,7 +126,8 @@ _OWN = [
            "nees", over_steps="", per_component=True),
     Metric("outside", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
            "outside"),
-    Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far", "", "", "lost"),
+    Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far; mean: share of runs",
+           "", "", "lost", is_event=True),
     Metric("log_score", "mean log-density that measurements were given, nats", "", "higher",
            "log_likelihood"),
     Metric("held_log_score", "the same of measurements that are held out", "", "higher",
@@ -171,10 +174,13 @@ spread_ratio  | 1 |        | spread of the cloud after its evolution over that b
 """
 
 
+_EVENTS = ("diverged", "strayed", "missed", "already_on")
+
+
 def _noted() -> Iterator[Metric]:
     for line in _NOTED.strip().splitlines():
         name, unit, better, text = (cell.strip() for cell in line.split("|"))
-        yield Metric(name, text, unit, cast(Better, better))
+        yield Metric(name, text, unit, cast(Better, better), is_event=name in _EVENTS)
 
 
 _FAMILIES = ("nees", "autocovariance", "distance", "pit", "coverage", "rank")

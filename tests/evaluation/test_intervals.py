@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import anees_band, holm, p_value
+from trackbench.evaluation.intervals import anees_band, holm, interval_of, p_value, studentised
 
 REPETITIONS = 200
 RUNS = 100
@@ -158,3 +158,9 @@ def test_p_value_is_students():
 
 def test_too_few_runs_have_no_interval():
     assert np.isnan(st.interval("mean", np.ones(1))).all()
+
+
+def test_an_error_beside_which_ones_own_is_nothing_is_normal():
+    influences = np.random.default_rng(3).standard_exponential(50) - 1.0
+    assert studentised(1.0, influences, 1e100) == pytest.approx(1e-100)
+    assert interval_of(0.0, influences, other=1e100)[1] == pytest.approx(1.959964e100)

@@ -121,6 +121,15 @@ def test_a_share_is_of_the_value() -> None:
     assert np.isnan(Wanted.read("mean(rmse)", "1%").share(row._replace(value=0.0)))
 
 
+def test_an_event_that_no_run_had_is_not_exact() -> None:
+    """Of three runs that did not stray up to 71 % could have (Clopper and Pearson)."""
+    row = SummaryRow("mean(strayed)", 0.0, 0.0, 3, 0)
+    assert Wanted.read("mean(strayed)", 0.1).share(row) == pytest.approx(
+        0.7076 / 3.92 / 0.1, rel=1e-3
+    )
+    assert Wanted.read("mean(distinct)", 0.1).share(row._replace(metric="mean(distinct)")) == 0.0
+
+
 @pytest.mark.parametrize("error", ["0%", "-1", "x", "x%", "0", "nan%", ".inf"])
 def test_an_error_is_a_number_or_a_share(error: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"u\.yaml:4:21: until\.mean\(rmse\): give a number"):

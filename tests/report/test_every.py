@@ -6,10 +6,10 @@ from scipy.stats import binomtest, norm
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.evaluation import binomial
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.published import Claim
-from trackbench.report import binomial
 from trackbench.report.agreement import of_claim, weakest
 from trackbench.report.evidence import Evidence
 from trackbench.report.expressions import Expressions

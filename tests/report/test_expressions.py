@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from trackbench.evaluation import binomial
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.differences import (
     Sides,
@@ -126,6 +127,20 @@ def test_shares_and_consistency_have_influences(folder):
         e.term(measure(name).of("A")).splits
         for name in ("rmse@2", "time-mean(rmse)", "anees_position")
     )
+
+
+def test_an_event_is_a_share_whose_error_is_exact(folder):
+    """Also of none or all of the runs, where the sample has no spread."""
+    folder.values["A", "strayed"] = np.zeros(RUNS)
+    folder.values["A", "lost"] = np.where(np.arange(RUNS) < 20, 2.0, 0.0)
+    e = Expressions(folder, {})
+    never, lost = (e.term(measure(name).of("A")) for name in ("mean(strayed)", "mean(lost)"))
+    assert never.interval() == binomial.interval(0, RUNS)
+    assert never.z(0.02) == binomial.z(0, RUNS, 0.02) > -2
+    assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
+    strayed = measure("mean(strayed)")
+    claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)
+    assert judge(claim, Evidence(e, [])).verdict.word == "not decided"
 
 
 def test_an_infinite_consistency_has_no_error(folder):

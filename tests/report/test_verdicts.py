@@ -45,6 +45,7 @@ def verdict(published, *terms):
         ("unbiased", 0.5, 0.1, "differs"),
         ("unbiased", 0.1, 0.1, "not decided"),  # there is no room for an error without a margin
         (1.0, nan, nan, "not measured"),
+        (1.0, 50.0, nan, "not decided"),  # of one run, or of a time of one block
     ],
 )
 def test_verdict_of_a_number(published, measured, stderr, word):

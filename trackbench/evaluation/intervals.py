@@ -178,6 +178,8 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
         return Spread(whole, 0.0, np.inf if whole > 0.0 else M - 1.0)
     unit = x / (stderr * np.sqrt(M - 1.0))  # so that the mean square is one
     squares, share = np.square(unit), stderr / whole
+    if not share**4 > 0.0:  # all of the error is the other's, which is normal
+        return Spread(whole, 0.0, np.inf)
     kurtosis = float(total(np.square(squares))) / M
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))

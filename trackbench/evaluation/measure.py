@@ -127,6 +127,11 @@ class Measure(NamedTuple):
         return self.statistic in STATISTICS and not self.relation
 
     @property
+    def is_share(self) -> bool:
+        """Whether it is the share of runs that have an event."""
+        return self.is_over_runs and self.statistic == "mean" and self.family[0].is_event
+
+    @property
     def step(self) -> int | None:
         """The number of its step, if it is at one that has a number."""
         if self.steps is None or self.steps.last or self.steps.first == "last":

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation import binomial
 from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.summary import SummaryRow, summary_rows
@@ -32,7 +33,12 @@ class Wanted(NamedTuple):
     def share(self, row: SummaryRow) -> float:
         """The standard error as a share of what is wanted; NaN where there is none."""
         most = self.error * abs(row.value) if self.relative else self.error
-        return row.stderr / most if most > 0.0 else float("nan")
+        stderr = row.stderr
+        if (
+            stderr == 0.0 and measured(row.metric).is_share
+        ):  # of an event, that of its exact interval
+            stderr = binomial.stderr(round(row.value * row.runs), row.runs)
+        return stderr / most if most > 0.0 else float("nan")
 
 
 class Looked(NamedTuple):

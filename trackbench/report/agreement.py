@@ -145,7 +145,9 @@ def _difference(number: PublishedNumber, measured: Term) -> tuple[str, float]:
     room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
     if reach <= digits or (abs(z) <= SURE and reach <= room):
         return "agrees", z
-    if not abs(z) > SURE:
+    if isnan(z):  # without an error nothing is told apart
+        return UNDECIDED, z
+    if abs(z) <= SURE:
         return "compatible", z
     return ("near" if abs(value - printed) <= room else "differs"), z
 

@@ -57,6 +57,9 @@ class Expressions:
         over_runs = self._of_runs(m)
         if over_runs is not None and (m.filter, over_runs.name) in self.runs:
             values = self.runs[m.filter, over_runs.name] / over_runs.divisor
+            if m.is_share:
+                share = self._share(m.filter, values, common)
+                return share._replace(lost=0) if m.metric == "lost" else share
             return self._statistic(m.filter, over_runs.statistic, values, common)
         if over_runs is not None:
             return MISSING
@@ -151,8 +154,12 @@ class Expressions:
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING
-        below = np.where(np.isnan(a) | np.isnan(b), np.nan, a < b)
-        return Share(*self._statistic(mine.filter, "mean", below))
+        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
+
+    def _share(self, label: str, values: Array, common: Mask | bool = True) -> Term:
+        """The share of the runs with a value (M,) above zero, of those that have one."""
+        events = np.where(np.isnan(values), np.nan, values > 0)
+        return Share(*self._statistic(label, "mean", events, common))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report import binomial
+from trackbench.evaluation import binomial
 
 _BY_CHANCE = 0.01
 """Probability below which so many more lost runs of one filter are no chance."""

@@ -11,7 +11,7 @@ from trackbench.evaluation.statistics import Estimate, paired_difference
 from trackbench.experiment.problems import counted
 from trackbench.report.lost import in_words
 from trackbench.report.notebook import table_html
-from trackbench.report.terms import Term
+from trackbench.report.terms import Share, Term
 from trackbench.report.text import Text, TextTable
 
 if TYPE_CHECKING:
@@ -24,11 +24,16 @@ class Cell(NamedTuple):
     estimate: Estimate
     runs: int
     lost: int
+    words: str = ""
+    """in place of the number"""
 
     @classmethod
     def of(cls, term: Term) -> "Cell":
-        """A measured number."""
-        return cls(term.estimate, term.runs, term.lost)
+        """A measured number; of an event that all runs or none of them had, how sure that is."""
+        words = ""
+        if isinstance(term, Share) and term.stderr == 0.0:
+            words = in_words(round(term.value * term.runs), term.runs, what="")
+        return cls(term.estimate, term.runs, term.lost, words)
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":
@@ -101,10 +106,9 @@ class Table:
         for r, (keys, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
             row = [Text(key) for key in keys]
             for i, c in enumerate(cells):
-                bold = r"\bfseries " if (r, i) in best else ""
-                tex = (
-                    bold + in_tex(*c.estimate, self.digits) if isfinite(c.estimate.value) else None
-                )
+                bold, tex = r"\bfseries " if (r, i) in best else "", None
+                if isfinite(c.estimate.value) and not c.words:
+                    tex = bold + in_tex(*c.estimate, self.digits)
                 row.append(Text(self.text(c), c.estimate.value, tex))
             if lost:
                 most = max(cells, key=lambda c: (c.lost, c.runs))
@@ -132,8 +136,10 @@ class Table:
         return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
-        """``0.3164 ± 0.0080``; in words where there is no number."""
+        """``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""
         value, stderr = cell.estimate
+        if cell.words:
+            return cell.words
         if isinf(value):
             return "infinite"
         if not isfinite(value):
@@ -151,10 +157,23 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
     if decimals > 7 or abs(value) >= 1e6:
-        return f"{value:.2e} ± {stderr:.1e}" if isfinite(stderr) else f"{value:.2e}"
+        return _with_exponents(value, stderr)
     if not isfinite(stderr):
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+
+
+def _with_exponents(value: float, stderr: float) -> str:
+    if not isfinite(stderr):
+        return f"{value:.2e}"
+    return f"{value:.{_places(value, stderr)}e} ± {stderr:.1e}"
+
+
+def _places(value: float, stderr: float) -> int:
+    """Digits behind the first of a value, down to the error's second; six are all that is stored."""
+    if not stderr > 0.0:
+        return 2
+    return min(max(2, _exponent(value) - _exponent(stderr) + 1), 6)
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
@@ -163,8 +182,11 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     if "e" not in text:
         return rf"\num{{{text}}}"
     exponent = _exponent(max(abs(value), stderr if isfinite(stderr) else 0.0))
-    scaled = rounded(value / 10.0**exponent, stderr / 10.0**exponent, 3).replace("±", "+-")
-    return rf"\num{{{scaled} e{exponent}}}"
+    scaled, error = value / 10.0**exponent, stderr / 10.0**exponent
+    if not isfinite(stderr):
+        return rf"\num{{{scaled:.2f} e{exponent}}}"
+    places = max(1 - _exponent(error), 0) if error else 2
+    return rf"\num{{{scaled:.{places}f} +- {error:.{places}f} e{exponent}}}"
 
 
 def _exponent(x: float) -> int:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation import binomial
 from trackbench.evaluation.differences import Sides, interval_of_difference, studentised_difference
 from trackbench.evaluation.intervals import (
     interval_of,
@@ -14,7 +15,6 @@ from trackbench.evaluation.intervals import (
     studentised,
 )
 from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
-from trackbench.report import binomial
 from trackbench.report.lost import in_words
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.

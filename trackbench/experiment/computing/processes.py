@@ -5,12 +5,15 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
+
+from trackbench.experiment.interrupts import postponed
 
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _FORKED = "trackbench.experiment.computing.forked"
+T = TypeVar("T")
 
 
 def begin(*modules: str) -> None:
@@ -21,10 +24,13 @@ def begin(*modules: str) -> None:
     for name in _BLAS:  # blocks are what runs side by side
         os.environ.setdefault(name, "1")
     if _can_fork() and not is_beginning():
+        from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
+        resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
         _context().set_forkserver_preload([_FORKED, *modules])
-        ensure_running()
+        with _deaf_to_interrupts():
+            ensure_running()
 
 
 @contextmanager
@@ -34,7 +40,7 @@ def pool(
     """So many processes, which first call ``begun``; after an error none of them is waited for."""
     begin()
     first = (begun, *arguments)
-    processes = ProcessPoolExecutor(workers, _context(), _start, first)
+    processes = _Pool(workers, _context(), _start, first)
     try:
         yield processes
     except BaseException:
@@ -46,9 +52,28 @@ def pool(
         processes.shutdown(wait=True, cancel_futures=True)
 
 
+class _Pool(ProcessPoolExecutor):
+    """One whose processes are all known to it: Ctrl-C waits until one that is being started is."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """The same."""
+        with postponed():
+            return super().submit(fn, *args, **kwargs)
+
+
 def is_beginning() -> bool:
     """Whether this is a worker that still imports the script it was asked for by."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """What is started meanwhile leaves Ctrl-C to this process, which hears of it afterwards."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _can_fork() -> bool:

@@ -1,9 +1,10 @@
 """What must hold between the parts of an experiment; every mistake is added to ``problems``."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Any
+from dataclasses import fields, replace
+from typing import Any, cast
 
+from trackbench.evaluation.measure import Measure
 from trackbench.experiment.problems import Problem
 from trackbench.experiment.reading import foreign
 from trackbench.experiment.reading.definition import (
@@ -108,13 +109,29 @@ def check_named_filters(
 ) -> None:
     """Tables and figures may name filters only that the experiment has.
 
-    They do under ``filters``, and under what they declare as ``label_keys``.
+    They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
     """
     for name, part in parts.items():
-        for key in ("filters", *part.label_keys):
-            for where, label in _labels(getattr(part, key), (group, name, key)):
-                if label not in (*settings.filters, settings.bound):
-                    blame_label(source, settings, where, label)
+        named = [
+            found
+            for key in ("filters", *part.label_keys)
+            for found in _labels(getattr(part, key), (group, name, key))
+        ]
+        for key in fields(cast(Any, part)):
+            named += _compared(getattr(part, key.name), (group, name, key.name))
+        for where, label in named:
+            if label not in (*settings.filters, settings.bound):
+                blame_label(source, settings, where, label)
+
+
+def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+    """The filter beside which each measure in what a key holds stands, and the measure's place."""
+    if isinstance(value, Measure):
+        if value.other:
+            yield where, value.other
+    elif isinstance(value, dict | tuple):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _compared(part, (*where, key))
 
 
 def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:

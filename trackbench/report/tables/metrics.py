@@ -81,7 +81,8 @@ class Metrics(TableKind):
 
 def _cell(expressions: Expressions, m: Measure) -> Cell:
     """A row of summary.csv as it stands there; else evaluated, such as a ratio to another filter."""
-    return Cell.of(expressions.stored.get((m.filter, str(m))) or expressions.term(m))
+    stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
+    return Cell.of(stored or expressions.term(m))
 
 
 def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:

@@ -11,6 +11,14 @@ def interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]
     return float(low), float(high)
 
 
+def stderr(events: int, runs: int) -> float:
+    """Standard error of which a normal interval is as wide as `interval`: of no event, too, not zero."""
+    from scipy.special import ndtri
+
+    low, high = interval(events, runs)
+    return (high - low) / (2.0 * float(ndtri(0.975)))
+
+
 def z(events: int, runs: int, probability: float) -> float:
     """Normal deviate of the exact tail of so many events or more, or less; zero if there is no evidence.
 
