@@ -38,6 +38,21 @@ filters:
 """
 
 
+PLANE = """
+name: {name}
+seed: 2
+scenario:
+  kind: tracking
+  T: 1
+  target: {{kind: measured, measurements: {name}.csv}}
+  sensor: {{kind: position, sigma: 10}}
+  start: {{kind: one-scan, sigma_velocity: 20}}
+  assume: {{motion: {{kind: cv, q: 4}}}}
+filters:
+  KF: {{kind: kf}}
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A radar's scenario and three recorded runs of it."""
@@ -86,6 +101,26 @@ def test_what_can_be_said_is_shown_and_nothing_else(folder: Path) -> None:
     again = api.run(report.folder / "config.yaml", out=folder / "again", quiet=True, workers=1)
     for file in ("per_run.csv", "per_step.csv", "tables/innovations.csv"):
         assert (again.folder / file).read_bytes() == (report.folder / file).read_bytes()
+
+
+def recorded(folder: Path, name: str, rows: list[str], more: str = "") -> str:
+    """The table of innovations of a recording in the plane, as Markdown."""
+    (folder / f"{name}.csv").write_text("\n".join(["run,step,x,y", *rows]) + "\n")
+    (folder / f"{name}.yaml").write_text(PLANE.format(name=name) + more)
+    keys = {"formats": ("svg",), "workers": 1, "quiet": True, "out": folder / f"out-{name}"}
+    return api.run(folder / f"{name}.yaml", **keys).tables["innovations"].markdown()
+
+
+def test_of_nothing_measured_no_band_is_given(folder: Path) -> None:
+    text = recorded(folder, "empty", ["1,0,1,1", "1,1,,", "1,2,,"])
+    assert "Nothing was measured after the start" in text
+    assert "nan" not in text
+    assert "inf" not in text
+
+
+def test_one_scored_step_has_no_autocorrelation(folder: Path) -> None:
+    text = recorded(folder, "single", ["1,0,1,1", "1,1,2,3"])
+    assert "| KF | 0.004160 | – |" in text
 
 
 def test_more_is_better_of_a_log_score(folder: Path) -> None:

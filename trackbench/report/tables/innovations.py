@@ -85,6 +85,8 @@ def _bands(found: dict[Any, dict[tuple[str, str], Term]]) -> list[str]:
     if not numbers:
         return []
     number = round(max(numbers))
+    if not number:
+        return ["Nothing was measured after the start: nothing can be said of a filter."]
     low, high = anees_band(1, number)
     return [
         f"95 % bands of a consistent filter over {number} measured components: ANIS {low:.3f} to "
