@@ -31,6 +31,7 @@ def test_what_is_no_number_is_said_in_words():
 def test_markdown_escapes_bars_and_tags():
     text = TextTable("t", ["a"], [[Text("x|y <b>")]]).markdown()
     assert r"| x\|y &lt;b> |" in text
+    assert TextTable("", ["P | Q <b>"]).markdown().startswith(r"| P \| Q &lt;b> |")
 
 
 def test_lost_runs_have_a_column_only_where_there_are_any():
