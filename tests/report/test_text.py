@@ -1,8 +1,11 @@
 """Tables as Markdown and LaTeX."""
 
 from trackbench import api
+from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import Estimate
+from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, in_tex, rounded
+from trackbench.report.tables.metrics import Metrics
 from trackbench.report.text import Text, TextTable
 
 
@@ -69,6 +72,15 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
     assert r"\label{tab:errors}" in text
     assert text.count(r"\bfseries") == 1
     assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text
+
+
+def test_the_least_is_marked_only_where_it_is_the_best(folder, tmp_path):
+    wanted = {
+        "mean(rmse)": True, "rmse@last": True, "cpu_s_per_run": True, "ratio(mean(rmse), PF)": True,
+        "below(rmse, PF)": False, "gain(rmse, PF)": False, "gain(mean(rmse), PF)": False,
+    }  # fmt: skip
+    made = Metrics(columns={m: measure(m) for m in wanted}).table(Results(folder))
+    assert made.least == [i for i, least in enumerate(wanted.values()) if least]
 
 
 def test_an_error_keeps_a_digit_however_small():

@@ -1,6 +1,5 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -16,9 +15,6 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-
-_SMALLER = re.compile(r"[a-z-]+\((rmse|distance)[^()]*\)|rmse[^()]*|cpu_s_per_run")
-"""Of what the least value is the best."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +49,7 @@ class Metrics(TableKind):
         """The table from a results folder."""
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
-        table.least = [i for i, m in enumerate(self.columns.values()) if _SMALLER.fullmatch(str(m))]
+        table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
         table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
         for point in results.points():
             expressions = Expressions(results, point)
@@ -77,6 +73,12 @@ class Metrics(TableKind):
             if row["filter"] in labels
         ]
         return table
+
+
+def _is_least_best(m: Measure) -> bool:
+    """Whether the least is the best: of a gain, and of a share of runs won, the most is."""
+    smaller = m.is_cpu_time or m.family[0].better == "lower"
+    return smaller and m.relation not in ("gain", "below")
 
 
 def _cell(expressions: Expressions, m: Measure) -> Cell:
