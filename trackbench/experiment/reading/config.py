@@ -160,7 +160,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
     check_metrics(source, settings, whole_grid, parts, left_out)
-    published = _published(source, settings, folder)
+    published = _published(source, settings, folder, whole_grid)
     source.check()
     return Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
 
@@ -212,11 +212,14 @@ def _parts(group: Group, source: Source) -> dict[str, Any]:
     return {name: part for name, part in built.items() if part is not None}
 
 
-def _published(source: Source, settings: Settings, folder: Path) -> Published:
+def _published(source: Source, settings: Settings, folder: Path, points: list[Point]) -> Published:
     mark, labels = source.mark(("published",)), [*settings.filters]
     labels += [settings.bound] if settings.bound else []
+    paths = [("grid",), *(("grid", path) for path in settings.grid)]
+    own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
+    values = [point.values for point in points] if own else None
     try:
-        return read_published(folder, settings.published, settings.name, labels, mark)
+        return read_published(folder, settings.published, settings.name, labels, mark, values)
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()
