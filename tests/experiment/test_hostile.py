@@ -173,6 +173,12 @@ def test_mistakes_in_a_published_file(tmp_path: Path, rows: str, expected: str) 
     assert expected in refused(tmp_path, GOOD + "published: [p.csv]\n", p=rows)
 
 
+def test_a_published_nan_is_one_line(tmp_path: Path) -> None:
+    err = refused(tmp_path, GOOD + "published: [p.csv]\n", p=NUMBERS + "p,t,f,m,NaN,,\n")
+    what = "'NaN' is not a number and not one of biased or unbiased"
+    assert err == f"p.csv:2:9: value: {what}\n"
+
+
 def test_rows_that_mean_something_are_accepted(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text(
         FACTORS + "p,nobody measures,,,,,\np,c,PF,rmse,2,,filters.PF.N=9\n"

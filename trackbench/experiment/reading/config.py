@@ -132,6 +132,9 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     # Go on after a mistake as far as can be, so that one round of corrections is enough.
     whole = build(Settings, source, ())
     settings = whole or _without_mistakes(source)
+    if settings is not None and not settings.filters:  # of which no label can be known
+        source.blame(("filters",), "name at least one filter")
+        settings = None
     if settings is None:
         _sections(source)
         raise UserError(*sorted(set(source.problems)))
