@@ -1,11 +1,15 @@
 """Tables as Markdown and LaTeX."""
 
+from types import SimpleNamespace
+
+import numpy as np
+
 from trackbench import api
 from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import Estimate
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, in_tex, rounded
-from trackbench.report.tables.metrics import Metrics
+from trackbench.report.tables.metrics import Metrics, _lost_notes
 from trackbench.report.text import Text, TextTable
 
 
@@ -81,6 +85,13 @@ def test_the_least_is_marked_only_where_it_is_the_best(folder, tmp_path):
     }  # fmt: skip
     made = Metrics(columns={m: measure(m) for m in wanted}).table(Results(folder))
     assert made.least == [i for i, least in enumerate(wanted.values()) if least]
+
+
+def test_one_lost_run_is_no_runs():
+    codes = {("A", "lost"): np.array([0.0, 1.0, 2.0, 2.0])}
+    notes = list(_lost_notes(SimpleNamespace(runs=lambda point: codes), {"q": 1}, ["A"]))
+    assert notes[0].startswith("A at q = 1: 1 run lost because")
+    assert notes[1].startswith("A at q = 1: 2 runs lost because")
 
 
 def test_an_error_keeps_a_digit_however_small():

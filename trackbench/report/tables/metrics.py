@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.evaluation.measure import Expression, Measure
 from trackbench.evaluation.metrics import LOST_BECAUSE
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Labelled
 from trackbench.keys import Digits
 from trackbench.registry import register
@@ -95,4 +96,5 @@ def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> I
             number = int((codes == code).sum())
             if number:
                 where = ", ".join(f"{k} = {v}" for k, v in point.items())
-                yield f"{label}{f' at {where}' if where else ''}: {number} runs lost because {reason}."
+                at = f" at {where}" if where else ""
+                yield f"{label}{at}: {counted(number, 'run')} lost because {reason}."
