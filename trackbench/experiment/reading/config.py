@@ -49,6 +49,14 @@ _ALONE = {
 }
 
 
+class MistakenNamesError(UserError):
+    """Metrics that are asked for, or rows of published files, and nothing else: the rest is made."""
+
+    def __init__(self, experiment: Experiment, *problems: Problem) -> None:
+        super().__init__(*problems)
+        self.experiment = experiment
+
+
 def load(
     config: Path | Mapping[str, Any],
     overrides: Sequence[str] = (),
@@ -139,12 +147,12 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         _sections(source)
         raise UserError(*sorted(set(source.problems)))
     labels = chosen_labels(source, settings)
-    made = []
+    tried = []
     for values, marks in grid_points(source, settings):
         take(source, values, marks)
-        made.append(_point(source, labels, values))
-    points = [point for point in made if point is not None]
-    whole_grid = points if len(points) == len(made) else []
+        tried.append(_point(source, labels, values))
+    points = [point for point in tried if point is not None]
+    whole_grid = points if len(points) == len(tried) else []
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others)
     if whole:
@@ -162,10 +170,14 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     check_key_figure(source, settings)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
+    sound = not source.problems
     check_metrics(source, settings, whole_grid, parts, left_out)
     published = _published(source, settings, folder, whole_grid)
+    made = Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
+    if sound and source.problems:
+        raise MistakenNamesError(made, *sorted(set(source.problems)))
     source.check()
-    return Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
+    return made
 
 
 def _without_mistakes(source: Source) -> Settings | None:
