@@ -124,6 +124,11 @@ def test_one_scored_step_has_no_autocorrelation(folder: Path) -> None:
     assert "| KF | 0.004160 | – |" in text
 
 
+def test_a_value_no_page_can_hold_is_no_warning(folder: Path) -> None:
+    text = recorded(folder, "large", ["1,0,1,1", "1,1,1e200,1", "1,2,3,1"])
+    assert "| KF | infinite |" in text
+
+
 def unequal(rows: dict[int, int]) -> list[str]:
     """Runs of so many recorded steps each."""
     return [f"{run},{k},{10 * k},{k % 3}" for run, steps in rows.items() for k in range(steps)]
