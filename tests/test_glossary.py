@@ -4,6 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.conftest import EXPERIMENTS, shipped
+from tests.papers import merwe_text
 from trackbench import glossary
 from trackbench.cli import app
 from trackbench.evaluation.measure import measured
@@ -41,6 +42,26 @@ def test_an_experiments_metrics_are_listed():
 
 def told(*words):
     return CliRunner().invoke(app, words)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "metrics: [rsme]\n",
+        "tables: {t: {kind: metrics, columns: {E: mean(rsme)}}}\n",
+        "figures: {f: {kind: rmse-vs-time, metric: rsme}}\n",
+    ],
+)
+def test_whoever_has_a_metric_wrong_sees_the_list(tmp_path, more):
+    path = tmp_path / "a.yaml"
+    start = f"name: a\nruns: 2\nscenario: {merwe_text(T=5)}\nfilters: {{UKF: {{kind: ukf}}}}\n"
+    path.write_text(start + more)
+    found = told("list", "metrics", str(path))
+    assert found.exit_code == 0
+    assert "  rmse " in found.stdout
+    assert "'rsme'" in found.stderr
+    path.write_text(start + more + "seed: x\n")
+    assert told("list", "metrics", str(path)).exit_code != 0
 
 
 def test_the_command_line_tells():

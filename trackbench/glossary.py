@@ -76,11 +76,16 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
     """The same as data: metrics, then windows, statistics and numbers."""
     from trackbench.evaluation.measure import measured
-    from trackbench.experiment.reading.config import load
+    from trackbench.experiment.reading.config import MistakenNamesError, load
     from trackbench.experiment.reading.metric_names import kept_metrics, names_of
     from trackbench.experiment.reading.shipped import located
 
-    experiment = load(located(path, partial(print, file=sys.stderr)), allow_plugins=allow_plugins)
+    note = partial(print, file=sys.stderr)
+    try:
+        experiment = load(located(path, note), allow_plugins=allow_plugins)
+    except MistakenNamesError as error:  # whoever has them wrong looks here for the right ones
+        experiment = error.experiment
+        note(error)
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, noted=True)
     kept = kept_metrics(settings, "summary.csv")

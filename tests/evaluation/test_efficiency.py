@@ -72,6 +72,22 @@ def test_runs_saved_is_the_ratio_of_variances_of_repeated_batches(batches):
     assert np.sqrt(np.mean(stderrs**2)) == pytest.approx(values.std(ddof=1), rel=0.25)
 
 
+@pytest.mark.parametrize("runs", [1, 2, 3, 5])
+def test_few_runs_do_not_tell_how_many_are_saved(runs):
+    floor, error, distance = batch(np.random.default_rng(3), runs)
+    with_, without = efficiency(floor, distance), plain_efficiency(floor, error)
+    assert np.isnan(runs_saved(without, with_).estimate).all()
+    assert np.isfinite(with_.value)
+    assert np.isnan(with_.estimate.stderr) == (runs == 1)
+
+
+def test_an_exact_filter_saves_all_runs():
+    floor, error, _ = batch(np.random.default_rng(4), 8)
+    saved = runs_saved(plain_efficiency(floor, error), efficiency(floor, 0.0 * floor))
+    assert saved.value == np.inf
+    assert np.isnan(saved.estimate.stderr)
+
+
 def test_the_reference_itself_is_efficient():
     floor, _, _ = batch(np.random.default_rng(2), 50)
     assert efficiency(floor, 0.0 * floor).estimate == (1.0, 0.0)

@@ -109,6 +109,15 @@ def test_metrics_of_a_run_are_sums_over_its_measured_components() -> None:
             assert per_run[f"autocorrelation_{lag}"][run] == pytest.approx(expected, abs=1e-8)
 
 
+def test_without_a_pair_there_is_no_autocorrelation() -> None:
+    two = replace(LINEAR, last=2)
+    task = BlockTask(two, KF(), 1, index=0, width=3, used=3, foretold=BOTH)
+    with np.errstate(all="ignore"):
+        per_run = run_block(task).per_run
+    assert np.isfinite(per_run["autocorrelation_1"]).all()
+    assert np.isnan(per_run["autocorrelation_2"]).all()
+
+
 def test_every_so_manyth_measurement_of_a_run_is_held_out() -> None:
     z = np.ones((2, 7, 2))
     z[:, 1, 0], z[0, 3, 0] = np.nan, np.nan  # run 0 measures at 0, 2, 3 (half), 4, 5, 6

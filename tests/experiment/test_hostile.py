@@ -142,6 +142,7 @@ def test_a_csv_without_line_breaks_is_not_read_into_memory(tmp_path: Path) -> No
 
 NUMBERS = "paper,table,filter,metric,value,label,expression\n"
 CLAIMS = "paper,claim,left,expression,right,right_expression\n"
+FACTORS = "paper,claim,left,expression,factor,right,point\n"
 
 
 @pytest.mark.parametrize(
@@ -157,10 +158,35 @@ CLAIMS = "paper,claim,left,expression,right,right_expression\n"
         (NUMBERS + "p,t,f,a\x07,1,PF,mean(rmse)\n", "p.csv:2:7: metric: 'a\\x07' holds the"),
         (CLAIMS + "p,c,PF,mean(rmse),PF,rmse@\n", "p.csv:2:22: right_expression: 'rmse@' is no"),
         (CLAIMS + "p,c,QF,rmse,QF,\n", "p.csv:2:13: right: 'QF' is not a filter here"),
+        ("", "p.csv:1:1: there are no headings"),
+        ("\n", "p.csv:1:1: there are no headings"),
+        (FACTORS + "p,c,,mean(rmse),1,,\n", "p.csv:2:1: left: is empty"),
+        (FACTORS + "p,,PF,mean(rmse),1,,\n", "p.csv:2:3: claim: is empty"),
+        (FACTORS + "p,c,PF,mean(rmse),,,\n", "p.csv:2:1: factor: is empty, as right is"),
+        (
+            FACTORS + "p,c,PF,mean(rmse),1,,filters.PF.N=9\n",
+            "p.csv:2:22: point: 'filters.PF.N=9' is",
+        ),
     ],
 )
 def test_mistakes_in_a_published_file(tmp_path: Path, rows: str, expected: str) -> None:
     assert expected in refused(tmp_path, GOOD + "published: [p.csv]\n", p=rows)
+
+
+def test_a_published_nan_is_one_line(tmp_path: Path) -> None:
+    err = refused(tmp_path, GOOD + "published: [p.csv]\n", p=NUMBERS + "p,t,f,m,NaN,,\n")
+    what = "'NaN' is not a number and not one of biased or unbiased"
+    assert err == f"p.csv:2:9: value: {what}\n"
+
+
+def test_rows_that_mean_something_are_accepted(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(
+        FACTORS + "p,nobody measures,,,,,\np,c,PF,rmse,2,,filters.PF.N=9\n"
+    )
+    path = tmp_path / "c.yaml"
+    path.write_text(GOOD + "published: [p.csv]\ngrid: {filters.PF.N: [9, 10]}\n")
+    assert len(load(path).published.claims) == 2
+    load(path, overrides=["grid.filters.PF.N=[10]"])  # a point that this time is not there
 
 
 def test_values_of_set_are_read_as_in_a_file(tmp_path: Path) -> None:

@@ -18,6 +18,17 @@ runs: 4
 scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
 """.replace("MERWE", merwe_text(T=5))
+RECORDED = """
+name: a
+scenario:
+  kind: tracking
+  T: 1
+  target: {kind: measured, measurements: m.csv}
+  sensor: {kind: position, sigma: 10}
+  start: {kind: one-scan, sigma_velocity: 20}
+  assume: {motion: {kind: cv, q: 4}}
+filters: {KF: {kind: kf}}
+"""
 PLAIN = """
 from trackbench.registry import register
 
@@ -59,6 +70,34 @@ def mistakes(folder: Path, text: str = CONFIG, **changes: object) -> list[str]:
 )
 def test_a_grid_over_nothing(tmp_path: Path, axis: str, what: str) -> None:
     assert mistakes(tmp_path, grid=[axis]) == [f"--grid {axis}: {what}"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "what"),
+    [
+        ("block=0", "block: 0 is less than 1 and not one of fit"),
+        ("block=it is", "block: 'it is' is not a whole number and not one of fit"),
+        ("scenario.sensor.detection=0", "0 is not greater than 0 and not one of 1"),
+        ("scenario.target.measurements=[1, m.csv]", "measurements.0: 1 is not a word"),
+        ("scenario.target.measurements=1", "measurements: 1 is not a word and not a list"),
+        ("filters.KF=ekf", "filters.KF: 'ekf' is not a mapping"),
+        ("filters={}", "filters: name at least one filter"),
+    ],
+)
+def test_a_value_that_is_none_of_several_types_is_one_line(
+    tmp_path: Path, typed: str, what: str
+) -> None:
+    (tmp_path / "m.csv").write_text("step,x,y\n0,1,1\n1,2,3\n")
+    (found,) = mistakes(tmp_path, RECORDED, set=[typed])
+    assert found.startswith(f"--set {typed}: ")
+    assert found.endswith(what)
+
+
+def test_without_a_filter_no_other_name_is_unknown(tmp_path: Path) -> None:
+    more = "filters: {}\ntables: {t: {kind: metrics, filters: [A], columns: {E: mean(rmse)}}}\n"
+    (tmp_path / "m.csv").write_text("step,x,y\n0,1,1\n1,2,3\n")
+    (found,) = mistakes(tmp_path, RECORDED.replace("filters: {KF: {kind: kf}}\n", more))
+    assert found.endswith("filters: name at least one filter")
 
 
 def test_a_path_leads_through_an_item_that_is_no_mapping(tmp_path: Path) -> None:

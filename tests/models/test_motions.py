@@ -13,6 +13,11 @@ from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.position import PositionSensor
 
 
+@pytest.mark.parametrize("motion", [ConstantVelocity(q=1.0), ConstantAcceleration(q=1.0)])
+def test_matrices_beyond_the_numbers_are_no_warning(motion):
+    assert not np.isfinite(motion.sampled(1e300).Q).all()
+
+
 def test_printed_matrices_of_the_adaptive_kf_paper() -> None:
     T = 2.0
     cv = ConstantVelocity(q=3.0, noise_gain="printed").sampled(T)

@@ -229,6 +229,18 @@ def test_efficiency_is_made_of_the_runs(results):
     assert [t.runs for t in half] == [30, 30]
 
 
+@pytest.mark.parametrize("runs", [1, 2, 3])
+def test_few_runs_have_no_runs_saved(tmp_path, runs):
+    text = f"name: few\nruns: {runs}\nscenario: {merwe_text(T=8)}\nreference: Exact\n"
+    text += "filters: {UKF: {kind: ukf}, EKF: {kind: ekf}, Exact: {kind: grid}}\n"
+    (tmp_path / "c.yaml").write_text(f"{text}tables: {{e: {{kind: efficiency}}}}\n")
+    keys = {"out": tmp_path / "out", "workers": 1, "quiet": True, "formats": ()}
+    table = api.run(tmp_path / "c.yaml", **keys).tables["e"]
+    assert not table.notes
+    for cells in table.cells:
+        assert [table.text(cell) == "–" for cell in cells] == [False, False, True, False]
+
+
 def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     assert verify(results.folder, 20) == []
     drawn = api.plot(results.folder, formats=("svg",))

@@ -1,8 +1,15 @@
 """Tables as Markdown and LaTeX."""
 
+from types import SimpleNamespace
+
+import numpy as np
+
 from trackbench import api
+from trackbench.evaluation.measure import measure
 from trackbench.evaluation.statistics import Estimate
+from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, in_tex, rounded
+from trackbench.report.tables.metrics import Metrics, _lost_notes
 from trackbench.report.terms import Share
 from trackbench.report.text import Text, TextTable
 
@@ -32,6 +39,7 @@ def test_what_is_no_number_is_said_in_words():
 def test_markdown_escapes_bars_and_tags():
     text = TextTable("t", ["a"], [[Text("x|y <b>")]]).markdown()
     assert r"| x\|y &lt;b> |" in text
+    assert TextTable("", ["P | Q <b>"]).markdown().startswith(r"| P \| Q &lt;b> |")
 
 
 def test_lost_runs_have_a_column_only_where_there_are_any():
@@ -71,6 +79,22 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
     assert r"\label{tab:errors}" in text
     assert text.count(r"\bfseries") == 1
     assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text
+
+
+def test_the_least_is_marked_only_where_it_is_the_best(folder, tmp_path):
+    wanted = {
+        "mean(rmse)": True, "rmse@last": True, "cpu_s_per_run": True, "ratio(mean(rmse), PF)": True,
+        "below(rmse, PF)": False, "gain(rmse, PF)": False, "gain(mean(rmse), PF)": False,
+    }  # fmt: skip
+    made = Metrics(columns={m: measure(m) for m in wanted}).table(Results(folder))
+    assert made.least == [i for i, least in enumerate(wanted.values()) if least]
+
+
+def test_one_lost_run_is_no_runs():
+    codes = {("A", "lost"): np.array([0.0, 1.0, 2.0, 2.0])}
+    notes = list(_lost_notes(SimpleNamespace(runs=lambda point: codes), {"q": 1}, ["A"]))
+    assert notes[0].startswith("A at q = 1: 1 run lost because")
+    assert notes[1].startswith("A at q = 1: 2 runs lost because")
 
 
 def test_an_error_keeps_a_digit_however_small():

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 
 from trackbench import api
 from trackbench.experiment.problems import UserError
@@ -35,6 +36,21 @@ scenario:
 filters:
   EKF: {kind: ekf}
   RPF: {kind: rpf, N: 300}
+"""
+
+
+PLANE = """
+name: {name}
+seed: 2
+scenario:
+  kind: tracking
+  T: 1
+  target: {{kind: measured, measurements: {name}.csv}}
+  sensor: {{kind: position, sigma: 10}}
+  start: {{kind: one-scan, sigma_velocity: 20}}
+  assume: {{motion: {{kind: cv, q: 4}}}}
+filters:
+  KF: {{kind: kf}}
 """
 
 
@@ -86,6 +102,58 @@ def test_what_can_be_said_is_shown_and_nothing_else(folder: Path) -> None:
     again = api.run(report.folder / "config.yaml", out=folder / "again", quiet=True, workers=1)
     for file in ("per_run.csv", "per_step.csv", "tables/innovations.csv"):
         assert (again.folder / file).read_bytes() == (report.folder / file).read_bytes()
+
+
+def recorded(folder: Path, name: str, rows: list[str], more: str = "") -> str:
+    """The table of innovations of a recording in the plane, as Markdown."""
+    (folder / f"{name}.csv").write_text("\n".join(["run,step,x,y", *rows]) + "\n")
+    (folder / f"{name}.yaml").write_text(PLANE.format(name=name) + more)
+    keys = {"formats": ("svg",), "workers": 1, "quiet": True, "out": folder / f"out-{name}"}
+    return api.run(folder / f"{name}.yaml", **keys).tables["innovations"].markdown()
+
+
+def test_of_nothing_measured_no_band_is_given(folder: Path) -> None:
+    text = recorded(folder, "empty", ["1,0,1,1", "1,1,,", "1,2,,"])
+    assert "Nothing was measured after the start" in text
+    assert "nan" not in text
+    assert "inf" not in text
+
+
+def test_one_scored_step_has_no_autocorrelation(folder: Path) -> None:
+    text = recorded(folder, "single", ["1,0,1,1", "1,1,2,3"])
+    assert "| KF | 0.004160 | – |" in text
+
+
+def test_a_value_no_page_can_hold_is_no_warning(folder: Path) -> None:
+    text = recorded(folder, "large", ["1,0,1,1", "1,1,1e200,1", "1,2,3,1"])
+    assert "| KF | infinite |" in text
+
+
+def unequal(rows: dict[int, int]) -> list[str]:
+    """Runs of so many recorded steps each."""
+    return [f"{run},{k},{10 * k},{k % 3}" for run, steps in rows.items() for k in range(steps)]
+
+
+def test_the_band_is_that_of_the_mean_over_unequal_runs(folder: Path) -> None:
+    text = recorded(folder, "unequal", unequal({1: 30, 2: 30, 3: 30, 4: 30, 5: 5}))
+    low, high = chi2.ppf([0.025, 0.975], N := 25 / (4 / 58 + 1 / 8)) / N
+    band = f"ANIS {low:.3f} to {high:.3f}, autocorrelation within {1.96 / N**0.5:.3f}."
+    assert f"over 240 measured components: {band}" in text
+
+
+def test_equal_runs_have_the_band_of_their_sum(folder: Path) -> None:
+    text = recorded(folder, "equal", unequal({1: 30, 2: 30}))
+    assert (
+        "over 116 measured components: ANIS 0.759 to 1.273, autocorrelation within 0.182." in text
+    )
+
+
+def test_every_point_of_a_grid_has_its_own_band(folder: Path) -> None:
+    more = "grid: {scenario.target.measurements: [long.csv, short.csv]}\n"
+    (folder / "short.csv").write_text("\n".join(["run,step,x,y", *unequal({1: 6})]) + "\n")
+    text = recorded(folder, "long", unequal({1: 30}), more)
+    assert "long.csv: 95 % bands of a consistent filter over 58 measured components" in text
+    assert "short.csv: 95 % bands of a consistent filter over 10 measured components" in text
 
 
 def test_more_is_better_of_a_log_score(folder: Path) -> None:

@@ -180,6 +180,10 @@ GOOD = "run,step,z\n0,2,1.0\n0,3,1.1\n1,2,0.9\n"
         (GOOD.replace("0,3,", ",3,"), "3:1: scenario: run: is missing"),
         (GOOD.replace("0,3,", "0,2,"), "3:1: scenario: run 0: step 2 is there twice, and not"),
         (GOOD + "1,3\n", "5:1: scenario: 2 cells under 3 columns"),
+        (
+            GOOD.replace("0,3,", "0,700000000000,"),
+            "3:1: scenario: step: '700000000000' is not less than",
+        ),
         (GOOD + "\n1,x,3\n", "6:1: scenario: step: 'x' is not a whole number"),
         (
             GOOD.replace("step", "time").replace(",3,", ",,"),

@@ -16,6 +16,9 @@ from trackbench.core import sums
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import Estimate, influence, influence_of_ratio, mean
 
+_FEWEST = 6
+"""Runs from which a ratio of variances has a standard error."""
+
 
 class Jackknifed(NamedTuple):
     """A number over the runs, and each run's influence (M,) on it."""
@@ -52,7 +55,13 @@ def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
 
 
 def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
-    """Runs that are needed without the control variate for each with it, at equal standard errors."""
+    """Runs that are needed without the control variate for each with it, at equal standard errors.
+
+    Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
+    M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.
+    """
+    if len(plain.influences) < _FEWEST:
+        return Jackknifed(np.nan, np.full(len(plain.influences), np.nan))
     return _ratio(np.square(plain.influences), np.square(controlled.influences))
 
 

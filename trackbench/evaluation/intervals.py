@@ -105,7 +105,7 @@ def interval_of(
     return value - found.below(z), value + found.above(z)
 
 
-def anees_band(n_x: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
     """Where the ANEES of a consistent filter lies: ``chi2(n_x M) / (n_x M)``, expected value 1.
 
     Bar-Shalom, Li and Kirubarajan 2001, section 5.4; valid at one step, where runs are independent.

@@ -95,7 +95,9 @@ def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str,
     yield "anis", nis / _sum(values["innovations"][mask])
     for name, rows in values.items():
         if name.startswith("autocovariance_"):
-            yield name.replace("covariance", "correlation"), _sum(rows[mask]) / nis
+            paired = ~np.isnan(rows[mask]).all(axis=0)
+            found = np.where(paired, _sum(rows[mask]) / nis, np.nan)
+            yield name.replace("covariance", "correlation"), found
 
 
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:

@@ -170,7 +170,8 @@ def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
     not move the ratio in proportion.
     """
     others = max(int((~np.isnan(of_a + of_b)).sum()) - 1, 1)
-    return _left_out(a / b, (a - of_a / others) / (b - of_b / others))
+    whole = float(np.divide(a, b))  # of floats: Python's own refuses a zero
+    return _left_out(whole, (a - of_a / others) / (b - of_b / others))
 
 
 def _left_out(value: float, without: Array) -> Array:

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from trackbench.experiment.reading.published import split
-from trackbench.experiment.reading.source import scalar
+from trackbench.experiment.reading.published import picks
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 
@@ -45,6 +44,4 @@ def evidence_at(results: Results, text: str) -> Evidence | None:
 
 def point_of(results: Results, text: str) -> dict[str, Any] | None:
     """The point with results that ``path=value; path=value`` picks; the first one if it is empty."""
-    wanted = {k.strip(): scalar(v.strip()) for k, _, v in (p.partition("=") for p in split(text))}
-    found = (p for p in results.points() if all(p.get(k) == v for k, v in wanted.items()))
-    return next(found, None)
+    return next((point for point in results.points() if picks(text, point)), None)

@@ -5,6 +5,7 @@ from math import inf, isnan, nan
 from typing import NamedTuple
 
 from trackbench.evaluation.statistics import Estimate, z_score
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, UNDECIDED, Verdict
@@ -150,7 +151,8 @@ def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
     if claim.relation != better or a is None or b is None or not lost.loses_more(a, b):
         return ""
-    return f"{claim.left} loses {int((a > 0).sum())} runs, {right} {int((b > 0).sum())}"
+    mine = counted(int((a > 0).sum()), "run")
+    return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
 
 
 def no_results(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:

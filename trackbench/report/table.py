@@ -123,12 +123,13 @@ class Table:
         for r, keys in enumerate(self.keys):
             if keys[-1] not in self.apart:
                 groups.setdefault(tuple(keys[:-1]), []).append(r)
-        best = set()
+        best: set[tuple[int, int]] = set()
         for i in self.least:
             for rows in groups.values():
                 there = {r: v for r in rows if isfinite(v := self.cells[r][i].estimate.value)}
-                if len(there) > 1:
-                    best.add((min(there, key=there.__getitem__), i))
+                if len(set(there.values())) > 1:
+                    least = min(there.values())
+                    best |= {(r, i) for r, v in there.items() if v == least}
         return best
 
     def markdown(self) -> str:

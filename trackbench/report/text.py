@@ -26,7 +26,7 @@ class TextTable:
 
     def markdown(self) -> str:
         """A Markdown table with a bold caption."""
-        lines = [_line(self.heads), _line(["---"] * len(self.heads))]
+        lines = [_line(list(map(_escaped, self.heads))), _line(["---"] * len(self.heads))]
         lines += [_line([_escaped(cell.text) for cell in row]) for row in self.rows]
         caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
         notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)

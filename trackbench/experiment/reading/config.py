@@ -49,6 +49,14 @@ _ALONE = {
 }
 
 
+class MistakenNamesError(UserError):
+    """Metrics that are asked for, or rows of published files, and nothing else: the rest is made."""
+
+    def __init__(self, experiment: Experiment, *problems: Problem) -> None:
+        super().__init__(*problems)
+        self.experiment = experiment
+
+
 def load(
     config: Path | Mapping[str, Any],
     overrides: Sequence[str] = (),
@@ -132,16 +140,19 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     # Go on after a mistake as far as can be, so that one round of corrections is enough.
     whole = build(Settings, source, ())
     settings = whole or _without_mistakes(source)
+    if settings is not None and not settings.filters:  # of which no label can be known
+        source.blame(("filters",), "name at least one filter")
+        settings = None
     if settings is None:
         _sections(source)
         raise UserError(*sorted(set(source.problems)))
     labels = chosen_labels(source, settings)
-    made = []
+    tried = []
     for values, marks in grid_points(source, settings):
         take(source, values, marks)
-        made.append(_point(source, labels, values))
-    points = [point for point in made if point is not None]
-    whole_grid = points if len(points) == len(made) else []
+        tried.append(_point(source, labels, values))
+    points = [point for point in tried if point is not None]
+    whole_grid = points if len(points) == len(tried) else []
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others)
     if whole:
@@ -159,10 +170,14 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     check_key_figure(source, settings)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
+    sound = not source.problems
     check_metrics(source, settings, whole_grid, parts, left_out)
-    published = _published(source, settings, folder)
+    published = _published(source, settings, folder, whole_grid)
+    made = Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
+    if sound and source.problems:
+        raise MistakenNamesError(made, *sorted(set(source.problems)))
     source.check()
-    return Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
+    return made
 
 
 def _without_mistakes(source: Source) -> Settings | None:
@@ -212,11 +227,14 @@ def _parts(group: Group, source: Source) -> dict[str, Any]:
     return {name: part for name, part in built.items() if part is not None}
 
 
-def _published(source: Source, settings: Settings, folder: Path) -> Published:
+def _published(source: Source, settings: Settings, folder: Path, points: list[Point]) -> Published:
     mark, labels = source.mark(("published",)), [*settings.filters]
     labels += [settings.bound] if settings.bound else []
+    paths = [("grid",), *(("grid", path) for path in settings.grid)]
+    own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
+    values = [point.values for point in points] if own else None
     try:
-        return read_published(folder, settings.published, settings.name, labels, mark)
+        return read_published(folder, settings.published, settings.name, labels, mark, values)
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()

@@ -28,7 +28,8 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     data = at(source, keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-        source.blame(keys, needs)
+        if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
+            source.blame(keys, needs)
         return None
     kind = data["kind"]
     cls = of_kind(group, kind) if isinstance(kind, str) else None

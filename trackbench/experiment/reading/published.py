@@ -4,16 +4,24 @@ A file of numbers has a ``value`` column, a file of claims a ``claim`` column; t
 below. A row counts for the experiments that its ``experiment`` column names (all, if it is empty).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from trackbench.evaluation.measure import Measure
+from trackbench.experiment.reading.source import scalar
 from trackbench.keys import Count, Finite, Natural, NonNegative, Positive
 
 
 def split(text: str) -> list[str]:
     """Parts between semicolons."""
     return [part.strip() for part in text.split(";") if part.strip()]
+
+
+def picks(point: str, values: Mapping[str, Any]) -> bool:
+    """Whether ``path=value; path=value`` picks the point of a grid that has these values."""
+    parts = (part.partition("=") for part in split(point))
+    return all(values.get(path.strip()) == scalar(value.strip()) for path, _, value in parts)
 
 
 @dataclass(frozen=True, kw_only=True)

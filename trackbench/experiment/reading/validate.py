@@ -1,8 +1,8 @@
 """A mapping into a frozen dataclass, with every mistake said in words and with its position."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from math import isinf, isnan
@@ -126,7 +126,7 @@ def build(
             if None in parts and item["type"] == "value_error":  # what is said without a part
                 continue
             found |= dict.fromkeys(_problems(item, source, keys, cls, also))
-        source.problems += found
+        source.problems += _of_unions(found)
         return None
 
 
@@ -142,6 +142,22 @@ def unknown(word: str, known: list[str]) -> str:
     """``did you mean ...?``, or all there is."""
     near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
+def _of_unions(found: Collection[Problem]) -> list[Problem]:
+    """One line for a value that is none of what may stand there, of which the validator has several.
+
+    Nor is a list said to be no word where its items are mistaken.
+    """
+    merged: dict[tuple[Mark, str, str], Problem] = {}
+    for problem in found:
+        value, verb, rest = problem.what.rpartition(" is ")
+        if verb and any(p.path.startswith(f"{problem.path}.") for p in found):
+            continue
+        place = problem.mark, problem.path, value or rest
+        before = merged.get(place)
+        merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
+    return list(merged.values())
 
 
 def _problems(

@@ -110,6 +110,9 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
     return max((f.shown_runs for f in figures), default=0)
 
 
+@np.errstate(
+    over="ignore", invalid="ignore"
+)  # what a float32 cannot hold is infinite: no page has it
 def _grained(mean: Array, components: list[int]) -> Array:
     """The components (n_x, T + 1, r) in steps of a power of two, which a float32 holds exactly."""
     chosen = mean[components]

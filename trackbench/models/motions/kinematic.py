@@ -38,6 +38,7 @@ class PerAxis(Motion):
         raise NotImplementedError
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @np.errstate(all="ignore")  # runs that leave the numbers are counted, not warned about
     def sampled(self, T: float, axes: int = 2) -> Linear:
         """The motion along so many axes over T seconds; accelerations come after all else."""
         axis = self.axis(T)

@@ -1,7 +1,7 @@
 """Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report import style
 from trackbench.report.artists import Figure
+from trackbench.report.bands import autocorrelation_band
 from trackbench.report.figures.curves import Curves, OverTime
 from trackbench.report.results import Results
 
@@ -89,25 +90,20 @@ class Autocorrelation(Curves):
         lags = np.arange(1, LAGS + 1)
         for (ax,), point in panels:
             ax.axhline(0.0, color="black", linewidth=0.6)
-            found, most = _means(results, point), 0.0
+            found, widths = results.runs(point), []
             for label, look in self.labels(results):
                 if (label, "innovations") in found:
-                    value = [found.get((label, f"autocorrelation_{lag}"), np.nan) for lag in lags]
+                    value = [_mean(found.get((label, f"autocorrelation_{lag}"))) for lag in lags]
                     ax.plot(lags, value, marker="o", markersize=3, **{"label": label, **look})
-                    most = max(most, found[label, "innovations"])
-            if most:
-                width = 1.96 / np.sqrt(most)
-                ax.axhspan(-width, width, label="95 % band", **style.BAND)
+                    widths.append(autocorrelation_band(found[label, "innovations"]))
+            if widths and min(widths) < np.inf:
+                ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)
             ax.set_xticks(lags)
         style.legend_outside(figure)
         return figure
 
 
-def _means(results: Results, point: dict[str, Any]) -> dict[tuple[str, str], float]:
-    """Means over runs by (filter, metric), of ``innovations`` the sum."""
-    out = {}
-    for (label, metric), values in results.runs(point).items():
-        there = values[~np.isnan(values)]
-        if len(there):
-            out[label, metric] = float(there.sum() if metric == "innovations" else there.mean())
-    return out
+def _mean(values: Array | None) -> float:
+    """Mean over the runs that have a value."""
+    there = np.empty(0) if values is None else values[~np.isnan(values)]
+    return float(there.mean()) if len(there) else np.nan

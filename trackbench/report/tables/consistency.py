@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import anees_band
 from trackbench.evaluation.statistics import Estimate
+from trackbench.experiment.problems import counted
 from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
@@ -62,7 +63,7 @@ class Consistency(TableKind):
             low, high = anees_band(n, runs)
             of = f" of {n} components" if len(every[name]) > 1 else ""
             band = f"{low:.3f} to {high:.3f}"
-            table.notes.append(f"95 % band of {name}{of} over {runs} runs: {band}.")
+            table.notes.append(f"95 % band of {name}{of} over {counted(runs, 'run')}: {band}.")
         return table
 
 

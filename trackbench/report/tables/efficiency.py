@@ -14,8 +14,9 @@ from trackbench.evaluation.efficiency import (
     plain_efficiency,
     runs_saved,
 )
+from trackbench.evaluation.intervals import normal_of_t
 from trackbench.evaluation.measure import Expression, measure
-from trackbench.evaluation.statistics import Estimate
+from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.experiment.reading.definition import Point
 from trackbench.keys import Digits
 from trackbench.registry import register
@@ -75,7 +76,7 @@ class EfficiencyTable(TableKind):
                     cells = self._cells(Expressions(results, point), label)
                     keys = [*map(wording.number, scene.values()), name]
                     table.add(keys, cells)
-                    if abs(cells[-1].estimate.value) > _NOT_ZERO * cells[-1].estimate.stderr:
+                    if _is_not_zero(cells[-1]):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
 
@@ -106,6 +107,12 @@ def _forms(
             found.append(keys)
             points.append(point)
     yield from zip((named_form(label, keys, found) for keys in found), points, strict=True)
+
+
+def _is_not_zero(cross: Cell) -> bool:
+    """By Student's t: the standard error of two or three runs may be small by chance."""
+    z = normal_of_t(z_score(cross.estimate), max(cross.runs - 1.0, 1.0))
+    return abs(z) > _NOT_ZERO
 
 
 def _cell(found: Jackknifed, runs: int, lost: int) -> Cell:

@@ -1,18 +1,20 @@
 """Table kind `innovations`: what can be said of a filter without a truth."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from trackbench.evaluation.intervals import anees_band
+from trackbench.core.arrays import Array
 from trackbench.keys import Digits
 from trackbench.registry import register
+from trackbench.report import wording
+from trackbench.report.bands import anis_band, autocorrelation_band
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.terms import MISSING, Term
+from trackbench.report.terms import MISSING
 
 _COLUMNS = {
     "ANIS": "mean(anis)",
@@ -31,6 +33,7 @@ class Innovations(TableKind):
     ANIS is the normalised innovation squared over the number of measured components, 1 if consistent;
     of N components it is chi-square of N degrees of freedom over N. The autocorrelation of successive
     whitened innovations is 0 within 1.96 / sqrt(N) (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
+    Where runs measure different numbers, N is that of which means over runs vary as much.
     The log score is the mean log p(z_k | z_1..k-1): higher is better. What is held out (`hold_out`) is
     predicted and not filtered.
     """
@@ -59,7 +62,7 @@ class Innovations(TableKind):
             for label in results.chosen(self.filters):
                 row = [Cell.of(cells.get((label, m), MISSING)) for m in columns.values()]
                 table.add([*(str(v) for _, v in point), label], row)
-        table.notes += _bands(found)
+        table.notes += _bands(results, results.chosen(self.filters))
         return table
 
 
@@ -74,19 +77,36 @@ def _errors(results: Results) -> dict[str, str]:
     return found
 
 
-def _bands(found: dict[Any, dict[tuple[str, str], Term]]) -> list[str]:
-    """What a consistent filter's numbers lie between, of the largest number of components."""
-    numbers = [
-        term.value * term.runs
-        for terms in found.values()
-        for (_, metric), term in terms.items()
-        if metric == "mean(innovations)" and term.runs
-    ]
-    if not numbers:
+def _bands(results: Results, labels: list[str]) -> list[str]:
+    """What a consistent filter's numbers lie between, and of which where it differs."""
+    said: dict[str, list[str]] = {}
+    for point in results.points():
+        alike: dict[str, list[str]] = {}
+        for label in labels:
+            for told in _told(results.runs(point), label):
+                alike.setdefault(told, []).append(label)
+        for told, names in alike.items():
+            who = [wording.listed(names)] if len(alike) > 1 else []
+            where = [wording.heading(point)] if point else []
+            said.setdefault(told, []).append(", ".join(who + where))
+    if len(said) == 1:
+        return list(said)
+    return [f"{'; '.join(places)}: {told}" for told, places in said.items()]
+
+
+def _told(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+    """The sentence on a filter's bands; none of one that foretells nothing."""
+    numbers = runs.get((label, "innovations"), np.empty(0))
+    there = ~np.isnan(numbers)
+    if not there.any():
         return []
-    number = round(max(numbers))
-    low, high = anees_band(1, number)
-    return [
-        f"95 % bands of a consistent filter over {number} measured components: ANIS {low:.3f} to "
-        f"{high:.3f}, autocorrelation within {1.96 / np.sqrt(number):.3f}."
-    ]
+    number = round(float(numbers[there].sum()))
+    if not number:
+        return ["Nothing was measured after the start: nothing can be said of a filter."]
+    low, high = anis_band(numbers[there])
+    bands = [f"ANIS {low:.3f} to {high:.3f}"]
+    paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))
+    if paired.any():
+        bands.append(f"autocorrelation within {autocorrelation_band(numbers[paired]):.3f}")
+    of = f"95 % bands of a consistent filter over {number} measured components"
+    return [f"{of}: {', '.join(bands)}."]

@@ -1,6 +1,5 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,6 +8,7 @@ import numpy as np
 
 from trackbench.evaluation.measure import Expression, Measure
 from trackbench.evaluation.metrics import LOST_BECAUSE
+from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.definition import Labelled
 from trackbench.keys import Digits
 from trackbench.registry import register
@@ -16,9 +16,6 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-
-_SMALLER = re.compile(r"[a-z-]+\((rmse|distance)[^()]*\)|rmse[^()]*|cpu_s_per_run")
-"""Of what the least value is the best."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +50,7 @@ class Metrics(TableKind):
         """The table from a results folder."""
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
-        table.least = [i for i, m in enumerate(self.columns.values()) if _SMALLER.fullmatch(str(m))]
+        table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
         table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
         for point in results.points():
             expressions = Expressions(results, point)
@@ -79,6 +76,12 @@ class Metrics(TableKind):
         return table
 
 
+def _is_least_best(m: Measure) -> bool:
+    """Whether the least is the best: of a gain, and of a share of runs won, the most is."""
+    smaller = m.is_cpu_time or m.family[0].better == "lower"
+    return smaller and m.relation not in ("gain", "below")
+
+
 def _cell(expressions: Expressions, m: Measure) -> Cell:
     """A row of summary.csv as it stands there; else evaluated, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
@@ -94,4 +97,5 @@ def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> I
             number = int((codes == code).sum())
             if number:
                 where = ", ".join(f"{k} = {v}" for k, v in point.items())
-                yield f"{label}{f' at {where}' if where else ''}: {number} runs lost because {reason}."
+                at = f" at {where}" if where else ""
+                yield f"{label}{at}: {counted(number, 'run')} lost because {reason}."

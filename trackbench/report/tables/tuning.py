@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.experiment.problems import counted
 from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import wording
@@ -119,7 +120,8 @@ def _said(record: Record, found: Score | None, given: Score | None, runs: int) -
     if found is None or given is None:
         return
     if found.lost > given.lost:
-        yield f"tuned, it loses {found.lost} runs of the results, and {given.lost} as it was"
+        lost = counted(found.lost, "run")
+        yield f"tuned, it loses {lost} of the results, and {given.lost} as it was"
     gained, stderr = _gained(found, given).estimate
     if given.lost <= found.lost and not gained > _SEEN * stderr:
         worse = "worse" if gained < -_SEEN * stderr else "no better"

@@ -10,6 +10,8 @@ from trackbench.core.arrays import Array
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
+_DIGITS = 9
+"""Of a whole number, at most."""
 Parse = Callable[[str], float]
 
 
@@ -47,8 +49,10 @@ def instant(cell: str) -> float:
 
 def whole(cell: str) -> float:
     """A whole number from zero on."""
-    if not (cell.isascii() and cell.isdigit() and len(cell) < 10):
+    if not (cell.isascii() and cell.isdigit()):
         raise ValueError("a whole number")
+    if len(cell) > _DIGITS:
+        raise ValueError(f"less than {10**_DIGITS}")
     return float(cell)
 
 
