@@ -136,6 +136,7 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     e = Expressions(folder, {})
     never, lost = (e.term(measure(name).of("A")) for name in ("mean(strayed)", "mean(lost)"))
     assert never.interval() == binomial.interval(0, RUNS)
+    assert never.stderr == binomial.stderr(0, RUNS) > 0.007
     assert never.z(0.02) == binomial.z(0, RUNS, 0.02) > -2
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
     strayed = measure("mean(strayed)")

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
@@ -159,7 +160,10 @@ class Expressions:
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> Term:
         """The share of the runs with a value (M,) above zero, of those that have one."""
         events = np.where(np.isnan(values), np.nan, values > 0)
-        return Share(*self._statistic(label, "mean", events, common))
+        share = Share(*self._statistic(label, "mean", events, common))
+        if share.stderr != 0.0:
+            return share
+        return share._replace(stderr=binomial.stderr(round(share.value * share.runs), share.runs))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""

@@ -31,7 +31,7 @@ class Cell(NamedTuple):
     def of(cls, term: Term) -> "Cell":
         """A measured number; of an event that all runs or none of them had, how sure that is."""
         words = ""
-        if isinstance(term, Share) and term.stderr == 0.0:
+        if isinstance(term, Share) and term.value in (0.0, 1.0):
             words = in_words(round(term.value * term.runs), term.runs, what="")
         return cls(term.estimate, term.runs, term.lost, words)
 
@@ -148,12 +148,16 @@ class Table:
         return rounded(value, stderr, self.digits)
 
 
+_STORED = 0.5e-7
+"""Share of a value per run that its digits leave open; an error below is rounding."""
+
+
 def rounded(value: float, stderr: float, digits: int) -> str:
     """Value and standard error to the same decimal place, the error with one digit or two."""
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)
-    if isfinite(stderr) and stderr > 0:
+    if isfinite(stderr) and stderr > _STORED * abs(value):
         place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
         decimals = min(max(decimals, place), place + 1) if value else place + 1
     decimals = max(decimals, 0)
