@@ -82,6 +82,11 @@ def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
     return _of_plugins.get(module, [])
 
 
+def registered_kinds() -> Iterator[type[Any]]:
+    """Every class of any group that is registered by now."""
+    return (cls for known in _kinds.values() for cls in known.values())
+
+
 def bring_back(module: str) -> None:
     """Let a plugin's kinds be its own again, after another file of its name was loaded."""
     for group, kind, cls in registered(module):
