@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from io import TextIOWrapper
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from trackbench import __version__
 from trackbench.cli.checking import cache, check
-from trackbench.cli.lines import tell
+from trackbench.cli.lines import objects_alone, tell
 from trackbench.cli.running import run, sweep, tune
 from trackbench.cli.stored import compare, plot, report, verify
 from trackbench.cli.vocabulary import copy, describe, list_, new, schema, show
@@ -54,12 +55,13 @@ def main() -> None:
 
     if isinstance(sys.stdout, TextIOWrapper):  # a folder's name need not be UTF-8, as stderr knows
         sys.stdout.reconfigure(errors="backslashreplace")
-    try:
-        app()
-    except (UserError, RunError) as error:
-        sys.exit(tell(error))
-    except Exception as error:
-        sys.exit(tell(_of_plugin(error)))
+    with objects_alone() if "--json" in sys.argv else nullcontext():
+        try:
+            app()
+        except (UserError, RunError) as error:
+            sys.exit(tell(error))
+        except Exception as error:
+            sys.exit(tell(_of_plugin(error)))
 
 
 def _of_plugin(error: Exception) -> "RunError":
