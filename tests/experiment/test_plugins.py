@@ -117,6 +117,11 @@ def test_an_edited_plugin_never_meets_an_old_block(
         ("half.py", None, "half.py: no such file or directory"),
         ("half.txt", "x = 1\n", "is not the path of a Python file"),
         ("half.py", PLUGIN.replace('"half"', '"pf"'), "kind 'pf' is already taken"),
+        (
+            "half.py",
+            PLUGIN.replace('"filters"', '"filter"'),
+            "half.py:13: ValueError: 'filter' is not a group of kinds: filters, scenarios, targets",
+        ),
     ],
 )
 def test_plugins_with_mistakes(config: Path, name: str, content: str | None, expected: str) -> None:
