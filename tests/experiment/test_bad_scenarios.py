@@ -12,12 +12,18 @@ HEAD = """
 from dataclasses import dataclass
 import numpy as np
 from trackbench.core.distributions import Gaussian
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.position import PositionSensor as Position
 from trackbench.registry import register
 from trackbench.scenarios.starts.given import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 """
-BASES = {"targets": "Driven", "sensors": "Position", "starts": "GaussianStart"}
+BASES = {
+    "motions": "ConstantVelocity",
+    "targets": "Driven",
+    "sensors": "Position",
+    "starts": "GaussianStart",
+}
 CONFIG = """name: own
 runs: 6
 plugins: [mine.py]
@@ -101,6 +107,18 @@ def test_it_is_said(what: str, command: str, tmp_path: Path) -> None:
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.parametrize("body", ["1 / 0", "return None"])
+def test_a_motion_that_is_assumed(body: str, tmp_path: Path) -> None:
+    write(tmp_path, "motions", f"\n    def sampled(self, T, axes=2):\n        {body}\n")
+    config = (tmp_path / "c.yaml").read_text()
+    assumed = "{kind: ekf, assume: {motion: {kind: mine, q: 1}}}"
+    (tmp_path / "c.yaml").write_text(config.replace("{kind: ekf}", assumed))
+    done = trackbench("check", "c.yaml", "--allow-plugins", cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("c.yaml:12:27: filters.KF.assume: mine.py:")
+
+
 def test_a_good_one_runs(tmp_path: Path) -> None:
     write(tmp_path, "targets", "")
     assert trackbench("run", "c.yaml", "--allow-plugins", cwd=tmp_path).returncode == 0
@@ -114,7 +132,7 @@ def test_what_is_found_only_in_the_run_is_a_line(tmp_path: Path) -> None:
     write(tmp_path, "targets", fly + body + rest)
     done = trackbench("run", "c.yaml", "--allow-plugins", cwd=tmp_path)
     assert done.returncode == 1
-    assert "error: KF failed: mine.py:15: AssertionError" in done.stderr
+    assert "error: KF failed: mine.py:16: AssertionError" in done.stderr
     assert "Traceback" not in done.stderr
 
 
