@@ -1,11 +1,14 @@
 """A target, sensor or start of one's own that is wrong: said in a line with its file and line."""
 
 from pathlib import Path
+from typing import Generic
 
 import pytest
 
 from tests.commands import trackbench
+from tests.conftest import make_filter
 from trackbench.cli import main
+from trackbench.experiment.blame import place
 from trackbench.experiment.reading import metric_checks
 
 HEAD = """
@@ -117,6 +120,40 @@ def test_a_motion_that_is_assumed(body: str, tmp_path: Path) -> None:
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("c.yaml:12:27: filters.KF.assume: mine.py:")
+
+
+WHOLE = {
+    "windows": ('"": self.steps > 0', '"": self.steps[1:] > 0', "the window '' is an array (40,)"),
+    "times": ("self.steps * self.interval", "[1, 2]", "times is a list, not an array (41,)"),
+    "errors": ("error[[0, 2]]", "error[[0, 2]][:, :1]", "the error 'position' is an array (2, 1, 2)"),
+    "simulate": ("Simulation(truth, ", "Simulation(truth.T, ", "the truth is an array (2, 41, 4)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", WHOLE)
+def test_a_scenario_of_ones_own(method: str, tmp_path: Path) -> None:
+    trackbench("new", "scenario", "own-radar", cwd=tmp_path)
+    good, bad, said = WHOLE[method]
+    text = (tmp_path / "own_radar.py").read_text()
+    (tmp_path / "own_radar.py").write_text(text.replace(good, bad))
+    done = trackbench("check", "own_radar.yaml", "--allow-plugins", cwd=tmp_path)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2
+    assert said in line
+    place = int(line.partition("own_radar.py:")[2].partition(":")[0])
+    rows = text.splitlines()[place - 1 : place + 1]  # of a property the decorator
+    assert any(f"def {method}(" in row for row in rows)
+
+
+def test_pythons_own_files_are_nobodys() -> None:
+    """Every filter is a `Generic`, whose file is none of a plugin's."""
+    assert place(_raised_in_typing(), make_filter("pf", N=5)) == ""
+
+
+def _raised_in_typing() -> TypeError:
+    with pytest.raises(TypeError) as caught:
+        Generic[int]
+    return caught.value
 
 
 def test_a_good_one_runs(tmp_path: Path) -> None:

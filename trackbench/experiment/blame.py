@@ -110,7 +110,12 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 def _own(part: Any) -> list[type[Any]]:
     """The classes that a part is made of, as far as they are not the package's own."""
     cls = part if isinstance(part, type) else type(part)
-    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and c is not object]
+    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and not _is_pythons(c)]
+
+
+def _is_pythons(cls: type[Any]) -> bool:
+    """Whether a class, such as `object` or `Generic`, comes with Python."""
+    return cls.__module__.partition(".")[0] in sys.stdlib_module_names
 
 
 def _file(cls: type[Any]) -> str:
@@ -121,7 +126,8 @@ def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
     """Where a part's own class defines a method, or else begins."""
     for part in parts:
         for cls in _own(part):
-            code = getattr(vars(cls).get(method or ""), "__code__", None)
+            found = vars(cls).get(method or "")
+            code = getattr(found.fget if isinstance(found, property) else found, "__code__", None)
             if code is not None:
                 return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
         for cls in _own(part)[:1]:

@@ -93,8 +93,9 @@ def _ask(scenario: Scenario, bounded: bool) -> None:
     _check_shape("simulate", "what is measured", seen, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
-    scenario.errors(truth[:, -1], truth[:, -1])
-    scenario.observables(truth[:, -1])
+    for name, error in scenario.errors(truth, truth).items():
+        _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
+    scenario.observables(truth)
     if bounded:
         scenario.bounds()
 
