@@ -62,7 +62,8 @@ TABLE, DRAW = "        return found\n", "        return figure\n"
 BAD = {
     "a table raises": (
         TABLE, "        1 / 0\n", "table own", "1 / 0", "ZeroDivisionError: division by zero"),
-    "a table leaves": (TABLE, "        raise SystemExit\n", "table own", "raise", "code that is not"),
+    "a table leaves": (
+        TABLE, "        raise SystemExit\n", "table own", "raise", "code of a plugin raised"),
     "a table is nothing": (TABLE, "", "table own", "def table", "table gives a NoneType, not a Table"),
     "a table with a row too short": (
         TABLE, "        found.keys.append(['EKF'])\n" + TABLE, "table own", "def table",
