@@ -23,6 +23,7 @@ from trackbench.report.page import write_report
 from trackbench.report.paper import Style
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
+from trackbench.report.unmade import PartlyMadeError
 from trackbench.report.verdicts import Comparison
 from trackbench.report.verdicts import compare as hold_against_published
 from trackbench.running import Report, preview, run_all, run_each
@@ -120,10 +121,12 @@ def plot(
     """Draw the figures of a results folder again; returns the files written.
 
     ``style="paper"`` makes NAME-column and NAME-page, as wide as those of a journal, without titles.
-    Those of plugins are drawn if their code may be run, and else left as they are.
+    Those of plugins are drawn if their code may be run, and else left as they are. Where that fails
+    it raises PartlyMadeError after the others are written.
     """
     with _written_again(folder, allow_plugins) as (results, _):
-        return write_figures(results, formats, only, style)
+        written = write_figures(results, formats, only, style)
+    return _whole(results, written)
 
 
 def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
@@ -137,9 +140,18 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
         return write_overview(folder)
     if _is_read_only(folder):
         here = Path(f"{folder.resolve().name}-report.html")
-        return [write_report(open_with_notes(folder, allow_plugins), path=here)]
+        results = open_with_notes(folder, allow_plugins)
+        return _whole(results, [write_report(results, path=here)])
     with _written_again(folder, allow_plugins) as (results, _):
-        return [write_report(results)]
+        written = [write_report(results)]
+    return _whole(results, written)
+
+
+def _whole(results: Results, written: list[Path]) -> list[Path]:
+    """What was written; raises PartlyMadeError if tables or figures of plugins are not in it."""
+    if results.unmade:
+        raise PartlyMadeError(results.unmade_lines, written)
+    return written
 
 
 def _check_writable(folder: Path | str) -> None:

@@ -56,6 +56,8 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
     def add(cls: T) -> T:
         if not is_dataclass(cls):
             raise TypeError(f"{cls.__name__} is not a dataclass (frozen=True, kw_only=True)")
+        if group not in GROUPS:
+            raise ValueError(f"{group!r} is not a group of kinds: {', '.join(GROUPS)}")
         known = _kinds[group].get(kind)
         if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
@@ -80,6 +82,11 @@ def base_of(group: Group) -> type[Part]:
 def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
     """What a plugin's module has registered: group, kind, class."""
     return _of_plugins.get(module, [])
+
+
+def registered_kinds() -> Iterator[type[Any]]:
+    """Every class of any group that is registered by now."""
+    return (cls for known in _kinds.values() for cls in known.values())
 
 
 def bring_back(module: str) -> None:

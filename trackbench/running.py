@@ -175,7 +175,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
             write_sweep(results)
     seal(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
-    failed = list(_failed(job.experiment, outcome, losses))
+    failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
 

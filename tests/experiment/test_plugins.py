@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands import trackbench
+from tests.commands import spawned, trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.blame import BadPluginError
@@ -117,6 +117,11 @@ def test_an_edited_plugin_never_meets_an_old_block(
         ("half.py", None, "half.py: no such file or directory"),
         ("half.txt", "x = 1\n", "is not the path of a Python file"),
         ("half.py", PLUGIN.replace('"half"', '"pf"'), "kind 'pf' is already taken"),
+        (
+            "half.py",
+            PLUGIN.replace('"filters"', '"filter"'),
+            "half.py:13: ValueError: 'filter' is not a group of kinds: filters, scenarios, targets",
+        ),
     ],
 )
 def test_plugins_with_mistakes(config: Path, name: str, content: str | None, expected: str) -> None:
@@ -190,3 +195,23 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
     monkeypatch.delitem(sys.modules, plugins[0].module)
     with pytest.raises(BadPluginError, match=r"this worker has PyYAML .*, not yaml 1\.0"):
         load_plugin(plugins[0])
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_what_a_plugin_prints_is_not_among_the_objects(config: Path, engine: str) -> None:
+    loud = PLUGIN.replace("FACTOR", "0.5").replace(
+        "        return state\n",
+        "        print('hi')\n        os.system('echo there')\n        return state\n",
+        1,
+    )
+    (config.parent / "half.py").write_text("import os\nprint('loaded')\n" + loud)
+    words = ("run", "own.yaml", "--allow-plugins", "--json", "--format", "svg", "--fresh")
+    how = ("--engine", engine, "--workers", "2")
+    done = spawned(*words, *how, cwd=config.parent)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["experiment"] == "own"
+    assert {"loaded", "hi", "there"} <= set(done.stderr.splitlines())
+    done = spawned("check", "none.yaml", "--json", cwd=config.parent)
+    assert (done.returncode, json.loads(done.stdout)["good"]) == (2, False)
+    done = trackbench(*words, "--engine", "serial", cwd=config.parent)
+    assert json.loads(done.stdout)["failed"] == []

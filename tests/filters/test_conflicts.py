@@ -8,14 +8,17 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
-from trackbench.experiment.problems import Problem
+from trackbench.experiment.problems import Problem, UserError
 from trackbench.experiment.reading.checks import check_fit
+from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.source import Source
 from trackbench.models.assumed import Assume
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.scalar import Autoregressive
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.given import Given
+from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.measured import Measured
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
@@ -106,3 +109,32 @@ def test_an_imm_refuses_what_its_models_filter_does(
     (refused,) = refusals(imm(ConstantAcceleration(q=1.0), kind, **keys), maneuver())
     assert refused.path == f"f.{key}"
     assert refusals(imm(ConstantAcceleration(q=1.0), kind), maneuver()) == []
+
+
+@pytest.mark.parametrize("kind", ["imm", "mmpf"])
+def test_motions_are_of_the_target(kind: str) -> None:
+    two = ((0.9, 0.1), (0.1, 0.9))
+    good: tuple[Motion, ...] = (ConstantVelocity(q=0.1), ConstantAcceleration(q=0.1))
+    assert refusals(make_filter(kind, motions=good, transition=two), maneuver()) == []
+    mixed = make_filter(kind, motions=(good[0], Autoregressive(q=1.0)), transition=two)
+    (refused,) = refusals(mixed, maneuver())
+    assert (refused.path, refused.what) == ("f.motions.1", "a motion of x for px, vx, py, vy")
+    walk = Autoregressive(q=1.0)
+    scalar = replace(merwe(), target=Driven(motion=walk), assume=Assume(motion=walk))
+    (refused,) = refusals(mixed, scalar)
+    assert refused.what == "a motion of positions and velocities for x"
+    assert refused.path == "f.motions.0"
+    assert refusals(make_filter(kind, motions=(walk, walk), transition=two), scalar) == []
+
+
+def test_a_motion_that_does_not_fit_has_its_place(tmp_path: Path) -> None:
+    motions = "motions:\n      - {kind: cwna, q: 0.1}\n      - {kind: ar1, q: 1}\n"
+    (tmp_path / "c.yaml").write_text(
+        "name: own\nscenario:\n  kind: tracking\n  last: 8\n"
+        "  target: {kind: driven, motion: {kind: cv, q: 1}}\n  sensor: {kind: position, sigma: 2}\n"
+        "  start: {kind: gaussian, sigma: [2, 1, 2, 1]}\n"
+        f"filters:\n  IMM:\n    kind: imm\n    transition: [[0.9, 0.1], [0.1, 0.9]]\n    {motions}"
+    )
+    with pytest.raises(UserError) as caught:
+        load(tmp_path / "c.yaml")
+    assert "c.yaml:14:9: filters.IMM.motions.1: a motion of x for" in str(caught.value)

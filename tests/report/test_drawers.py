@@ -14,6 +14,7 @@ from trackbench.report import style
 from trackbench.report.drawers import drawing, drawn
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
+from trackbench.report.unmade import UnmadeError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ def test_a_mistake_of_another_process_is_said(results: Results) -> None:
     with (
         pytest.MonkeyPatch.context() as patch,
         drawing(_with(patch, results, bad=Failing()), ["svg"], processes=2) as draw,
-        pytest.raises(ValueError, match="drawn by a child"),
+        pytest.raises(UnmadeError, match=r"^test_drawers\.py:\d+: ValueError: drawn by a child"),
     ):
         draw("bad", Failing())
 

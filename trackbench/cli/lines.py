@@ -1,11 +1,14 @@
 """What is said: JSON on stdout, an object a line, for programs, and what went wrong for people."""
 
 import json
+import os
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from contextvars import ContextVar
 from math import isfinite, isnan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -15,9 +18,54 @@ if TYPE_CHECKING:
     from trackbench.report.table import Table
 
 
+_STDOUT, _STDERR = 1, 2
+_OBJECTS: ContextVar[TextIO | None] = ContextVar("objects", default=None)
+"""Where objects go, if not to stdout."""
+
+
 def echo_line(line: dict[str, Any]) -> None:
     """Print an object. What is no number is null; infinite is a word, since JSON has no such number."""
-    typer.echo(json.dumps(_plain(line), ensure_ascii=False, allow_nan=False))
+    text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
+    typer.echo(text, file=_OBJECTS.get())
+
+
+@contextmanager
+def objects_alone() -> Iterator[None]:
+    """Keep stdout for objects: what code of one's own prints goes to stderr, also that of workers."""
+    with _stdout_apart() as objects, redirect_stdout(sys.stderr):
+        token = _OBJECTS.set(objects)
+        try:
+            yield
+        finally:
+            _OBJECTS.reset(token)
+
+
+@contextmanager
+def _stdout_apart() -> Iterator[TextIO]:
+    """What stdout was, while the processes that are begun from here take stderr for it."""
+    if not _is_the_systems(sys.stdout):
+        yield sys.stdout
+        return
+    sys.stdout.flush()
+    copy = os.dup(_STDOUT)
+    os.dup2(_STDERR, _STDOUT)
+    coding = sys.stdout.encoding
+    objects = open(copy, "w", encoding=coding, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    try:
+        yield objects
+    finally:
+        with suppress(BrokenPipeError):  # nobody reads them any more
+            objects.close()
+        os.dup2(copy, _STDOUT)
+        os.close(copy)
+
+
+def _is_the_systems(stream: TextIO) -> bool:
+    """Whether a stream is stdout itself, and not what a caller has put in its place."""
+    try:
+        return stream.fileno() == _STDOUT
+    except (OSError, ValueError):
+        return False
 
 
 def tell(error: "UserError | RunError") -> int:

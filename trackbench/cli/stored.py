@@ -1,5 +1,6 @@
 """The commands on a results folder: no run is computed, but by `verify`."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,16 +51,31 @@ def plot(
 
     look: Any = one_of("--style", style, ("screen", "paper"))
     forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
-    for path in api.plot(folder, forms, tuple(only or ()), allow_plugins, look):
-        typer.echo(path)
+    _say(lambda: api.plot(folder, forms, tuple(only or ()), allow_plugins, look))
 
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
     """Write report.html of stored results; over a folder of several, index.html and a ledger."""
     from trackbench import api
 
-    for path in api.report(folder, allow_plugins):
+    _say(lambda: api.report(folder, allow_plugins))
+
+
+def _say(write: Callable[[], list[Path]]) -> None:
+    """Print what is written; say what could not be made, and leave with 1 then."""
+    from trackbench.report.unmade import PartlyMadeError
+
+    lines: list[str] = []
+    try:
+        paths = write()
+    except PartlyMadeError as error:
+        paths, lines = error.written, error.lines
+    for path in paths:
         typer.echo(path)
+    for line in lines:
+        typer.echo(f"error: {line}", err=True)
+    if lines:
+        raise typer.Exit(1)
 
 
 def verify(

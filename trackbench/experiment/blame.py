@@ -3,6 +3,7 @@
 import inspect
 import sys
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from traceback import walk_tb
@@ -10,6 +11,7 @@ from typing import Any
 
 from trackbench.experiment.problems import RunError
 from trackbench.filters.base import ReturnedError
+from trackbench.registry import registered_kinds
 
 _EXTRAS = ("filterpy", "stonesoup")
 """Packages that trackbench's own extras bring."""
@@ -27,6 +29,24 @@ def is_foreign(part: Any) -> bool:
     """Whether a part of an experiment, or a class of parts, is not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return cls.__module__.partition(".")[0] != "trackbench"
+
+
+def parts_within(part: Any) -> Iterator[Any]:
+    """A part of an experiment and all that it is made of; each of several."""
+    if isinstance(part, tuple):
+        for one in part:
+            yield from parts_within(one)
+    elif isinstance(part, type):
+        yield part
+    elif is_dataclass(part):
+        yield part
+        for field in fields(part):
+            yield from parts_within(getattr(part, field.name))
+
+
+def foreign_within(part: Any) -> list[Any]:
+    """Those of them that are not the package's own."""
+    return [inner for inner in parts_within(part) if is_foreign(inner)]
 
 
 def blamed(error: BaseException, *parts: Any) -> str:
@@ -58,8 +78,14 @@ def lacking(module: str) -> str:
 
 def place(error: BaseException, *parts: Any) -> str:
     """``my_filter.py:12: ``, or nothing."""
-    files = {_file(cls) for part in parts for cls in _own(part)}
+    files = {_file(cls) for part in parts_within(parts) for cls in _own(part)}
     return place_within(error, files) or _defined(getattr(error, "method", None), parts[:1])
+
+
+def foreign_line(error: BaseException) -> str | None:
+    """``my_target.py:12: ValueError: ...`` if code of any registered kind of one's own was running."""
+    where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
+    return where + said(error) if where else None
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
@@ -84,7 +110,12 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 def _own(part: Any) -> list[type[Any]]:
     """The classes that a part is made of, as far as they are not the package's own."""
     cls = part if isinstance(part, type) else type(part)
-    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and c is not object]
+    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and not _is_pythons(c)]
+
+
+def _is_pythons(cls: type[Any]) -> bool:
+    """Whether a class, such as `object` or `Generic`, comes with Python."""
+    return cls.__module__.partition(".")[0] in sys.stdlib_module_names
 
 
 def _file(cls: type[Any]) -> str:
@@ -95,7 +126,8 @@ def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
     """Where a part's own class defines a method, or else begins."""
     for part in parts:
         for cls in _own(part):
-            code = getattr(vars(cls).get(method or ""), "__code__", None)
+            found = vars(cls).get(method or "")
+            code = getattr(found.fget if isinstance(found, property) else found, "__code__", None)
             if code is not None:
                 return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
         for cls in _own(part)[:1]:

@@ -29,7 +29,7 @@ def guarded() -> Iterator[None]:
         except (Exception, Interrupted):
             raise
         except BaseException as error:
-            raise RunError(f"code of a filter or scenario raised {error!r}") from None
+            raise RunError(f"code of a plugin raised {error!r}") from None
 
 
 @contextmanager

@@ -71,7 +71,10 @@ class IMM(JumpMarkov[Models]):
         return (*self.needs, *(n for n in self.filter.needs if not n.startswith("motion.")))
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """What the models' filter cannot do with one of them."""
+        """Motions that do not fit; what the models' filter cannot do with one of them."""
+        misfits = super().conflicts(scenario)
+        if misfits:
+            return misfits
         found: dict[str, str] = {}
         for own in self.models(scenario.model):
             found |= self.filter.conflicts(_Believed(scenario, own))

@@ -17,7 +17,7 @@ from trackbench.core.sums import total
 from trackbench.filters.base import Filter, State
 from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
-from trackbench.models.base import Model, Motion, SampledMotion, extra_std
+from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
 from trackbench.models.irregular import alike
 from trackbench.registry import register
 
@@ -60,6 +60,16 @@ class JumpMarkov(Filter[State]):
         r = len(self.motions)
         return np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
 
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Motions of something else than the target."""
+        own = shared_components(scenario.model.motion)
+        found = super().conflicts(scenario)
+        for i, (motion, _) in enumerate(self.models(scenario.model)):
+            if shared_components(motion) != own:
+                of = ", ".join(motion.components) or "positions and velocities"
+                found[f"motions.{i}"] = f"a motion of {of} for {', '.join(own)}"
+        return found
+
     def models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""
         return [Model(alike(motion, model.motion), model.sensor) for motion in self.motions]
@@ -68,6 +78,11 @@ class JumpMarkov(Filter[State]):
 def own_components(motion: SampledMotion) -> int:
     """How many components of a motion are positions and velocities of the target."""
     return len(motion.components) - len(extra_std(motion))
+
+
+def shared_components(motion: SampledMotion) -> tuple[str, ...]:
+    """Components that a motion shares with all others of its target."""
+    return motion.components[: own_components(motion)]
 
 
 @register("filters", "mmpf")

@@ -13,14 +13,23 @@ from trackbench.report.kept import Files, KeptFigures
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paper import is_crowded
 from trackbench.report.results import Results
+from trackbench.report.unmade import as_figure, told
 
 
 def drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """A figure as the content of a file, for each format; none of tracks if every filter failed."""
+    """A figure as the content of a file, for each format; none of tracks if every filter failed.
+
+    Raises UnmadeError if the code of a kind of one's own fails.
+    """
+    with told(spec):
+        return _drawn(spec, results, formats)
+
+
+def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
     if spec.shown_runs and not results.shown:
         return []
     with style.house():
-        figure = spec.draw(results)
+        figure = as_figure(spec.draw(results))
         forms = () if is_crowded(figure) else formats
         contents = [(form, style.content(figure, form)) for form in forms]
     style.close(figure)

@@ -8,6 +8,7 @@ from trackbench.report.drawers import drawn
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
 from trackbench.report.svg import inline
+from trackbench.report.unmade import told
 
 
 class Drawing(NamedTuple):
@@ -30,10 +31,18 @@ def drawings(results: Results) -> list[Drawing]:
         asked = results.asked_figures.get(name, {})
         title, said = (results.filled(asked.get(key) or "") for key in ("title", "caption"))
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
-        caption = said or (spec.tell(results) if spec is not None else "") or what
+        caption = said or _told(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
         found.append(Drawing(name, svg, "" if title else f"{name}.", caption))
     return found
+
+
+def _told(results: Results, name: str, spec: FigureKind | None) -> str:
+    """What the figure says of itself, if it does."""
+    if spec is not None:
+        with results.without(f"caption of figure {name}"), told(spec):
+            return spec.tell(results)
+    return ""
 
 
 def key_picture(results: Results) -> bytes | None:
@@ -47,7 +56,9 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
     for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
         spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
         contents = [path.read_bytes()] if path.is_file() else []
-        if not contents and spec is not None and name in asked:
-            contents = [content for _, content in drawn(spec, results, ["svg"])]
+        known = spec is not None and name in asked and f"figure {name}" not in results.unmade
+        if not contents and known and spec is not None:
+            with results.without(f"figure {name}"):
+                contents = [content for _, content in drawn(spec, results, ["svg"])]
         if contents:
             yield name, spec, contents[0]

@@ -46,7 +46,7 @@ def write_report(
         key=figures[0] if figures else None,
         figures=figures[1:],
         facts=_facts(results),
-        failed={row["filter"]: row["reason"] for row in results.failed},
+        failed={row["filter"]: row["reason"] for row in results.failed} | results.unmade,
         verdict_lines=summary_lines(comparison),
         verdict_tables=verdicts,
         legend=LEGEND.replace("`", ""),

@@ -4,12 +4,14 @@ from collections.abc import Collection, Iterable
 from itertools import product
 from pathlib import Path
 
-from trackbench.experiment.files import made, write_bytes, write_csv, write_text
+from trackbench.experiment.files import made, remove, write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.validate import unknown
+from trackbench.experiment.storing.outputs import FIGURE_FORMS, TABLE_FORMS
 from trackbench.report import style
 from trackbench.report.comparison import write_comparison, write_paired
 from trackbench.report.drawers import Draw, drawing, drawn
+from trackbench.report.kept import Files
 from trackbench.report.paper import SHEETS, Style, drawing_for
 from trackbench.report.results import Results
 from trackbench.report.table import Table
@@ -41,7 +43,16 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
         write_text(folder / f"{name}.md", table.markdown())
         if tex:
             write_text(folder / f"{name}.tex", table.texts().tex(name))
+    for name in results.parts("tables").keys() - tables.keys():
+        _remove(results.target / "tables", name, TABLE_FORMS)
     return tables
+
+
+def _remove(folder: Path, name: str, forms: Iterable[str]) -> None:
+    """Take away what was made before of what cannot be made now."""
+    for path in (folder / f"{name}.{form}" for form in forms):
+        if path.is_file():
+            remove(path)
 
 
 def write_figures(
@@ -64,11 +75,14 @@ def write_figures(
     forms = style.forms(formats)
     wanted = [n for n, spec in figures.items() if not only or n in only or spec.kind in only]
     for name, page in product(wanted if forms else (), SHEETS[look]):
-        with drawing_for(page):
+        contents: Files = []
+        with results.without(f"figure {name}"), drawing_for(page):
             spec = figures[name]
             contents = draw(name, spec) if draw else drawn(spec, results, forms)
         for form, content in contents:
             path = made(results.folder / "figures") / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
+        if f"figure {name}" in results.unmade:
+            _remove(results.folder / "figures", f"{name}{page.ending}", FIGURE_FORMS)
     return written

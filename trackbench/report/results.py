@@ -1,5 +1,7 @@
 """A results folder: what its config asks for, made of what its files hold."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +19,7 @@ from trackbench.report.frames import Frames
 from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.table import Table
+from trackbench.report.unmade import UnmadeError, as_table, told
 from trackbench.tuning.record import Record, read_tuning
 from trackbench.tuning.settings import tuned
 
@@ -37,7 +40,8 @@ class Results(Frames):
 
     def _repr_html_(self) -> str:
         tables = (table.texts() for table in self.tables.values())
-        return results_html(self.title, [f"{self.folder}/"], tables, self._repr_png_())
+        picture, shown = self._repr_png_(), [*tables]
+        return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], shown, picture)
 
     def _repr_png_(self) -> bytes | None:
         """The key figure; none where no filter has a track that it could show."""
@@ -46,7 +50,9 @@ class Results(Frames):
             return None
         from trackbench.report.canvas import png
 
-        return png(self.figure())
+        with self.without(f"figure {self.key_figure}"), told(key):
+            return png(self.figure())
+        return None
 
     def figure(self, name: str = "") -> "Figure":
         """A figure of the config, for matplotlib to go on with; the key figure if none is named.
@@ -93,8 +99,30 @@ class Results(Frames):
 
     @cached_property
     def tables(self) -> dict[str, Table]:
-        """The experiment's tables by name."""
-        return {name: spec.table(self) for name, spec in self.parts("tables").items()}
+        """The experiment's tables by name, without those of one's own that fail."""
+        made = {}
+        for name, spec in self.parts("tables").items():
+            with self.without(f"table {name}"), told(spec):
+                made[name] = as_table(spec.table(self), spec)
+        return made
+
+    @cached_property
+    def unmade(self) -> dict[str, str]:
+        """Tables and figures of one's own that failed, as far as they were asked for, and why."""
+        return {}
+
+    @property
+    def unmade_lines(self) -> list[str]:
+        """The same, a line for each."""
+        return [f"{what} failed: {why}" for what, why in self.unmade.items()]
+
+    @contextmanager
+    def without(self, what: str) -> Iterator[None]:
+        """Go on without a table or figure that cannot be made, and note why."""
+        try:
+            yield
+        except UnmadeError as error:
+            self.unmade[what] = str(error)
 
     @cached_property
     def pairs(self) -> list[tuple[dict[str, Any], list[Pair]]]:

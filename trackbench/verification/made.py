@@ -22,6 +22,9 @@ _LAST_DIGITS = 1e-6
 def made_again(results: Results) -> Iterator[Finding]:
     """What differs from the files that are made again, which are written to the results' target."""
     write_tables(results, tex=True)
+    for what, line in zip(results.unmade, results.unmade_lines, strict=True):
+        if (results.folder / "tables" / f"{what.removeprefix('table ')}.csv").is_file():
+            yield changed(line)
     write_paired(results)
     write_comparison(results, compare(results))
     if (results.folder / "sweep.csv").is_file():

@@ -1,5 +1,6 @@
 """What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
 
+from trackbench.experiment.blame import blamed, foreign_within
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.parts import build_plain
 from trackbench.experiment.reading.source import Source
@@ -31,5 +32,11 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
         return None
     except ValueError as error:
         source.blame(keys, str(error))
+        return None
+    except Exception as error:
+        foreign = foreign_within(point.assumed.get(label))
+        if not foreign:
+            raise
+        source.blame(keys, blamed(error, *foreign))
         return None
     return seen

@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from trackbench.experiment.blame import foreign_line
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import Mark, Problem, RunError, UserError
 from trackbench.experiment.reading.assuming import check_assumed, read_assumed
@@ -28,6 +29,7 @@ from trackbench.experiment.reading.checks import (
 )
 from trackbench.experiment.reading.compose import assignment, inline_parts, override
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
+from trackbench.experiment.reading.foreign_scenarios import mistake_of
 from trackbench.experiment.reading.metric_checks import check_metrics
 from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.plain import source_of
@@ -89,10 +91,13 @@ def load(
     try:
         with guarded():
             experiment = _validated(source, home, plugins)
-    except RunError as error:
-        raise UserError(Problem(Mark(source.mark(()).file), "", str(error))) from None
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
+    except Exception as error:
+        what = foreign_line(error) or (str(error) if isinstance(error, RunError) else None)
+        if what is None:
+            raise
+        raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
     if unread:
         raise _with_unread(unread, UserError())
     return experiment
@@ -197,6 +202,10 @@ def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point |
     filters = _filters(source, labels)
     assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
     if scenario is None:
+        return None
+    what = mistake_of(scenario, bounded=source.data.get("bound") is not None)
+    if what is not None:
+        source.blame(("scenario",), what)
         return None
     point = Point(dict(values), scenario, filters, assumed)
     check_bound(source, scenario)

@@ -5,9 +5,10 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args
 
-from trackbench.experiment.blame import blamed, is_foreign
+from trackbench.experiment.blame import blamed, foreign_within
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.compose import laid_over
+from trackbench.experiment.reading.foreign_scenarios import mistaken_sensor
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
 from trackbench.keys import part_group
@@ -60,14 +61,18 @@ def _built(
 ) -> T | None:
     inner = _Inner(source, [])
     part = source.part(keys, inner.numbered(cls, own, keys))
-    built = None
+    what, built = mistaken_sensor(inner.made), None
+    if what is not None:
+        source.blame(keys, what)
+        return None
     try:
         with guarded():
             built = build(cls, part, (), inner.made, also)
     except Exception as error:
-        if not is_foreign(cls):
+        foreign = foreign_within((cls, *inner.made))
+        if not foreign:
             raise
-        part.blame((), blamed(error, cls))
+        part.blame((), blamed(error, *foreign))
     source.problems += [
         replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in part.problems
     ]

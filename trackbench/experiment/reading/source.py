@@ -50,7 +50,9 @@ class Source:
     problems: list[Problem] = field(default_factory=list)
 
     def mark(self, keys: Keys) -> Mark:
-        """Where the value stands, or the nearest thing around it."""
+        """Where the value stands, or the nearest thing around it; places in a list may be words."""
+        if keys not in self.marks:
+            keys = tuple(int(k) if isinstance(k, str) and k.isdecimal() else k for k in keys)
         while keys not in self.marks and keys:
             keys = keys[:-1]
         return self.marks.get(keys, Mark("config"))

@@ -21,7 +21,8 @@ _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
     *("sweep.csv", "tuning.csv", "report.html"),
 )
-_NAMED = {"tables": ("csv", "md", "tex"), "figures": ("png", "svg", "pdf")}
+TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
+_NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
 DEFAULT = "results"
 """Name of the table and of the figure where the config asks for none."""

@@ -1,0 +1,160 @@
+"""A table or figure of one's own that fails costs itself alone, and is said in one line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.commands import trackbench
+from trackbench import api
+from trackbench.report.unmade import PartlyMadeError
+
+PLUGIN = """
+from dataclasses import dataclass
+
+from trackbench.evaluation.statistics import Estimate
+from trackbench.registry import register
+from trackbench.report import style
+from trackbench.report.kinds import FigureKind, TableKind
+from trackbench.report.table import Cell, Table
+
+
+@register("tables", "own-table")
+@dataclass(frozen=True, kw_only=True)
+class OwnTable(TableKind):
+    "Own."
+
+    def table(self, results):
+        found = Table("Own", ["Filter"], ["One"], 2)
+        found.add(["KF"], [Cell(Estimate(1.0, 0.1), 6, 0)])
+        return found
+
+
+@register("figures", "own-figure")
+@dataclass(frozen=True, kw_only=True)
+class OwnFigure(FigureKind):
+    "Own."
+
+    def draw(self, results):
+        figure, axes = style.subplots()
+        axes.plot([1, 2], [3, 4])
+        return figure
+"""
+CONFIG = """name: own
+runs: 6
+plugins: [own.py]
+scenario:
+  kind: tracking
+  last: 8
+  target: {kind: driven, motion: {kind: cv, q: 1}, launch: {x: 10, vx: 1}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+filters:
+  KF: {kind: kf}
+tables:
+  own: {kind: own-table}
+  errors: {kind: metrics, columns: {RMSE: rms(rmse_position)}}
+figures:
+  mine: {kind: own-figure}
+  time: {kind: rmse-vs-time, metric: rmse_position}
+"""
+TABLE, DRAW = "        return found\n", "        return figure\n"
+BAD = {
+    "a table raises": (
+        TABLE, "        1 / 0\n", "table own", "1 / 0", "ZeroDivisionError: division by zero"),
+    "a table leaves": (
+        TABLE, "        raise SystemExit\n", "table own", "raise", "code of a plugin raised"),
+    "a table is nothing": (TABLE, "", "table own", "def table", "table gives a NoneType, not a Table"),
+    "a table with a row too short": (
+        TABLE, "        found.keys.append(['EKF'])\n" + TABLE, "table own", "def table",
+        "the table cannot be written: ValueError: zip()"),
+    "a figure raises": (
+        DRAW, "        axes.plot([1], [2], colour='red')\n", "figure mine", "colour",
+        "AttributeError: Line2D.set() got an unexpected keyword argument 'colour'"),
+    "a figure is nothing": (DRAW, "", "figure mine", "def draw", "draw gives a NoneType, not a Figure"),
+    "a figure cannot be laid out": (
+        DRAW, "        figure.set_size_inches(1e9, 1e9)\n" + DRAW, "figure mine",
+        "@register(\"figures", ""),
+    "a caption raises": (
+        DRAW, DRAW + "\n    def tell(self, results):\n        1 / 0\n", "caption of figure mine",
+        "1 / 0", "ZeroDivisionError"),
+}  # fmt: skip
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    (tmp_path / "own.py").write_text(PLUGIN)
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def run(home: Path, *words: str) -> tuple[int, list[str]]:
+    done = trackbench("run", "c.yaml", "--allow-plugins", *words, cwd=home)
+    assert "Traceback" not in done.stderr
+    return done.returncode, [x for x in done.stderr.splitlines() if x.startswith("error: ")]
+
+
+def spoil(home: Path, what: str) -> str:
+    """The plugin with a mistake; the line that is to be said."""
+    good, bad, part, word, said = BAD[what]
+    text = PLUGIN.replace(good, bad)
+    (home / "own.py").write_text(text)
+    line = max(i for i, row in enumerate(text.splitlines(), 1) if word in row)
+    return f"error: {part} failed: own.py:{line}: {said}"
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+@pytest.mark.parametrize("what", BAD)
+def test_all_else_is_written(what: str, engine: str, home: Path) -> None:
+    assert run(home, "--engine", "serial") == (0, [])
+    line = spoil(home, what)
+    code, [error] = run(home, "--engine", engine, "--workers", "2")
+    assert code == 1
+    assert error.startswith(line)
+    out = home / "results" / "own"
+    there = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
+    assert {"tables/errors.csv", "figures/time.svg", "report.html", "manifest.json"} <= there
+    assert ("tables/own.csv" in there) == ("table" not in BAD[what][2])
+    assert ("figures/mine.png" in there) == (not BAD[what][2].startswith("figure"))
+    assert set(json.loads((out / "manifest.json").read_text())["files"]) <= there
+    page = (out / "report.html").read_text()
+    assert f"Failed: {BAD[what][2]} (own.py:" in page
+    assert trackbench("compare", out, cwd=home).returncode == 0
+
+
+def test_of_a_folder_the_old_files_go(home: Path) -> None:
+    run(home, "--engine", "serial")
+    out = home / "results" / "own"
+    line = spoil(home, "a figure raises")
+    done = trackbench("plot", "results/own", "--format", "svg", "--allow-plugins", cwd=home)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == ["results/own/figures/time.svg"]
+    assert [x for x in done.stderr.splitlines() if x.startswith("error")] == [line]
+    assert not [*(out / "figures").glob("mine.*")]
+    done = trackbench("report", "results/own", "--allow-plugins", cwd=home)
+    assert (done.returncode, done.stdout) == (1, "results/own/report.html\n")
+    assert line in done.stderr.splitlines()
+    (home / "own.py").write_text(PLUGIN)
+    assert trackbench("plot", "results/own", "--allow-plugins", cwd=home).returncode == 0
+    assert (out / "figures" / "mine.svg").is_file()
+
+
+def test_a_program_is_told_what_is_missing(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(home)
+    spoil(home, "a table raises")
+    report = api.run("c.yaml", allow_plugins=True, quiet=True, engine="serial")
+    assert [*report.tables] == ["errors"]
+    assert len(report.failed) == 1
+    assert "ZeroDivisionError" in report.results._repr_html_()
+    with pytest.raises(PartlyMadeError) as caught:
+        api.report(report.folder, allow_plugins=True)
+    assert caught.value.lines == report.failed
+    assert caught.value.written == [report.folder / "report.html"]
+
+
+def test_verify_says_what_cannot_be_made_again(home: Path) -> None:
+    run(home, "--engine", "serial")
+    spoil(home, "a table raises")
+    done = trackbench("verify", "results/own", "--allow-plugins", cwd=home)
+    assert done.returncode == 1
+    assert "table own failed: own.py:" in done.stdout
