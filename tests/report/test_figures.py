@@ -87,7 +87,6 @@ def test_a_published_number_stands_at_its_point(tmp_path):
     (tmp_path / "n.csv").write_text(
         "paper,table,filter,metric,value,label,expression,point\n"
         "p,t,f,m,1.5,PF,mean(rmse),scenario.sensor.R=2\n"
-        "p,t,f,m,2.5,PF,mean(rmse),scenario.sensor.R=3\n"
         "p,t,f,m,3.5,PF,mean(rmse),\n"
     )
     options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from trackbench.experiment.interrupts import guarded
 from trackbench.filters.base import ReturnedError
 from trackbench.models.sensing import Measuring
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.targets.base import Target
+
+if TYPE_CHECKING:
+    from trackbench.scenarios.targets.base import Target
 
 
 def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
@@ -48,9 +50,9 @@ def mistaken_sensor(made: Sequence[Any]) -> str | None:
 
     Asked before a scenario is made of them, which may look at its measurements.
     """
-    parts = [*parts_within(tuple(made))]
     sensors = [part for part in foreign_within(tuple(made)) if isinstance(part, Measuring)]
-    for target in (part for part in parts if isinstance(part, Target) and sensors):
+    targets = [*filter(_is_target, parts_within(tuple(made)))] if sensors else []
+    for target in targets:
         for sensor in sensors:
             try:
                 with guarded(), np.errstate(all="ignore"):
@@ -63,9 +65,15 @@ def mistaken_sensor(made: Sequence[Any]) -> str | None:
 def _ask_part(part: Any, scenario: Scenario) -> None:
     if isinstance(part, Measuring):
         _ask_sensor(part, len(scenario.components))
-    if isinstance(part, Target):
+    if _is_target(part):
         scored = np.ones(len(scenario.steps), dtype=bool)
         _check_windows(part.windows(scenario.times, scored), len(scored))
+
+
+def _is_target(part: Any) -> "TypeGuard[Target]":
+    from trackbench.scenarios.targets.base import Target
+
+    return isinstance(part, Target)
 
 
 def _ask_sensor(sensor: Measuring, n_x: int) -> None:
