@@ -58,7 +58,7 @@ def test_runs_in_groups_are_those_of_the_frame(
 
 
 def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
-    folder, number = made(tmp_path), 200_000
+    folder, number = made(tmp_path), 80_000
     labels = Results(folder).filters
     with (folder / "per_run.csv").open("w") as file:
         file.write("filter,run,metric,value\n")
