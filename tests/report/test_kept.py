@@ -21,15 +21,18 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path(shutil.copytree(made, tmp_path / "results"))
 
 
-def files(folder: Path, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
+def files(folder: Path, processes: int = 2, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
     results = api.load(folder)
-    with drawing(results, ["svg"], processes=2, **how) as draw:
+    with drawing(results, ["svg"], processes, **how) as draw:
         return {name: draw(name, spec) for name, spec in results.parts("figures").items()}
 
 
-def test_what_was_drawn_is_not_drawn_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("processes", [1, 2])
+def test_what_was_drawn_is_not_drawn_again(
+    folder: Path, processes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     results = api.load(folder)
-    first = files(folder, fresh=False)
+    first = files(folder, processes, fresh=False)
     assert first == {n: drawn(s, results, ["svg"]) for n, s in results.parts("figures").items()}
     monkeypatch.setattr(drawers, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first

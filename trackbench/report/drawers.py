@@ -48,13 +48,13 @@ def drawing(
 
     Unless ``fresh``, those that were drawn before are not drawn again.
     """
-    figures = results.parts("figures") if processes > 1 and formats else {}
-    sent = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
-    store = KeptFigures.of(results) if sent and not fresh else None
+    figures = results.parts("figures") if formats else {}
+    own = {name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)}
+    store = KeptFigures.of(results) if own and not fresh else None
     kept = {
-        name: files for name, spec in sent.items() if store and (files := store.get(spec, formats))
+        name: files for name, spec in own.items() if store and (files := store.get(spec, formats))
     }
-    sent = {name: spec for name, spec in sent.items() if name not in kept}
+    sent = {n: s for n, s in own.items() if n not in kept} if processes > 1 else {}
     begun: dict[str, Future[Files]] = {}
 
     def draw(name: str, spec: FigureKind) -> Files:
@@ -63,8 +63,8 @@ def drawing(
         try:
             files = begun[name].result()
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
-            return drawn(spec, results, formats)
-        if store:
+            files = drawn(spec, results, formats)
+        if store and name in own:
             store.put(spec, files)
         return files
 

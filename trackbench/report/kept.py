@@ -3,9 +3,10 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeAlias
@@ -38,15 +39,13 @@ class KeptFigures:
         """Those of these results; None if matplotlib is set up by a file, whose fonts may be any."""
         if any(path.is_file() for path in _set_ups()):
             return None
-        home = Path(trackbench.__file__).parent
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
         words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
-        digest = hashlib.sha256(json.dumps([libraries, words, facts], default=str).encode())
+        made_by = [libraries, words, facts, _sources()]
+        digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
         names = (*RAW, "tuning.csv", *results.config.get("published", ()))
-        for path in (*sorted(home.rglob("*.py")), *(results.folder / name for name in names)):
-            digest.update(f"\n{path.name}\n".encode())
-            digest.update(path.read_bytes() if path.is_file() else b"")
+        _add(digest, (results.folder / name for name in names))
         return cls(digest.hexdigest())
 
     def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
@@ -67,6 +66,20 @@ class KeptFigures:
     def _path(self, spec: FigureKind, form: str) -> Path:
         key = hashlib.sha256(f"{self.made_of} {spec!r}".encode()).hexdigest()
         return figure_folder() / key[:2] / f"{key}.{form}"
+
+
+@cache
+def _sources() -> str:
+    """Digest of the package's own source."""
+    digest = hashlib.sha256()
+    _add(digest, sorted(Path(trackbench.__file__).parent.rglob("*.py")))
+    return digest.hexdigest()
+
+
+def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
+    for path in paths:
+        digest.update(f"\n{path.name}\n".encode())
+        digest.update(path.read_bytes() if path.is_file() else b"")
 
 
 def _set_ups() -> Iterator[Path]:
