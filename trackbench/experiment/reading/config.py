@@ -89,15 +89,9 @@ def load(
     add_tuned(source, found or {})
     plugins = load_plugins(source, home, allow_plugins)
     try:
-        with guarded():
-            experiment = _validated(source, home, plugins)
+        experiment = _told(source, home, plugins)
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
-    except Exception as error:
-        what = foreign_line(error) or (str(error) if isinstance(error, RunError) else None)
-        if what is None:
-            raise
-        raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
     if unread:
         raise _with_unread(unread, UserError())
     return experiment
@@ -141,9 +135,22 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
         override(source, ("only", i), label, Mark(f"--only {label}"))
 
 
-def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
-    # Go on after a mistake as far as can be, so that one round of corrections is enough.
-    whole = build(Settings, source, ())
+def _told(source: Source, folder: Path, plugins: tuple[Plugin, ...]) -> Experiment:
+    """The experiment; what a plugin raises where nobody expects it is a mistake with its line."""
+    try:
+        with guarded():
+            return _validated(source, folder, plugins)
+    except UserError:
+        raise
+    except Exception as error:
+        what = foreign_line(error) or (str(error) if isinstance(error, RunError) else None)
+        if what is None:
+            raise
+        raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
+
+
+def _settings(source: Source, whole: Settings | None) -> Settings:
+    """The settings, without their mistakes if they have any; raises UserError if none are left."""
     settings = whole or _without_mistakes(source)
     if settings is not None and not settings.filters:  # of which no label can be known
         source.blame(("filters",), "name at least one filter")
@@ -151,6 +158,13 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     if settings is None:
         _sections(source)
         raise UserError(*sorted(set(source.problems)))
+    return settings
+
+
+def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
+    # Go on after a mistake as far as can be, so that one round of corrections is enough.
+    whole = build(Settings, source, ())
+    settings = _settings(source, whole)
     labels = chosen_labels(source, settings)
     tried = []
     for values, marks in grid_points(source, settings):
