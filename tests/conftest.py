@@ -26,6 +26,14 @@ from trackbench.scenarios.base import Scenario
 
 ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
+PLANE = """scenario:
+  kind: tracking
+  last: 8
+  target: {kind: driven, motion: {kind: cv, q: 1}, launch: {x: 10, vx: 1}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+"""
+"""Of a config: a target in the plane that is seen eight times."""
 
 Track = Callable[..., Filtered]
 

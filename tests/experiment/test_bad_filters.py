@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.commands import trackbench
+from tests.conftest import PLANE
 from trackbench import cli
 
 HEAD = """
@@ -27,20 +28,18 @@ class Base(KF):
 """
 KIND = '@register("filters", "bad")\n@dataclass(frozen=True, kw_only=True)\n'
 CLASS = HEAD + KIND + "class Bad(Base):\n    'Bad.'\n"
-CONFIG = """name: bad
+CONFIG = (
+    """name: bad
 runs: 6
 block: 6
 plugins: [bad.py]
-scenario:
-  kind: tracking
-  last: 8
-  target: {kind: driven, motion: {kind: cv, q: 1}, launch: {x: 10, vx: 1}}
-  sensor: {kind: position, sigma: 2}
-  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
-filters:
+"""
+    + PLANE
+    + """filters:
   KF: {kind: kf}
   Bad: {kind: bad}
 """
+)
 RUN, INPUT = 1, 2
 
 

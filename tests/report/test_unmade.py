@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.commands import trackbench
+from tests.conftest import PLANE
 from trackbench import api
 from trackbench.report.unmade import PartlyMadeError
 
@@ -41,16 +42,13 @@ class OwnFigure(FigureKind):
         axes.plot([1, 2], [3, 4])
         return figure
 """
-CONFIG = """name: own
+CONFIG = (
+    """name: own
 runs: 6
 plugins: [own.py]
-scenario:
-  kind: tracking
-  last: 8
-  target: {kind: driven, motion: {kind: cv, q: 1}, launch: {x: 10, vx: 1}}
-  sensor: {kind: position, sigma: 2}
-  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
-filters:
+"""
+    + PLANE
+    + """filters:
   KF: {kind: kf}
 tables:
   own: {kind: own-table}
@@ -59,6 +57,7 @@ figures:
   mine: {kind: own-figure}
   time: {kind: rmse-vs-time, metric: rmse_position}
 """
+)
 TABLE, DRAW = "        return found\n", "        return figure\n"
 BAD = {
     "a table raises": (

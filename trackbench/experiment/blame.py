@@ -33,7 +33,7 @@ def is_foreign(part: Any) -> bool:
 
 def parts_within(part: Any) -> Iterator[Any]:
     """A part of an experiment and all that it is made of; each of several."""
-    if isinstance(part, tuple):
+    if isinstance(part, tuple | list):
         for one in part:
             yield from parts_within(one)
     elif isinstance(part, type):

@@ -127,7 +127,7 @@ class CsvWriter:
         self._file.write(text.encode())
 
 
-def fields(row: Row) -> str:
+def cells(row: Row) -> str:
     """A row's beginning, or all of it, as a CSV has it between its commas."""
     return _lines([row])[:-1]
 

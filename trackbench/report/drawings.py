@@ -56,8 +56,8 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
     for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
         spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
         contents = [path.read_bytes()] if path.is_file() else []
-        known = spec is not None and name in asked and f"figure {name}" not in results.unmade
-        if not contents and known and spec is not None:
+        failed = f"figure {name}" in results.unmade
+        if not contents and spec is not None and name in asked and not failed:
             with results.without(f"figure {name}"):
                 contents = [content for _, content in drawn(spec, results, ["svg"])]
         if contents:

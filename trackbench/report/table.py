@@ -149,7 +149,7 @@ class Table:
 
 
 _STORED = 0.5e-7
-"""Share of a value per run that its digits leave open; an error below is rounding."""
+"""Share of a value below which its error is rounding: a tenth of what seven digits leave open."""
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:

@@ -38,10 +38,8 @@ class Column:
         All of them up, apart or askew, and back; or, of a few different ones, each as it makes things
         worse.
         """
-        x, half = (
-            self._x,
-            HALF["per_run.csv"] * np.where(np.isfinite(self._x), np.abs(self._x), 0.0),
-        )
+        x = self._x
+        half = HALF["per_run.csv"] * np.where(np.isfinite(x), np.abs(x), 0.0)
         sides = (1.0, _apart(x), _apart(x, 3))
         together = [self._off(x + sign * half * side) for side in sides for sign in (1.0, -1.0)]
         nothing = np.zeros((len(self.rows), 2))

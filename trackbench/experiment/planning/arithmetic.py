@@ -6,9 +6,8 @@ the processor, on the kernels of BLAS and LAPACK, on the C library and on numpy'
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from trackbench.core import elementary, linalg, noise, sums
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams, block_stream
+from trackbench.experiment.blame import parts_within
 from trackbench.keys import MistakenKeyError
 from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
@@ -70,16 +70,7 @@ def hangs_on_numpys(*parts: Any) -> bool:
 
     So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
     """
-    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in nested(part))
-
-
-def nested(part: Any) -> Iterator[Any]:
-    """A filter, a scenario or what is assumed, and the parts within it."""
-    if is_dataclass(part):
-        yield part
-        part = [getattr(part, field.name) for field in fields(part)]
-    for value in part if isinstance(part, list | tuple) else ():
-        yield from nested(value)
+    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in parts_within(part))
 
 
 def _is_of_our_arithmetic(part: Any) -> bool:

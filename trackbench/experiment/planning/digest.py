@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.block import BlockTask
+from trackbench.experiment.blame import parts_within
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.code import add_sources, code_digest
 from trackbench.experiment.reading.resolved import as_config
@@ -36,7 +37,7 @@ def block_key(task: BlockTask, used: int) -> str:
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
     """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
-    parts = list(arithmetic.nested(part))
+    parts = [inner for inner in parts_within(part) if not isinstance(inner, type)]
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
     for inner in parts:

@@ -26,7 +26,7 @@ from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import (
     CsvWriter,
     Row,
-    fields,
+    cells,
     made,
     replacing,
     shortened,
@@ -168,13 +168,11 @@ def _prefix(experiment: Experiment, key: Key) -> list[Any]:
 
 def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
     """Rows of per_run.csv, a metric at a time and not by `csv`: there are hundreds of thousands."""
-    head, wanted = (
-        fields(_prefix(experiment, key)),
-        kept_metrics(experiment.settings, "per_run.csv"),
-    )
+    head = cells(_prefix(experiment, key))
+    wanted = kept_metrics(experiment.settings, "per_run.csv")
     for metric, values in result.per_run.items():
         if wanted is None or measured(metric).base in wanted:
-            plain, name = values.tolist(), fields([metric])
+            plain, name = values.tolist(), cells([metric])
             if values.dtype.kind == "f":
                 plain = shortened(plain, DIGITS["per_run.csv"])
             writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
