@@ -31,6 +31,7 @@ FLOORS = {
     "report": 5,
     "jobs": 6,
     "running": 6,
+    "stored": 6,
     "api": 6,
     "catalogue": 6,
     "glossary": 6,
@@ -127,6 +128,10 @@ def test_the_design_names_every_module_of_the_house() -> None:
         (
             ["-c", "import trackbench.experiment.computing.forked"],
             {"pandas", "yaml", "matplotlib"},
+        ),
+        (
+            ["-c", "import trackbench.stored"],
+            {"pandas", "matplotlib", "tqdm", "trackbench.running", "trackbench.tuning.tuner"},
         ),
     ],
 )

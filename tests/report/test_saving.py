@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from trackbench.report import style
+from trackbench.report.powers import in_letters
 from trackbench.report.saving import FORMATS, saved
 
 
@@ -38,6 +39,7 @@ def test_the_svg_is_what_matplotlib_saves(svg: bytes) -> None:
     by_itself, out = figure(), io.BytesIO()
     for text in by_itself.findobj(lambda artist: "$5" in getattr(artist, "get_text", str)()):
         text.set_parse_math(False)
+    in_letters(by_itself)
     by_itself.savefig(out, format="svg", metadata=FORMATS["svg"], dpi=150)
     assert out.getvalue() == svg
 

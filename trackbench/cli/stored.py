@@ -12,11 +12,11 @@ from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
 
 def compare(folder: Folder, json: Json = False) -> None:
     """Hold stored results against the published numbers and claims; computes no run."""
-    from trackbench import api
+    from trackbench import stored
     from trackbench.report.comparison import claim_rows, markdown, number_rows
     from trackbench.report.results import Results
 
-    found = api.compare(folder)
+    found = stored.compare(folder)
     if json:
         for row in (*number_rows(found), *claim_rows(found)):
             echo_line(row)
@@ -47,18 +47,18 @@ def plot(
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Draw the figures of stored results again; computes no run."""
-    from trackbench import api
+    from trackbench import stored
 
     look: Any = one_of("--style", style, ("screen", "paper"))
     forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
-    _say(lambda: api.plot(folder, forms, tuple(only or ()), allow_plugins, look))
+    _say(lambda: stored.plot(folder, forms, tuple(only or ()), allow_plugins, look))
 
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
     """Write report.html of stored results; over a folder of several, index.html and a ledger."""
-    from trackbench import api
+    from trackbench import stored
 
-    _say(lambda: api.report(folder, allow_plugins))
+    _say(lambda: stored.report(folder, allow_plugins))
 
 
 def _say(write: Callable[[], list[Path]]) -> None:

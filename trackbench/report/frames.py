@@ -13,9 +13,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.experiment.problems import UserError
-from trackbench.experiment.storing.given import FILE, Given, points_in
+from trackbench.experiment.storing.given import FILE, Given, points_in, prefix_of
 from trackbench.experiment.storing.packing import opened, there
-from trackbench.experiment.storing.tracks import prefix_of
 from trackbench.report.asked import Asked
 from trackbench.report.columns import Columns, read_columns
 from trackbench.report.runs import Runs, read_runs

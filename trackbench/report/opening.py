@@ -9,8 +9,7 @@ from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.definition import Settings
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.validate import build
-from trackbench.experiment.storing.manifest import FORMAT
-from trackbench.experiment.storing.outputs import RAW, Damage, damage
+from trackbench.experiment.storing.outputs import FORMAT, RAW, Damage, damage
 from trackbench.registry import Group
 from trackbench.report.results import Results
 

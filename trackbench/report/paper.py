@@ -27,6 +27,8 @@ class Sheet:
     """whether figures say their titles; in a paper the caption does"""
     letters: tuple[tuple[str, Any], ...]
     """matplotlib's settings of text"""
+    has_raised_digits: bool = False
+    """whether the letters have them all"""
     has_wider: bool = False
     """whether there is another for what has no room here"""
 
@@ -52,6 +54,7 @@ SCREEN = Sheet(
     heights=1.0,
     titled=True,
     letters=_letters(9, 8, **{"font.family": "DejaVu Sans", "mathtext.fontset": "dejavusans"}),
+    has_raised_digits=True,
 )
 COLUMN = Sheet("column", 3.5, 2, 0.75, False, _IN_PAPER, has_wider=True)
 PAGE = Sheet("page", 7.2, 4, 1.0, False, _IN_PAPER)

@@ -4,6 +4,7 @@ import io
 from typing import Any
 
 from trackbench.report.artists import Figure
+from trackbench.report.paper import sheet
 
 FORMATS = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Formats of a figure and what a file leaves unsaid."""
@@ -50,10 +51,14 @@ def _settle(figure: Figure) -> None:
 
 
 def spell_out(figure: Figure) -> None:
-    """Let a text with dollars that is no formula stand as it is written."""
+    """Let a text with dollars that is no formula stand as it is written, and so powers of ten."""
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text
 
+    from trackbench.report.powers import in_letters
+
+    if sheet().has_raised_digits:
+        in_letters(figure)
     parser: Any = MathTextParser("path")
     for text in figure.findobj(Text):
         if isinstance(text, Text) and "$" in text.get_text():

@@ -99,3 +99,8 @@ def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
     out = {key: value for key, value in other.items() if value != first[key]}
     return {**out, "filters": filters} if filters else out
+
+
+def prefix_of(i: int, points: int) -> str:
+    """What the names of the arrays of the ``i``-th of so many points of a grid start with."""
+    return f"point{i}/" if points > 1 else ""

@@ -14,9 +14,6 @@ from trackbench.experiment.planning.code import code_digest
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.storing.environment import lock
 
-FORMAT = 2
-"""Counts up when a results folder changes so that older code would misread it."""
-
 
 def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Content of ``manifest.json`` but for the format and the digests of the files."""

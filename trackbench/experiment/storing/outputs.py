@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 from trackbench.experiment.files import remove, remove_partial, write_text
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.source import read
-from trackbench.experiment.storing.manifest import FORMAT
 from trackbench.experiment.storing.packing import PACKED, left_out, opened, packed, there
 from trackbench.keys import regular
 
+FORMAT = 2
+"""Counts up when a results folder changes so that older code would misread it."""
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
 _MADE = (

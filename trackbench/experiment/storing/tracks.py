@@ -12,16 +12,12 @@ from trackbench.evaluation.merge import FilterResult
 from trackbench.experiment.files import replacing
 from trackbench.experiment.planning.plan import Key
 from trackbench.experiment.reading.definition import DrawnExhibit, Experiment
+from trackbench.experiment.storing.given import prefix_of
 from trackbench.models.several import Sensors
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import locating
 
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
-
-
-def prefix_of(i: int, points: int) -> str:
-    """What the names of the arrays of the ``i``-th of so many points of a grid start with."""
-    return f"point{i}/" if points > 1 else ""
 
 
 class Kept:
