@@ -75,7 +75,9 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
         "class Mine(UKF):\n"
         '    """The UKF again."""\n'
     )
-    own = {group: registry.kinds(group) for group in registry.GROUPS}  # imported now, not into these
+    own = {
+        group: registry.kinds(group) for group in registry.GROUPS
+    }  # imported now, not into these
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("from-a-package", "my_package", "trackbench.filters")
     monkeypatch.setattr(

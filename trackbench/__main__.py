@@ -1,13 +1,16 @@
 """The command ``trackbench``, and ``python -m trackbench``."""
 
+import atexit
 import gc
 import sys
 
 
 def main() -> None:
     """Run the command line; interrupted while it is still being imported, it leaves with 130, too."""
-    # Nearly all that is imported, read and drawn stays: looking it through takes long.
+    # Nearly all that is imported, read and drawn stays: looking it through takes long, and is for
+    # nothing once the program ends.
     gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
     try:
         from trackbench.cli import main as run
 

@@ -5,6 +5,8 @@ entry point of an installed package, or as a plugin file. A YAML never names an 
 """
 
 import ast
+import atexit
+import gc
 import importlib
 import pkgutil
 import re
@@ -102,6 +104,11 @@ def forget(module: str) -> None:
             del _kinds[group][kind]
 
 
+def end_properly() -> None:
+    """Let the program end as Python does: files that code of one's own leaves open are written then."""
+    atexit.unregister(gc.freeze)  # by which `__main__` ends sooner
+
+
 def _origin(cls: type) -> str:
     """The module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
@@ -126,6 +133,7 @@ def kinds(group: Group) -> dict[str, type[Any]]:
         _scanned.add(group)
         _scan(_PACKAGES[group])
         for entry in _entries(group):
+            end_properly()
             entry.load()
     return dict(sorted(_kinds[group].items()))
 

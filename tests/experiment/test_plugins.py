@@ -94,6 +94,16 @@ def test_a_plugin_runs_in_worker_processes(
     assert len(next(iter(manifest["plugins"].values()))) == 64
 
 
+def test_what_a_plugin_leaves_open_is_written_at_the_end(config: Path) -> None:
+    text = (config.parent / "half.py").read_text()
+    (config.parent / "half.py").write_text(
+        f"{text}\nLOG = open('log.txt', 'w')\nLOG.write('seen')\n"
+    )
+    done = spawned("check", "own.yaml", "--allow-plugins", cwd=config.parent)
+    assert done.returncode == 0, done.stderr
+    assert (config.parent / "log.txt").read_text() == "seen"
+
+
 def test_an_edited_plugin_never_meets_an_old_block(
     config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -142,6 +142,7 @@ def load_plugin(plugin: Plugin, checked: bool = True) -> None:
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
     sys.modules[plugin.module] = module
+    registry.end_properly()
     try:
         with guarded():
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
