@@ -8,8 +8,8 @@ import pytest
 from trackbench.evaluation import binomial
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.differences import (
-    Sides,
     interval_of_difference,
+    of_variances,
     studentised_difference,
 )
 from trackbench.evaluation.intervals import studentised
@@ -104,12 +104,13 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
     common = ~np.isnan(sum(folder.values[name] for name in names))
     x, y = (folder.values[name][common] for name in names)
     value = st.variance(x).value - st.variance(y).value
-    sides = Sides(st.influence("variance", x), st.influence("variance", y))
+    of_x, of_y = (st.influence("variance", values) for values in (x, y))
+    sides = of_variances(of_x, of_y)
     assert term.value == pytest.approx(value)
     assert term.z() == pytest.approx(studentised_difference(value, sides))
     assert term.interval() == pytest.approx(interval_of_difference(value, sides))
-    assert term.z() != studentised(value, sides.of_difference)
-    assert term.stderr == st.mean(sides.of_difference).stderr
+    assert term.z() != studentised(value, of_x - of_y)
+    assert term.stderr == st.mean(of_x - of_y).stderr
     assert all(
         batch.term(measure("minus(variance(rmse), B)").of("A")).sides for batch in e.batches(4)
     )
@@ -142,6 +143,25 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     strayed = measure("mean(strayed)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)
     assert judge(claim, Evidence(e, [])).verdict.word == "not decided"
+
+
+def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
+    """Where no run differs, or every run does, the sample has no spread."""
+    of_a, of_b = (folder.values[label, "rmse"] for label in "AB")
+    of_a[:3], of_b[:3] = 1.0, 1.0  # neither is lost there
+    for label, strayed in (("A", np.zeros(RUNS)), ("B", np.ones(RUNS)), ("C", np.zeros(RUNS))):
+        folder.values[label, "strayed"] = strayed
+    few = Expressions(folder, {}, chosen=np.arange(RUNS) < 3)
+    strayed = measure("mean(strayed)")
+    apart, alike = (few.difference(strayed.of("A"), strayed.of(other)) for other in "BC")
+    assert (apart.value, apart.runs, alike.value) == (-1.0, 3, 0.0)
+    assert apart.z() == pytest.approx(-1.957, abs=1e-3)  # a coin falls so one time in four
+    assert apart.interval() == pytest.approx((-1.0, 0.0007), abs=1e-4)
+    assert alike.z() == 0.0
+    assert alike.interval() == pytest.approx((-0.7076, 0.7076), abs=1e-4)  # as of 0 of 3
+    assert alike.stderr > 0.3
+    assert not apart.fragile
+    assert -40.0 < Expressions(folder, {}).difference(strayed.of("A"), strayed.of("B")).z() < -10.0
 
 
 def test_an_infinite_consistency_has_no_error(folder):

@@ -1,21 +1,52 @@
 """Exact tests and intervals of the probability of an event that some of so many runs have had."""
 
+from typing import NamedTuple
+
+
+class Events(NamedTuple):
+    """How far the share of runs with an event may be off, times a factor that is not negative."""
+
+    events: int
+    runs: int
+    factor: float = 1.0
+
+    def below(self, z: float) -> float:
+        """How far below it its limit lies at z standard deviations."""
+        return self.factor * (self.events / self.runs - self._limits(z)[0])
+
+    def above(self, z: float) -> float:
+        """How far above it."""
+        return self.factor * (self._limits(z)[1] - self.events / self.runs)
+
+    def _limits(self, z: float) -> tuple[float, float]:
+        from scipy.special import ndtr
+
+        return _limits(self.events, self.runs, float(ndtr(-z)))
+
 
 def interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
     """Confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
+    return _limits(events, runs, 0.5 * (1.0 - level))
+
+
+def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
+    """Probabilities by which so many events or more, and so many or less, have that probability."""
     from scipy.special import betaincinv
 
-    tail = 0.5 * (1.0 - level)
     low = betaincinv(events, runs - events + 1, tail) if events else 0.0
-    high = betaincinv(events + 1, runs - events, 1.0 - tail) if events < runs else 1.0
+    high = 1.0 - betaincinv(runs - events, events + 1, tail) if events < runs else 1.0
     return float(low), float(high)
 
 
 def stderr(events: int, runs: int) -> float:
     """Standard error of which a normal interval is as wide as `interval`: of no event, too, not zero."""
+    return stderr_of(*interval(events, runs))
+
+
+def stderr_of(low: float, high: float) -> float:
+    """Standard error of which a normal 95 % interval is as wide."""
     from scipy.special import ndtri
 
-    low, high = interval(events, runs)
     return (high - low) / (2.0 * float(ndtri(0.975)))
 
 

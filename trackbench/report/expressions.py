@@ -18,7 +18,17 @@ from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
 from trackbench.keys import is_number
 from trackbench.report.results import Results
-from trackbench.report.terms import MISSING, Share, Term, gain, quietly, quotient, together
+from trackbench.report.terms import (
+    MISSING,
+    Share,
+    Term,
+    apart_by_shares,
+    apart_by_variances,
+    gain,
+    quietly,
+    quotient,
+    together,
+)
 from trackbench.scenarios.base import in_window
 
 
@@ -84,7 +94,9 @@ class Expressions:
         a, b = self.term(left, common), self.term(right, common)
         term = together(a.value - factor * b.value, a, b, 1.0, -factor)
         if all(m.statistic == "variance" and not m.relation for m in (left, right)):
-            return term.by_sides(a, b, factor)
+            return apart_by_variances(term, a, b, factor)
+        if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
+            return apart_by_shares(term, a, b, factor)
         return term
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
@@ -163,7 +175,7 @@ class Expressions:
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
             return share
-        return share._replace(stderr=binomial.stderr(round(share.value * share.runs), share.runs))
+        return share._replace(stderr=binomial.stderr(share.events, share.runs))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""

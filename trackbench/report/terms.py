@@ -6,7 +6,14 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation import binomial
-from trackbench.evaluation.differences import Sides, interval_of_difference, studentised_difference
+from trackbench.evaluation.binomial import Events, stderr_of
+from trackbench.evaluation.differences import (
+    Sides,
+    correlation,
+    interval_of_difference,
+    of_variances,
+    studentised_difference,
+)
 from trackbench.evaluation.intervals import (
     interval_of,
     is_fragile,
@@ -34,7 +41,7 @@ class Term(NamedTuple):
     freedom: float = np.inf
     """degrees of freedom of a standard error that no influences give"""
     sides: Sides | None = None
-    """influences on both variances of which it is the difference, if it is one"""
+    """both numbers of which it is the difference, if its test is by their limits"""
 
     @property
     def estimate(self) -> Estimate:
@@ -48,12 +55,6 @@ class Term(NamedTuple):
         )
         stderr = self.stderr * abs(by) / over
         return self._replace(value=value, stderr=stderr, influences=of_runs, blocks=of_blocks)
-
-    def by_sides(self, a: "Term", b: "Term", factor: float) -> "Term":
-        """This difference ``a - factor b``, tested by the limits of both, if they are of common runs."""
-        if self.influences is None or a.influences is None or b.influences is None:
-            return self
-        return self._replace(sides=Sides(a.influences, factor * b.influences))
 
     @property
     def splits(self) -> bool:
@@ -97,6 +98,11 @@ class Share(Term):
     __slots__ = ()
 
     @property
+    def events(self) -> int:
+        """Runs that have had the event."""
+        return round(self.value * self.runs)
+
+    @property
     def fragile(self) -> bool:
         """No: that the other side of a rare event is rare is in the interval."""
         return False
@@ -105,13 +111,24 @@ class Share(Term):
         """z of the hypothesis that the event has this probability; normal beside another error."""
         if other > 0.0 or not self.runs:
             return super().z(target, other)
-        return binomial.z(round(self.value * self.runs), self.runs, target)
+        return binomial.z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Interval of Clopper and Pearson; normal beside another error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
-        return binomial.interval(round(self.value * self.runs), self.runs, level)
+        return binomial.interval(self.events, self.runs, level)
+
+
+class _ShareDifference(Term):
+    """A difference of two shares of runs."""
+
+    __slots__ = ()
+
+    @property
+    def fragile(self) -> bool:
+        """No, as `Share`."""
+        return False
 
 
 MISSING = Term(np.nan, np.nan, None, 0)
@@ -160,3 +177,20 @@ def _combined(
     if x is None or y is None or len(x) != len(y):
         return None
     return of_a * x + of_b * y
+
+
+def apart_by_variances(term: Term, a: Term, b: Term, factor: float) -> Term:
+    """This difference ``a - factor b`` of variances, tested by the limits of both, if of common runs."""
+    if term.influences is None or a.influences is None or b.influences is None:
+        return term
+    return term._replace(sides=of_variances(a.influences, factor * b.influences))
+
+
+def apart_by_shares(term: Term, a: Share, b: Share, factor: float) -> Term:
+    """This difference ``a - factor b`` of shares of the same runs, tested by the limits of both."""
+    if a.influences is None or b.influences is None:
+        return term
+    first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
+    sides = Sides(first, second, correlation(a.influences, factor * b.influences))
+    stderr = term.stderr or stderr_of(*interval_of_difference(term.value, sides))
+    return _ShareDifference(*term)._replace(stderr=stderr, sides=sides)
