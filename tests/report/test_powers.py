@@ -9,7 +9,7 @@ from matplotlib.ft2font import FT2Font
 
 from trackbench.report import style
 from trackbench.report.paper import COLUMN, PAGE, SCREEN, drawing_for
-from trackbench.report.powers import spelt
+from trackbench.report.powers import power_of_ten, spelt
 from trackbench.report.saving import saved, spell_out
 
 SPANS = [(1e-3, 40.0), (0.2, 0.9), (2e4, 7e4), (3e-12, 2e9), (5.0, 31.0)]
@@ -74,6 +74,8 @@ def test_in_a_paper_whose_font_has_no_raised_digits_they_stay_formulas(sheet: An
         drawn = figure(1e-3, 40.0)
         spell_out(drawn)
         assert all(label.startswith("$") for label in labels(drawn) if label)
+        assert power_of_ten(-2) == r"$\mathdefault{10^{-2}}$"
+    assert power_of_ten(-2) == "10⁻²"
 
 
 def test_the_picture_says_them_as_text() -> None:

@@ -8,9 +8,17 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterMathtext
 
+from trackbench.report.paper import sheet
+
 _FORMULA = re.compile(r"\$\\mathdefault\{(.*)\}\$")
 _POWER = re.compile(r"\^\{(-?\d+)\}")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(exponent: int) -> str:
+    """A label as those of logarithmic axes are."""
+    formula = rf"$\mathdefault{{10^{{{exponent}}}}}$"
+    return spelt(formula) if sheet().has_raised_digits else formula
 
 
 def in_letters(figure: Figure) -> None:

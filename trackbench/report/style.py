@@ -11,7 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.report import live, wording
-from trackbench.report.artists import Axes, Figure
+from trackbench.report.artists import Axes, Axis, Figure
 from trackbench.report.paper import sheet
 from trackbench.report.saving import saved, spell_out
 from trackbench.report.svg import compact
@@ -188,16 +188,16 @@ def wrapped(text: str, across: int = 1) -> str:
     return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
-def plain_log_axis(ax: Axes, most: float = 100.0) -> None:
-    """Say 200 and not 2 x 10^2 on a logarithmic vertical axis that spans that factor at most."""
+def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
+    """Say 200 and not 2 x 10^2 on a logarithmic axis that spans that factor at most."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    low, high = ax.get_ylim()
+    low, high = axis.get_view_interval()
     if high > most * low:
         return
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-    ax.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: ""))
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
 def words(label: str, width: int = 24) -> str:

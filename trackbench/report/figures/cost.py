@@ -107,9 +107,10 @@ class AccuracyVsCost(FigureKind):
             ax.axhline(least, label=floor, **style.FLOOR)
         if every:  # nothing, where every filter failed, has no logarithm
             ax.set_xscale("log")
+            style.plain_log_axis(ax.xaxis)
         if every and self.log:
             ax.set_yscale("log")
-            style.plain_log_axis(ax)
+            style.plain_log_axis(ax.yaxis)
 
     def _floor(self, results: Results) -> str:
         return self.floor or str(results.config.get("reference"))

@@ -87,7 +87,7 @@ class Curves(FigureKind):
         """The figure with its legend and legible vertical axes."""
         for ax in figure.axes:
             if self.log:
-                style.plain_log_axis(ax)
+                style.plain_log_axis(ax.yaxis)
             else:
                 ax.set_ylim(bottom=0)
         style.legend_outside(figure)

@@ -87,7 +87,7 @@ class RmseVsParameter(FigureKind):
             _logarithmic(ax, np.unique(shown[path].astype(float)))
         if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
             ax.set_yscale("log")
-            style.plain_log_axis(ax, most=float("inf"))
+            style.plain_log_axis(ax.yaxis, most=float("inf"))
         ax.set_xlabel(self.x_label or wording.axis(path))
         ax.set_ylabel(self.y_label)
         style.title(figure, self.title)
@@ -119,6 +119,8 @@ def _moved_zero(x: Array) -> Array:
 def _logarithmic(ax: Axes, values: Array) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+    from trackbench.report.powers import power_of_ten
+
     ax.set_xscale("log")
     if values[0] > 0.0:
         return
@@ -128,6 +130,6 @@ def _logarithmic(ax: Axes, values: Array) -> None:
     ax.xaxis.set_minor_locator(NullLocator())
 
     def words(x: float, _: object) -> str:
-        return "0" if np.isclose(x, zero) else rf"$10^{{{round(np.log10(x))}}}$"
+        return "0" if np.isclose(x, zero) else power_of_ten(round(np.log10(x)))
 
     ax.xaxis.set_major_formatter(FuncFormatter(words))

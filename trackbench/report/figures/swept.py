@@ -131,7 +131,7 @@ def _lines(
         heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
         if heights and 0.0 < _DECADE * min(heights) < max(heights):
             ax.set_yscale("log")
-            style.plain_log_axis(ax, most=np.inf)
+            style.plain_log_axis(ax.yaxis, most=np.inf)
         ax.set(xlabel=wording.axis(path), ylabel=words)
     style.title(figure, title)
     style.legend_outside(figure)
