@@ -112,6 +112,15 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
     assert figure.stat().st_size > 10_000
 
 
+def test_of_one_value_none_is_the_best(config: Path, tmp_path: Path) -> None:
+    done = trackbench(
+        "sweep", config, "--grid", "filters.PF.N=7", "--out", tmp_path / "o", "--engine", "serial"
+    )
+    assert done.returncode == 0, done.stderr
+    table = (tmp_path / "o" / "tables" / "best-settings.md").read_text()
+    assert table.endswith("Of one value none is the best.\n")
+
+
 GRIDS = {
     "two filters": (["filters.A.x", "filters.B.x"], [["filters.A.x"], ["filters.B.x"]]),
     "a filter's two keys": (

@@ -29,6 +29,21 @@ tables: {one: {kind: metrics, columns: {Mean: mean(rmse)}}}
 """.replace("MERWE", merwe_text(T=4))
 
 
+PLUGIN = """
+from dataclasses import dataclass
+from trackbench.registry import register
+from trackbench.report.kinds import FigureKind
+
+@register("figures", "broken")
+@dataclass(frozen=True, kw_only=True)
+class Broken(FigureKind):
+    shown_runs = property(lambda self: 1 / 0)
+
+    def draw(self, results):
+        return None
+"""
+
+
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     (tmp_path / "ukf.yaml").write_text("kind: ukf\n")
@@ -39,7 +54,17 @@ def config(tmp_path: Path) -> Path:
 @pytest.fixture
 def watched(config: Path) -> Iterator["subprocess.Popen[str]"]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "trackbench", "run", "c.yaml", "--watch", "--workers", "1"],
+        [
+            sys.executable,
+            "-m",
+            "trackbench",
+            "run",
+            "c.yaml",
+            "--watch",
+            "--allow-plugins",
+            "--workers",
+            "1",
+        ],
         cwd=config.parent,
         env={**os.environ, "TRACKBENCH_CACHE": "cache"},
         stdout=subprocess.DEVNULL,
@@ -74,6 +99,13 @@ def test_it_runs_at_each_save_until_ctrl_c(watched: "subprocess.Popen[str]", con
     part.write_text("kind: [ukf\n")
     assert until_it_waits(watched)[-1].startswith("ukf.yaml:2:1: filters.UKF: not valid YAML")
     part.write_text("kind: ukf\n")
+    assert until_it_waits(watched)[-1] == "results in results/small/"
+    (config.parent / "own.py").write_text(PLUGIN)
+    broken = CONFIG.replace("figures: {}", "figures: {own: {kind: broken}}\nplugins: [own.py]")
+    config.write_text(broken)
+    said = until_it_waits(watched)[-2]
+    assert said == "error: own.py:9: ZeroDivisionError: division by zero"
+    config.write_text(CONFIG)
     assert until_it_waits(watched)[-1] == "results in results/small/"
     watched.send_signal(signal.SIGINT)
     assert watched.wait() == 0

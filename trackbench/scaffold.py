@@ -4,6 +4,7 @@ import json
 import os
 import re
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 
 from trackbench.experiment.files import write_text
@@ -35,9 +36,13 @@ def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list
     module = "_".join(words)
     templates, part = (_PER_RUN, "per_run") if per_run else (_TEMPLATES[what], what)
     filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
+    mark = Mark(f"new {what} {name}")
     for path in filled:
         if path.exists():
-            raise UserError(Problem(Mark(f"new {what} {name}"), "", f"there is a file {path}"))
+            raise UserError(Problem(mark, "", f"there is a file {path}"))
+    if what != "experiment" and find_spec(module) is not None:
+        hidden = f"{module}.py would hide the module of this name from Python"
+        raise UserError(Problem(mark, "", hidden))
     for path, text in filled.items():
         write_text(path, text)
     return list(filled)

@@ -165,3 +165,20 @@ def test_verify_says_what_cannot_be_made_again(home: Path) -> None:
     done = trackbench("verify", "results/own", "--allow-plugins", cwd=home)
     assert done.returncode == 1
     assert "table own failed: own.py:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("hook", "said"),
+    [("return None", "own.py:{}: conflicts gives a NoneType, not a dict"),
+     ("return {'': 1}", "own.py:{}: conflicts and cautions are words, and these are not"),
+     ("1 / 0", "own.py:{}: ZeroDivisionError: division by zero")],
+)  # fmt: skip
+def test_what_it_cannot_show_is_asked_with_care(hook: str, said: str, home: Path) -> None:
+    asked = f"    def conflicts(self, points):\n        {hook}\n\n    def table"
+    text = PLUGIN.replace("    def table", asked)
+    (home / "own.py").write_text(text)
+    done = trackbench("check", "c.yaml", "--allow-plugins", cwd=home)
+    assert done.returncode == 2
+    word = "1 / 0" if hook == "1 / 0" else "def conflicts"
+    line = next(i for i, row in enumerate(text.splitlines(), 1) if word in row)
+    assert done.stderr == f"c.yaml:13:8: tables.own: {said.format(line)}\n"

@@ -4,19 +4,16 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from io import TextIOWrapper
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from trackbench import __version__
 from trackbench.cli.checking import cache, check
-from trackbench.cli.lines import objects_alone, tell
+from trackbench.cli.lines import objects_alone, tell, told
 from trackbench.cli.running import run, sweep, tune
 from trackbench.cli.stored import compare, plot, report, verify
 from trackbench.cli.vocabulary import copy, describe, list_, new, schema, show
-
-if TYPE_CHECKING:
-    from trackbench.experiment.problems import RunError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -51,25 +48,10 @@ for _command in _COMMANDS:
 
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."""
-    from trackbench.experiment.problems import RunError, UserError
-
     if isinstance(sys.stdout, TextIOWrapper):  # a folder's name need not be UTF-8, as stderr knows
         sys.stdout.reconfigure(errors="backslashreplace")
     with objects_alone() if "--json" in sys.argv else nullcontext():
         try:
             app()
-        except (UserError, RunError) as error:
-            sys.exit(tell(error))
         except Exception as error:
-            sys.exit(tell(_of_plugin(error)))
-
-
-def _of_plugin(error: Exception) -> "RunError":
-    """What a plugin's code raised where nobody expects it; a bug of our own is raised again."""
-    from trackbench.experiment.blame import foreign_line
-    from trackbench.experiment.problems import RunError
-
-    line = foreign_line(error)
-    if line is None:
-        raise error
-    return RunError(line)
+            sys.exit(tell(told(error)))

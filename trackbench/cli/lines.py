@@ -68,6 +68,20 @@ def _is_the_systems(stream: TextIO) -> bool:
         return False
 
 
+def told(error: Exception) -> "UserError | RunError":
+    """What can be said of an error in a line, plugins' as well; a bug of our own is raised again."""
+    from trackbench.experiment.problems import RunError, UserError
+
+    if isinstance(error, UserError | RunError):
+        return error
+    from trackbench.experiment.blame import foreign_line
+
+    line = foreign_line(error)
+    if line is None:
+        raise error
+    return RunError(line)
+
+
 def tell(error: "UserError | RunError") -> int:
     """Say what went wrong; the exit code."""
     from trackbench.experiment.problems import UserError

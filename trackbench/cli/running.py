@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from trackbench.cli.lines import echo_line, reported, tell, this_command
+from trackbench.cli.lines import echo_line, reported, tell, this_command, told
 from trackbench.cli.options import (
     Config,
     Configs,
@@ -130,7 +130,7 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
 def _watch(configs: list[Path], options: "Options", json: bool) -> None:
     """Run one config again and again, whatever is wrong with it; Ctrl-C between runs ends it well."""
     from trackbench.cli.watching import watch
-    from trackbench.experiment.problems import Mark, Problem, RunError, UserError
+    from trackbench.experiment.problems import Mark, Problem, UserError
     from trackbench.experiment.reading.shipped import located
     from trackbench.jobs import say
 
@@ -141,8 +141,8 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
     def go() -> None:
         try:
             _run("run", [config], options, json)
-        except (UserError, RunError) as error:
-            tell(error)
+        except Exception as error:
+            tell(told(error))
 
     with suppress(KeyboardInterrupt):
         watch(config, go)

@@ -162,7 +162,7 @@ def check_drawable(
 ) -> None:
     """What tables and figures say themselves about these points, which are all or none."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), part.conflicts(points))
+        _blame_each(source, (group, name), foreign.conflicts_of_exhibit(part, points))
 
 
 def check_figures(

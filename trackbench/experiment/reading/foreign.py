@@ -4,12 +4,13 @@ What is asked here of a class that a plugin registers, and of a filter that a co
 else end as a traceback, or in a number.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, cast
 
 from trackbench.experiment.blame import BadPluginError, blamed, is_foreign, place
 from trackbench.experiment.interrupts import guarded
+from trackbench.experiment.reading.definition import Exhibit, Point
 from trackbench.experiment.reading.validate import adapter
 from trackbench.filters.base import AnyFilter, Filter, ReturnedError
 from trackbench.hooks import Part
@@ -69,8 +70,7 @@ def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
     try:
         found: dict[str, str] = _asked(tracker.conflicts, dict, scenario)
         sentences = _asked(tracker.cautions, list, scenario)
-        if not all(isinstance(text, str) for text in (*found, *found.values(), *sentences)):
-            raise ReturnedError("conflicts", "conflicts and cautions are words, and these are not")
+        _check_words(*found, *found.values(), *sentences)
         _asked(tracker.held, int, scenario.model)
         for key in ("N", "particle_count", "most_particles"):
             number = getattr(tracker, key, 1)
@@ -80,6 +80,23 @@ def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
     except Exception as error:
         return {"": blamed(error, tracker)}
     return found
+
+
+def conflicts_of_exhibit(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+    """What a table or figure says that it cannot show; of one's own, what it raises as well."""
+    if not is_foreign(part):
+        return part.conflicts(points)
+    try:
+        found: dict[str, str] = _asked(part.conflicts, dict, points)
+        _check_words(*found, *found.values())
+    except Exception as error:
+        return {"": blamed(error, part)}
+    return found
+
+
+def _check_words(*texts: object) -> None:
+    if not all(isinstance(text, str) for text in texts):
+        raise ReturnedError("conflicts", "conflicts and cautions are words, and these are not")
 
 
 def _asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:

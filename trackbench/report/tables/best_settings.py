@@ -40,6 +40,8 @@ class BestSettings(TableKind):
             if standing.best is not None:
                 keys = [*map(wording.number, standing.where.values()), *_keys(standing)]
                 table.add(keys, _cells(standing))
+        if not table.keys:
+            table.notes.append("Of one value none is the best.")
         return table
 
 
