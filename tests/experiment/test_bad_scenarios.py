@@ -60,6 +60,27 @@ BAD = {
         "targets", "def windows(self, times, scored)", "return {'late': [1, 2]}",
         "the window 'late' is a list, not an array (9,) of bool"),
     "run_metrics raises": ("targets", "def run_metrics(self, values, scored)", "1 / 0", DIVIDED),
+    "a metric of one number": (
+        "targets", "def run_metrics(self, values, scored)", "return {'late_s': 3.0}",
+        "metric 'late_s' is a float, not an array (2,) of real numbers"),
+    "a metric that would be broadcast": (
+        "targets", "def run_metrics(self, values, scored)", "return {'late_s': np.ones(1)}",
+        "metric 'late_s' is an array (1,) of float64, not an array (2,) of real numbers"),
+    "a metric that is not real": (
+        "targets", "def run_metrics(self, values, scored)", "return {'late_s': np.ones(2) + 0j}",
+        "metric 'late_s' is an array (2,) of complex128, not an array (2,) of real numbers"),
+    "no metrics": (
+        "targets", "def run_metrics(self, values, scored)", "return None",
+        "TypeError: unsupported operand"),
+    "a metric without a name": (
+        "targets", "def run_metrics(self, values, scored)", "return {3: np.ones(2)}",
+        "the name of a metric is 3, no word"),
+    "a metric called an expression": (
+        "targets", "def run_metrics(self, values, scored)", "return {'late(s)': np.ones(2)}",
+        "a metric cannot be named 'late(s)': use letters"),
+    "a metric called as errors are": (
+        "targets", "def run_metrics(self, values, scored)", "return {'rmse_position': np.ones(2)}",
+        "'rmse_position' is a metric of every scenario: rename it"),
     "axes raises": ("targets", "@property\n    def axes(self)", "1 / 0", DIVIDED),
     "spans raises": ("targets", "@property\n    def spans(self)", "1 / 0", DIVIDED),
     "measurement raises": ("sensors", "def measurement(self, x, k)", "1 / 0", DIVIDED),

@@ -168,6 +168,39 @@ def test_verify_says_what_cannot_be_made_again(home: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "said"),
+    [("needs = ['nees']", "needs is ['nees'], not a mapping of metrics to per_run, per_step, summary"),
+     ("needs = {'nees': 'per_rum'}", "needs is {'nees': 'per_rum'}, not a mapping of metrics to "),
+     ("label_keys = ('acros', 'up')", "OwnFigure: label_keys is ('acros', 'up'), not a tuple of keys"),
+     ("label_keys = ('title')", "OwnFigure: label_keys is 'title', not a tuple of keys"),
+     ("shown_runs = property(lambda self: 'a')", "shown_runs is 'a', no whole number"),
+     ("shown_runs = property(lambda self: 1 / 0)", "ZeroDivisionError: division by zero"),
+     ("shown_components = 5", "shown_components is 5, neither a tuple of numbers nor None")],
+)  # fmt: skip
+def test_what_a_figure_says_that_it_needs_is_looked_at(line: str, said: str, home: Path) -> None:
+    text = PLUGIN.replace("    def draw", f"    {line}\n\n    def draw")
+    (home / "own.py").write_text(text)
+    done = trackbench("check", "c.yaml", "--allow-plugins", cwd=home)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert said in done.stderr
+    assert "own.py:" in done.stderr
+
+
+def test_what_a_table_is_given_is_read_only(home: Path) -> None:
+    """Or it would change other tables' numbers."""
+    for spoilt in ("[v.sort() for v in results.runs({}).values()]",
+                   "results.columns('summary')['value'][:] = 0"):  # fmt: skip
+        text = PLUGIN.replace("        found = Table", f"        {spoilt}\n        found = Table")
+        (home / "own.py").write_text(text)
+        code, errors = run(home, "--engine", "serial")
+        line = next(i for i, row in enumerate(text.splitlines(), 1) if spoilt in row)
+        assert code == 1
+        assert errors[0].startswith(f"error: table own failed: own.py:{line}: ValueError: ")
+        assert "read-only" in errors[0]
+
+
+@pytest.mark.parametrize(
     ("hook", "said"),
     [("return None", "own.py:{}: conflicts gives a NoneType, not a dict"),
      ("return {'': 1}", "own.py:{}: conflicts and cautions are words, and these are not"),

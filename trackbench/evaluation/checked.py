@@ -1,4 +1,4 @@
-"""What a filter gives back, held to shape and names before numpy broadcasts it to something."""
+"""What filters and scenarios give back, held to shape and names before numpy broadcasts it."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -12,8 +12,14 @@ from trackbench.core.distributions import Gaussian
 from trackbench.filters.base import ReturnedError
 from trackbench.metrics import is_reserved
 
-_METHODS = {"diagnostic": "diagnostics", "expectation": "expectation", "series": "log_likelihood"}
+_METHODS = {
+    "diagnostic": "diagnostics",
+    "expectation": "expectation",
+    "series": "log_likelihood",
+    "metric": "run_metrics",
+}
 _WORD = re.compile(r"[\w.-]+")
+_METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
 
 
 @contextmanager
@@ -60,9 +66,21 @@ def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Ar
         text = f"{what}s are a {type(given).__name__}, not a mapping"
         raise ReturnedError(_METHODS[what], text)
     for name, row in given.items():
+        if not isinstance(name, str):
+            raise ReturnedError(_METHODS[what], f"the name of a {what} is {name!r}, no word")
         if not _is_real(row, (runs,)):
             raise _refused(_METHODS[what], f"{what} {name!r}", row, (runs,))
     return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
+
+
+def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:
+    """The same of a scenario's own metrics, and of their names: ``delay_s``, ``delay_s[leg 1]``."""
+    found = checked_numbers("metric", given, runs)
+    for name in found:
+        if not _METRIC.fullmatch(name):
+            why = "use letters, digits, . _ - and what it is of as in delay_s[leg 1]"
+            raise ReturnedError("run_metrics", f"a metric cannot be named {name!r}: {why}")
+    return found
 
 
 def check_names(names: Iterable[str]) -> None:

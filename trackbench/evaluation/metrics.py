@@ -15,7 +15,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.metrics import joined, metrics_of
+from trackbench.evaluation.checked import checked_metrics
+from trackbench.filters.base import ReturnedError
+from trackbench.metrics import is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario, in_window
 
 _OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
@@ -69,7 +71,9 @@ def per_run_metrics(
     for window, mask in scenario.windows.items():
         for name, numbers in over_steps(values, mask, counts):
             out[in_window(name, window)] = numbers
-    for name, numbers in scenario.run_metrics(values).items():
+    for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
+        if name in out and (name == "lost" or is_reserved(name)):
+            raise ReturnedError("run_metrics", f"{name!r} is a metric of every scenario: rename it")
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers

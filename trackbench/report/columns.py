@@ -8,7 +8,7 @@ from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 
 Parse: TypeAlias = Callable[[str], Any]
 """What a column's texts stand for."""
@@ -80,7 +80,7 @@ def _parse_of(texts: Iterable[str]) -> Parse:
 
 def _array(parse: Parse, texts: Sequence[str]) -> Array:
     values = [parse(text) for text in texts]
-    return np.array(values, dtype=object if parse is str else None)
+    return fixed(np.array(values, dtype=object if parse is str else None))
 
 
 _KNOWN: dict[str, Parse] = {

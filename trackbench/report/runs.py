@@ -8,11 +8,11 @@ from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 from trackbench.report.columns import Parse
 
 Runs: TypeAlias = dict[tuple[str, str], Array]
-"""Values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
+"""Values (M,) in the order of the runs, NaN where lost, by (filter, metric), read-only."""
 
 
 def read_runs(
@@ -32,6 +32,6 @@ def read_runs(
             values = np.fromiter(map(float, map(value, group)), float)
             found.setdefault(point, {}).setdefault((label, metric), []).append(values)
     return {
-        point: {key: np.concatenate(parts) for key, parts in runs.items()}
+        point: {key: fixed(np.concatenate(parts)) for key, parts in runs.items()}
         for point, runs in found.items()
     }

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from trackbench.evaluation.measure import Measure
 from trackbench.experiment.problems import Problem
-from trackbench.experiment.reading import foreign
+from trackbench.experiment.reading import foreign, foreign_exhibits
 from trackbench.experiment.reading.definition import (
     DrawnExhibit,
     Exhibit,
@@ -162,7 +162,7 @@ def check_drawable(
 ) -> None:
     """What tables and figures say themselves about these points, which are all or none."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), foreign.conflicts_of_exhibit(part, points))
+        _blame_each(source, (group, name), foreign_exhibits.conflicts(part, points))
 
 
 def check_figures(

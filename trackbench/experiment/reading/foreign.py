@@ -4,18 +4,19 @@ What is asked here of a class that a plugin registers, and of a filter that a co
 else end as a traceback, or in a number.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, cast
 
 from trackbench.experiment.blame import BadPluginError, blamed, is_foreign, place
 from trackbench.experiment.interrupts import guarded
-from trackbench.experiment.reading.definition import Exhibit, Point
 from trackbench.experiment.reading.validate import adapter
 from trackbench.filters.base import AnyFilter, Filter, ReturnedError
 from trackbench.hooks import Part
+from trackbench.registry import base_of
 from trackbench.scenarios.base import Scenario
 
+_FILES = {"per_step", "per_run", "summary"}
 _PLAIN = (bool, int, float, str, type(None))
 
 
@@ -38,6 +39,8 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
             yield f"needs is {needs!r}, not a tuple of names such as 'motion.F'"
         if isinstance(cls.counts, str):
             yield "counts is a word, not a set of words"
+    if issubclass(cls, (base_of("tables"), base_of("figures"))):
+        yield from _mistakes_of_exhibit(cls)
     for field in fields(cast(Any, cls)):
         default = _default(field)
         if field.init and not _is_plain(default):
@@ -47,6 +50,17 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
     except Exception as error:
         reason = str(error).split("\n", 1)[0].split(". Set `arb", 1)[0]
         yield f"has a key of a type that no YAML can hold: {reason}"
+
+
+def _mistakes_of_exhibit(cls: type[Any]) -> Iterator[str]:
+    needs = cls.needs
+    if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
+        yield f"needs is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
+    known = {field.name for field in fields(cls)}
+    for name in ("label_keys", "numbers"):
+        keys = getattr(cls, name, ())
+        if not isinstance(keys, tuple) or not set(keys) <= known:
+            yield f"{name} is {keys!r}, not a tuple of keys"
 
 
 def _default(field: "Field[Any]") -> Any:
@@ -68,10 +82,10 @@ def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
     if not is_foreign(tracker):
         return tracker.conflicts(scenario)
     try:
-        found: dict[str, str] = _asked(tracker.conflicts, dict, scenario)
-        sentences = _asked(tracker.cautions, list, scenario)
-        _check_words(*found, *found.values(), *sentences)
-        _asked(tracker.held, int, scenario.model)
+        found: dict[str, str] = asked(tracker.conflicts, dict, scenario)
+        sentences = asked(tracker.cautions, list, scenario)
+        check_words(*found, *found.values(), *sentences)
+        asked(tracker.held, int, scenario.model)
         for key in ("N", "particle_count", "most_particles"):
             number = getattr(tracker, key, 1)
             if not isinstance(number, int) or number < 1:
@@ -82,24 +96,13 @@ def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
     return found
 
 
-def conflicts_of_exhibit(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
-    """What a table or figure says that it cannot show; of one's own, what it raises as well."""
-    if not is_foreign(part):
-        return part.conflicts(points)
-    try:
-        found: dict[str, str] = _asked(part.conflicts, dict, points)
-        _check_words(*found, *found.values())
-    except Exception as error:
-        return {"": blamed(error, part)}
-    return found
-
-
-def _check_words(*texts: object) -> None:
+def check_words(*texts: object) -> None:
+    """Raise ReturnedError for what is said in anything but words."""
     if not all(isinstance(text, str) for text in texts):
         raise ReturnedError("conflicts", "conflicts and cautions are words, and these are not")
 
 
-def _asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
+def asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
     """What a hook says. Raises what it raises, and ReturnedError for what is of another kind."""
     with guarded():
         found = hook(about)

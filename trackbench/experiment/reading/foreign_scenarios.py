@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams
+from trackbench.evaluation.metrics import per_run_metrics, series
 from trackbench.experiment.blame import blamed, foreign_within, is_foreign, parts_within
 from trackbench.experiment.interrupts import guarded
 from trackbench.filters.base import ReturnedError
@@ -104,6 +105,8 @@ def _ask(scenario: Scenario, bounded: bool) -> None:
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
+    values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
+    per_run_metrics(scenario, values, (), np.ones(runs, dtype=bool))
     if bounded:
         scenario.bounds()
 
