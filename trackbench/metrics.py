@@ -7,7 +7,7 @@ the mean of the series of its own name.
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import Literal, cast, get_args
 
 Better = Literal["lower", "higher", "zero", "one", ""]
 
@@ -58,10 +58,13 @@ METRICS: dict[str, Metric] = {}
 def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
     """Say what a plugin's filter notes, or its scenario gives each run, under this name.
 
-    Raises ValueError if the name is one of the package's own.
+    Raises ValueError if the name is one of the package's own, or `better` is no way to be better.
     """
     if name in _PACKAGE or is_reserved(name):
         raise ValueError(f"there is a metric {name!r} already")
+    if better not in get_args(Better):
+        known = ", ".join(filter(None, get_args(Better)))
+        raise ValueError(f"better={better!r} is none of {known}, or nothing")
     METRICS[name] = Metric(name, help, unit, better)
 
 

@@ -129,6 +129,11 @@ def test_an_edited_plugin_never_meets_an_old_block(
         ("half.py", PLUGIN.replace('"half"', '"pf"'), "kind 'pf' is already taken"),
         (
             "half.py",
+            "from trackbench.metrics import metric\nmetric('late_s', '', better='low')\n",
+            "half.py:2: ValueError: better='low' is none of lower, higher, zero, one, or nothing",
+        ),
+        (
+            "half.py",
             PLUGIN.replace('"filters"', '"filter"'),
             "half.py:13: ValueError: 'filter' is not a group of kinds: filters, scenarios, targets",
         ),
