@@ -9,9 +9,7 @@ from trackbench.experiment.files import touched
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.storing.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
-from trackbench.report.ledger import write_overview
 from trackbench.report.opening import open_results, open_with_notes
-from trackbench.report.page import write_report
 from trackbench.report.paper import Style
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
@@ -64,6 +62,9 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
     That of a folder that cannot be written goes into the working directory, as NAME-report.html.
     """
+    from trackbench.report.ledger import write_overview
+    from trackbench.report.page import write_report
+
     folder = Path(folder)
     if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name
         _check_writable(folder)
