@@ -27,6 +27,12 @@ SETTINGS: dict[str, dict[str, str]] = {
     "numpy at its lowest": {"disabled": ""},
     "two workers, two BLAS threads": {"workers": "2", "OPENBLAS_NUM_THREADS": "2"},
 }
+NEEDED = {
+    "OpenBLAS Haswell": "AVX2",
+    "OpenBLAS SkylakeX": "AVX512_SKX",
+    "OpenBLAS Sandybridge": "AVX",
+}
+"""Instructions without which a processor cannot run a setting at all."""
 _FILES = ("per_run.csv", "per_step.csv", "summary.csv")
 
 
@@ -83,6 +89,13 @@ def under(name: str, arguments: Sequence[str]) -> dict[str, str]:
     return found
 
 
+def is_possible(name: str) -> bool:
+    """Whether this processor has the instructions of a setting."""
+    from numpy._core._multiarray_umath import __cpu_features__
+
+    return name not in NEEDED or __cpu_features__.get(NEEDED[name], False)
+
+
 def _features(among: str) -> list[str]:
     """What numpy can be told not to use of this processor; all, or those of a name."""
     from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
@@ -110,15 +123,18 @@ def main() -> int:
     arguments += ["--scans", str(options.scans)] if options.scans else []
     expected: dict[str, str] = {}
     differs = False
+    possible = [name for name in SETTINGS if is_possible(name)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # each is a process
         every = dict(
-            zip(SETTINGS, pool.map(lambda name: under(name, arguments), SETTINGS), strict=True)
+            zip(possible, pool.map(lambda name: under(name, arguments), possible), strict=True)
         )
     for name, found in every.items():
         expected = expected or found
         other = [config for config in found if found[config] != expected[config]]
         differs = differs or bool(other)
         print(f"{name}: " + (f"other bytes in {', '.join(other)}" if other else "the same bytes"))
+    for name in [name for name in SETTINGS if name not in possible]:
+        print(f"{name}: not tried, this processor has no {NEEDED[name]}")
     return int(differs)
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.machines import HERE, under
+from tests.machines import HERE, NEEDED, SETTINGS, is_possible, under
 from trackbench.experiment.planning import arithmetic
 
 SLICE = [f"experiments/{n}.yaml" for n in ("hdepf", "merwe2000", "banana-kf", "banana-pf")]
@@ -40,6 +40,14 @@ def expected() -> dict[str, str]:
 )
 def test_other_kernels_give_the_same_bytes(name: str, expected: dict[str, str]) -> None:
     assert under(name, ARGUMENTS) == expected
+
+
+def test_only_what_a_processor_cannot_run_is_left_out() -> None:
+    assert set(NEEDED) < set(SETTINGS)
+    possible = {name for name in SETTINGS if is_possible(name)}
+    assert possible >= SETTINGS.keys() - NEEDED.keys()
+    if "OpenBLAS SkylakeX" in possible:  # which has all that the others need
+        assert possible == SETTINGS.keys()
 
 
 def test_own_arithmetic_is_that_of_every_machine() -> None:
