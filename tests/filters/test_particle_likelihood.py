@@ -69,8 +69,9 @@ def test_a_large_cloud_comes_close_to_quadrature(kind: str) -> None:
         make_filter("apf", N=500),
         make_filter("apf", N=500, first_stage="sample"),
         make_filter("apf", N=500, carried="float64"),
+        make_filter("apf", N=500, stages=2),
     ],
-    ids=["pf", "apf", "sample", "float64"],
+    ids=["pf", "apf", "sample", "float64", "two stages"],
 )
 def test_on_a_linear_model_it_is_the_kalman_filters(tracker: Any) -> None:
     """There the ratios that an auxiliary filter weighs by have a variance."""

@@ -71,8 +71,8 @@ def resampled(scheme, w, draws, size):
     return sorted(certain + [min(bisect_left(edges, t), len(w) - 1) for t in teeth])
 
 
-def apf(measurements, draws, N, R):
-    """Auxiliary particle filter (Pitt & Shephard 1999) judged at the mean; log-weights kept."""
+def apf(measurements, draws, N, R, stages=1):
+    """Auxiliary particle filter judged at the mean: weights kept, or resampled by (Pitt & Shephard 1999)."""
     x, logs = [1.0] * N, [0.0] * N
     for k, z in enumerate(measurements, 2):
         first = [log_likelihood(z, f(a, k) + SHAPE / RATE, k, variance=R) for a in x]
@@ -82,7 +82,10 @@ def apf(measurements, draws, N, R):
         x = [f(x[i], k) + g / RATE for i, g in zip(parents, noise, strict=True)]
         second = [log_likelihood(z, a, k, variance=R) for a in x]
         logs = [a - first[i] for a, i in zip(second, parents, strict=True)]
-        yield moments(x, weights(logs))
+        w = weights(logs)
+        yield moments(x, w)
+        if stages == 2:
+            x, logs = [x[i] for i in resampled("systematic", w, draws, N)], [0.0] * N
 
 
 def unscented(x, P, z, k, assumed):

@@ -53,6 +53,7 @@ CASES = {
     "mpf, curved": (1e-6, CURVED, make_filter("mpf", **BOOSTED), mpf, (300, 4, 3)),
     "apf": (1e-9, MERWE, make_filter("apf", N=20), apf, (20, 1e-5)),
     "apf, noisy": (1e-9, merwe(R=1.0), make_filter("apf", N=20), apf, (20, 1.0)),
+    "apf, two stages": (1e-9, MERWE, make_filter("apf", N=20, stages=2), apf, (20, 1e-5, 2)),
     "upf": (1e-9, MERWE, make_filter("upf", N=20), upf, (20, False)),
     "upf, demo": (1e-9, MERWE, make_filter("upf", "merwe-demo", N=20), upf, (20, True)),
     "hdepf": (1e-7, MERWE, make_filter("hdepf", N=10), hdepf, (10, False)),

@@ -111,7 +111,7 @@ class RPF(ParticleFilter):
 class APF(ParticleFilter):
     """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
 
-    Pitt & Shephard 1999.
+    Pitt & Shephard 1999, section 3.2 (``stages: 2``); with one stage Carpenter, Clifford & Fearnhead 1999.
     """
 
     first_stage: Literal["mean", "mode", "sample"] = "mean"
@@ -119,6 +119,8 @@ class APF(ParticleFilter):
     carried: Literal["log", "float64"] | None = None
     """weights that the next step starts from: logarithms, or normalised in float64, where small ones
     are zero; default: log with `weights: log`, else float64"""
+    stages: Literal[1, 2] = 1
+    """times that a step resamples: 1 carries the second-stage weights on; 2 resamples by them as well"""
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """First-stage weights w p(z|mu), move the chosen, second-stage weights p(z|x) / p(z|mu)."""
@@ -135,6 +137,9 @@ class APF(ParticleFilter):
         w, dead, mass = particles.normalise(second)
         told = (Evidence(chosen.mass, state.log_w, first.shape[1]), Evidence(mass, 0.0, w.shape[1]))
         moved, age = Particles(x, w), state.age + 1
+        if self.stages == 2:
+            resampled = self._resampled(moved, rng, size)
+            return Cloud(resampled, moved, moved.moments(), dead, age, w=w, evidence=told)
         log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
         return Cloud(moved, moved, moved.moments(), dead, age, log_w=log_w, w=w, evidence=told)
 
