@@ -72,7 +72,7 @@ def resampled(scheme, w, draws, size):
 
 
 def apf(measurements, draws, N, R, stages=1):
-    """Auxiliary particle filter judged at the mean: weights kept, or resampled by (Pitt & Shephard 1999)."""
+    """Auxiliary particle filter judged at the mean, with weights kept or resampled by (1999)."""
     x, logs = [1.0] * N, [0.0] * N
     for k, z in enumerate(measurements, 2):
         first = [log_likelihood(z, f(a, k) + SHAPE / RATE, k, variance=R) for a in x]
@@ -153,8 +153,8 @@ def evolved(x, log_fitness, draws, published_level):
     return (x, fit) if published_level else ([a for _, a in best], [a for a, _ in best])
 
 
-def hdepf(measurements, draws, N, published_level):
-    """HDEPF (section III.B): the default reading, or the coherent one nearest to the print."""
+def hdepf(measurements, draws, N, published_level, uniform=False):
+    """HDEPF (section III.B): the default reading, the one nearest to the print, eq. 9's population."""
     x, P = [1.0] * N, [0.75 if published_level else 0.0] * N
     for k, z in enumerate(measurements, 2):
         origin = x
@@ -164,5 +164,8 @@ def hdepf(measurements, draws, N, published_level):
             target = log_likelihood(z, a, k, published_level) + log_prior(a, origin[i], k)
             return target - log_normal(a - mean[i], P[i]) if published_level else target
 
+        if uniform:
+            lowest, highest, (u,) = min(drawn), max(drawn), draws.take("random")
+            drawn = [lowest + share * (highest - lowest) for share in u]
         x, logs = evolved(drawn, log_fitness, draws, published_level)
         yield moments(x, weights(logs))

@@ -57,6 +57,13 @@ CASES = {
     "upf": (1e-9, MERWE, make_filter("upf", N=20), upf, (20, False)),
     "upf, demo": (1e-9, MERWE, make_filter("upf", "merwe-demo", N=20), upf, (20, True)),
     "hdepf": (1e-7, MERWE, make_filter("hdepf", N=10), hdepf, (10, False)),
+    "hdepf, eq. 9": (
+        1e-7,
+        MERWE,
+        make_filter("hdepf", N=10, population="uniform"),
+        hdepf,
+        (10, False, True),
+    ),
     "hdepf, printed": (1e-7, MERWE, PRINTED, hdepf, (10, True)),
 }
 for where, scenario, tolerance in (("near", NEAR, 1e-9), ("far", FAR, 1e-6)):

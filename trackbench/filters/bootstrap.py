@@ -111,7 +111,7 @@ class RPF(ParticleFilter):
 class APF(ParticleFilter):
     """Auxiliary particle filter: picks ancestors by how well they predict the measurement.
 
-    Pitt & Shephard 1999, section 3.2 (``stages: 2``); with one stage Carpenter, Clifford & Fearnhead 1999.
+    Pitt & Shephard 1999 (``stages: 2``); with one stage Carpenter, Clifford & Fearnhead 1999.
     """
 
     first_stage: Literal["mean", "mode", "sample"] = "mean"

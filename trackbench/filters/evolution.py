@@ -57,6 +57,8 @@ class Evolution:
     """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
     keep_best: Literal["slot", "none"] = "slot"
     """return the best point each slot visited, or the last population"""
+    population: Literal["particles", "uniform"] = "particles"
+    """first population: the particles (section III.B), or draws between their limits (eq. 9)"""
     bounds: Literal["none", "cloud"] = "none"
     """leave trials free, or clip them to the initial cloud's [x^L, x^U] of eq. 9"""
     final_weights: Literal["fitness", "uniform", "importance"] = "fitness"
@@ -95,8 +97,10 @@ class Evolution:
 
     def evolved(self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams) -> Evolved:
         """Section III.A: G generations of mutation, crossover, selection and cooling."""
-        fit = log_fitness(x)
         lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
+        if self.population == "uniform":
+            x = lowest + rng.random(x.shape) * (highest - lowest)  # eq. 9
+        fit = log_fitness(x)
         best_x, best_fit = x, fit
         accepted, tried = (np.zeros(fit.shape) for _ in range(2))
         for temperature in self._temperatures():

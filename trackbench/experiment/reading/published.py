@@ -19,9 +19,15 @@ def split(text: str) -> list[str]:
 
 
 def picks(point: str, values: Mapping[str, Any]) -> bool:
-    """Whether ``path=value; path=value`` picks the point of a grid that has these values."""
-    parts = (part.partition("=") for part in split(point))
-    return all(values.get(path.strip()) == scalar(value.strip()) for path, _, value in parts)
+    """Return whether ``path=value; path=value`` picks the point of a grid that has these values.
+
+    Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
+    """
+    for part in split(point):
+        path, value = (text.strip() for text in part.split("=", 1))
+        if path not in values or scalar(value) not in (values[path], str(values[path])):
+            return False
+    return True
 
 
 @dataclass(frozen=True, kw_only=True)
