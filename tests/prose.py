@@ -2,11 +2,13 @@
 
 ``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
 a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
-many standard errors it is from zero. ``python -m tests.prose`` (in ``make reproduce``) lists what
+many standard errors it is from zero. ``[holds](../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
+verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``python -m tests.prose`` (in ``make reproduce``) lists what
 changed, ``--write`` writes it anew, with as many decimals as it had.
 """
 
 import argparse
+import csv
 import re
 import sys
 from collections.abc import Iterator
@@ -45,7 +47,10 @@ def tied(path: Path = PROSE) -> Iterator[Tied]:
 
 
 def as_found(written: str, folder: str, title: str) -> str:
-    """The text with the numbers of the results in it, to the decimals that it has."""
+    """The text with the numbers of the results in it, to the decimals that it has; or the verdict."""
+    what, _, of = title.partition("; ")
+    if what in ("claim", "number"):
+        return verdict(what, folder, of)
     numbers = iter(values(folder, title))
     return _NUMBER.sub(lambda match: like(match, next(numbers, nan)), written)
 
@@ -76,6 +81,25 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     if len(rows):
         return float(rows.iloc[0]["value"]), float(rows.iloc[0]["stderr"])
     return tuple(expressions.term(measure(expression).of(label)).estimate)
+
+
+def verdict(what: str, folder: str, of: str) -> str:
+    """Return the word in claims.csv or comparison.csv, with ``, fragile``; of readings the best one's."""
+    name, keys = {
+        "claim": ("claims.csv", ("claim",)),
+        "number": ("comparison.csv", ("table", "row", "filter", "metric")),
+    }[what]
+    rows = [r for r in _rows(folder, name) if "; ".join(r[k] for k in keys) == of]
+    rows = [r for r in rows if r.get("best", "yes") == "yes"]
+    if len(rows) != 1:
+        raise ValueError(f"results/{folder}/{name} has {len(rows)} verdicts on {of!r}")
+    return rows[0]["verdict"] + (", fragile" if rows[0]["fragile"] == "yes" else "")
+
+
+@cache
+def _rows(folder: str, name: str) -> list[dict[str, str]]:
+    with (HERE / "results" / folder / name).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 @cache
