@@ -3,8 +3,9 @@
 ``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
 a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
 many standard errors it is from zero. ``[holds](../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
-verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``python -m tests.prose`` (in ``make reproduce``) lists what
-changed, ``--write`` writes it anew, with as many decimals as it had.
+verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number.
+``python -m tests.prose`` (in ``make reproduce``) lists what changed, ``--write`` writes it anew, with as
+many decimals as it had.
 """
 
 import argparse
@@ -84,7 +85,7 @@ def values(folder: str, title: str) -> tuple[float, ...]:
 
 
 def verdict(what: str, folder: str, of: str) -> str:
-    """Return the word in claims.csv or comparison.csv, with ``, fragile``; of readings the best one's."""
+    """Return the word in claims.csv or comparison.csv, of readings the best one's, with ``, fragile``."""
     name, keys = {
         "claim": ("claims.csv", ("claim",)),
         "number": ("comparison.csv", ("table", "row", "filter", "metric")),
