@@ -85,7 +85,7 @@ def values(folder: str, title: str) -> tuple[float, ...]:
 
 
 def verdict(what: str, folder: str, of: str) -> str:
-    """Return the word in claims.csv or comparison.csv, of readings the best one's, with ``, fragile``."""
+    """Return the word of claims.csv or comparison.csv, of readings the best one's, and ``fragile``."""
     name, keys = {
         "claim": ("claims.csv", ("claim",)),
         "number": ("comparison.csv", ("table", "row", "filter", "metric")),
