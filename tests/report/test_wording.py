@@ -72,9 +72,7 @@ def test_every_component_of_a_sensor_has_its_unit() -> None:
     assert unit_of("rmse_predicted_z") == ""  # a height, or a scalar sensor's
 
 
-@pytest.mark.parametrize(
-    "name", ["heading", "temperature", "altitude", "power", "ax_bias"]
-)
+@pytest.mark.parametrize("name", ["heading", "temperature", "altitude", "power", "ax_bias"])
 def test_an_unknown_quantity_has_no_unit(name: str) -> None:
     for metric in ("rmse", "bias", "std", "peak", "distance", "crps"):
         assert unit_of(f"{metric}_{name}") == ""
