@@ -99,20 +99,51 @@ def is_reserved(name: str) -> bool:
     return any(m.series and {name, head} & {m.name, m.series} for m in METRICS.values())
 
 
+def quantity(name: str, unit: str) -> None:
+    """Declare the unit of a plugin's quantity: of an error, or of a component of a motion or sensor.
+
+    Raises ValueError if the name has another unit already.
+    """
+    if _UNITS.setdefault(name, unit) != unit:
+        raise ValueError(f"the unit of {name!r} is {_UNITS[name]!r} already")
+
+
 def unit_of(name: str) -> str:
-    """The unit of a metric by its name without window; nothing if it has none, or none is known."""
+    """Return the unit of a metric by its name without window; nothing where none is known."""
     found, quantity = metric_of(name)
-    if quantity.startswith(("predicted_", "held_")):  # of the sensor's component
-        return ""
     if found.unit != "quantity" or not quantity:
         return found.unit.replace("quantity", "")
-    if found.series == "crps":
-        return _UNITS_OF_COMPONENTS.get(quantity[0], "")
-    return _UNITS.get(quantity, "deg" if quantity.endswith("_deg") else "m")
+    head, _, component = quantity.partition("_")
+    is_component = head in ("predicted", "held") or found.series == "crps"
+    if head in ("predicted", "held"):
+        quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
+    if is_component and quantity in _AXES:  # a position, or the state of a scalar motion
+        return ""
+    return _UNITS.get(quantity) or without_unit(quantity)[1]
 
 
-_UNITS = {"velocity": "m/s", "range_rate": "m/s"}
-_UNITS_OF_COMPONENTS = {"p": "m", "v": "m/s", "a": "m/s^2"}
+def without_unit(name: str) -> tuple[str, str]:
+    """Split a name into what it names and the unit that it ends in, if it does."""
+    for ending, unit in _ENDINGS.items():
+        if name.endswith(f"_{ending}"):
+            return name.removesuffix(f"_{ending}"), unit
+    return name, ""
+
+
+_AXES = ("x", "y", "z")
+_ENDINGS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
+_UNITS = {
+    quantity: unit
+    for unit, quantities in {
+        "m": "position px py pz x y z range mean_range radial cross",
+        "m/s": "velocity vx vy vz range_rate",
+        "m/s^2": "acceleration ax ay az",
+        "rad": "azimuth elevation",
+        "rad/s": "turn_rate",
+    }.items()
+    for quantity in quantities.split()
+}
+"""Units of the quantities of the package: errors of scenarios, components of motions and sensors."""
 _OWN = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),

@@ -1,18 +1,19 @@
 """Where the truth is in a Gaussian, a cloud and a density, against sums by hand and quadrature."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.special import digamma
 from scipy.stats import chi2, norm
 
 from trackbench.core import grid
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
-from trackbench.core.posteriors import CloudPosterior, LinePosterior, NormalPosterior
+from trackbench.core.posteriors import CloudPosterior, LinePosterior, NormalPosterior, distance
 
 RNG = np.random.default_rng(7)
 
@@ -61,6 +62,7 @@ def test_of_a_weighted_cloud_by_hand() -> None:
     truth[0, 0] = x[0, 0, 2]
     posterior = CloudPosterior(Particles(x, w))
     below, within, crps = posterior.below(truth), posterior.within(truth), posterior.crps(truth)
+    excess = posterior.log_excess(truth)
     for m in range(3):
         for i in range(2):
             points, y = x[i, m], truth[i, m]
@@ -69,9 +71,17 @@ def test_of_a_weighted_cloud_by_hand() -> None:
             score = (w[m] * np.abs(points - y)).sum() - 0.5 * spread
             assert below[i, m] == pytest.approx(weight, abs=1e-14)
             assert crps[i, m] == pytest.approx(score, rel=1e-12)
-        mean, cov = (w[m] * x[:, m]).sum(axis=1), np.cov(x[:, m], aweights=w[m], ddof=0)
-        far = [(e := p - mean) @ np.linalg.solve(cov, e) for p in (*x[:, m].T, truth[:, m])]
-        assert within[m] == pytest.approx(w[m][np.array(far[:-1]) < far[-1]].sum(), abs=1e-14)
+        pool, weights = np.column_stack([x[:, m], truth[:, m]]), np.append(w[m] * 6 / 7, 1 / 7)
+        *each, own = (from_others(pool, weights, i) for i in range(7))
+        assert within[m] == pytest.approx(w[m][np.array(each) < own].sum(), abs=1e-14)
+        assert excess[m] == pytest.approx(np.log(own) - w[m] @ np.log(each), rel=1e-10)
+
+
+def from_others(pool: Array, weights: Array, i: int) -> float:
+    """Squared Mahalanobis distance of a column by the moments of all others."""
+    x, w = np.delete(pool, i, axis=1), np.delete(weights, i)
+    e = pool[:, i] - np.average(x, axis=1, weights=w)
+    return float(e @ np.linalg.solve(np.cov(x, aweights=w, ddof=0), e))
 
 
 def test_ranks_of_one_among_equals_are_uniform() -> None:
@@ -86,6 +96,57 @@ def test_ranks_of_one_among_equals_are_uniform() -> None:
     np.testing.assert_allclose(ranks, (np.arange(8) + 0.5) / 8)
 
 
+def with_each_left_out(draws: Array) -> Iterator[tuple[CloudPosterior, Array]]:
+    """Each of the draws (n, N + 1) as the truth, and the others as equal particles."""
+    N = draws.shape[1] - 1
+    for i in range(N + 1):
+        others = np.delete(draws, i, axis=1)[:, None]
+        yield CloudPosterior(Particles(others, np.full((1, N), 1 / N))), draws[:, [i]]
+
+
+@pytest.mark.parametrize(("n", "N"), [(1, 4), (1, 19), (4, 6), (4, 19)])
+def test_regions_of_equals_are_uniform(n: int, N: int) -> None:
+    """So is the rank by the distance from all others, and the log NEES has no excess in the mean."""
+    draws = np.exp(RNG.normal(size=(n, N + 1)))
+    found = [(c.within(x), c.log_excess(x)) for c, x in with_each_left_out(draws)]
+    within, excess = np.array(found)[..., 0].T
+    np.testing.assert_allclose(np.sort(within), np.arange(N + 1) / N, atol=1e-12)
+    assert excess.mean() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("n", "N"), [(1, 10), (2, 30), (4, 10), (4, 99)])
+def test_the_log_of_the_nees_of_equals_is_hotellings(n: int, N: int) -> None:
+    """log((N + 1) chi2(n) / chi2(N - n)), by draws from a Gaussian; the regions of 90 % hold as many."""
+    runs = 3000
+    cloud = CloudPosterior(Particles(RNG.normal(size=(n, runs, N)), np.full((runs, N), 1 / N)))
+    truth = RNG.normal(size=(n, runs))
+    off = truth - cloud.cloud.mean
+    nees = np.log(distance(off, cloud.cloud.moments().cov))
+    expected = digamma(n / 2) + np.log(N + 1) - digamma((N - n) / 2)
+    taken = nees - cloud.log_excess(truth)
+    for values in (nees, taken):
+        assert abs(values.mean() - expected) < 4 * values.std() / np.sqrt(runs)
+    if N > 50:  # with few particles its mean has a heavy tail
+        ratio = np.exp(nees) / n
+        perfect = (N + 1) / (N - n - 2)
+        assert abs(ratio.mean() - perfect) < 4 * ratio.std() / np.sqrt(runs)
+    share = (np.floor(0.9 * N) + 1) / (N + 1)
+    held = (cloud.within(truth) <= 0.9 + 1e-9).mean()
+    assert abs(held - share) < 4 * np.sqrt(share * (1 - share) / runs)
+
+
+def test_regions_by_weight_hold_their_share_as_the_effective_sample_size_grows() -> None:
+    """Particles from a prior, weighted by a likelihood: the truth is a draw from the posterior."""
+    runs, N = 2000, 400
+    prior, truth = RNG.normal(size=(3, runs, N)), RNG.normal(size=(3, runs))
+    off = prior[0] - (truth[0] + 0.5 * RNG.normal(size=runs))[:, None]
+    w = np.exp(-2.0 * off**2)
+    cloud = CloudPosterior(Particles(prior, w / w.sum(axis=1, keepdims=True)))
+    held, excess = (cloud.within(truth) <= 0.9).mean(), cloud.log_excess(truth)
+    assert abs(held - 0.9) < 4 * np.sqrt(0.09 / runs) + 0.003  # some 170 effective ones
+    assert abs(excess.mean()) < 4 * excess.std() / np.sqrt(runs)
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_of_a_cloud_without_spread(n: int) -> None:
     """It is certain of one state: the truth is beyond all its regions, and the score is the error."""
@@ -95,6 +156,7 @@ def test_of_a_cloud_without_spread(n: int) -> None:
     with np.errstate(all="ignore"):
         for posterior in (cloud, certain):
             assert posterior.within(truth) == 1.0
+            assert posterior.log_excess(truth) in (np.inf, None)
             np.testing.assert_array_equal(posterior.below(truth), np.ones((n, 1)))
             np.testing.assert_array_equal(posterior.crps(truth), np.full((n, 1), 2.0))
 

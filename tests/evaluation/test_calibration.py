@@ -143,6 +143,23 @@ def test_regions_of_few_particles_hold_what_they_can() -> None:
     assert found["coverage_99"][~beyond].all()
 
 
+@pytest.mark.parametrize("N", [10, 19])
+def test_an_ensemble_of_draws_is_calibrated(N: int) -> None:
+    """The first state's members and the truth are draws from one prior, in four components."""
+    told: tuple[Kind, ...] = ("calibration", "ranks")
+    found = track(LINEAR, make_filter("enkf", N=N), RUNS, foretold=told).diagnostics
+    for p in LEVELS:
+        share = (p * N // 100 + 1) / (N + 1)
+        error = np.sqrt(share * (1 - share) / RUNS)
+        assert abs(found[f"coverage_{p}"][0].mean() - share) < 4 * error
+    nci = found["nci"][0]
+    assert abs(nci.mean()) < 4 * nci.std() / np.sqrt(RUNS)
+    for quantity in ("px", "nees"):
+        test = at_step(found[f"pit_{quantity}"][0])
+        shares = np.stack([found[bar][0] for bar in bars(quantity)])
+        assert min(test.p, test.p_distance, over_steps(shares).p) > 1e-3
+
+
 def ratio(kind: str, runs: int, **keys: object) -> Array:
     task = BlockTask(
         replace(LINEAR, last=4), make_filter(kind, **keys), 1, 0, runs, runs,

@@ -5,13 +5,18 @@ import pytest
 from scipy import stats
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.calibration import TENTHS
-from trackbench.evaluation.uniformity import at_step, kolmogorov_band, over_steps
+from trackbench.evaluation.calibration import TENTHS, in_tenths
+from trackbench.evaluation.uniformity import at_step, kolmogorov_band, over_steps, places_of
 
 
 def shares(u: Array) -> Array:
     """Shares (TENTHS, M) of the steps of u (T, M)."""
     return np.stack([(np.floor(u * TENTHS) == b).mean(axis=0) for b in range(TENTHS)])
+
+
+def shares_of_ranks(ranks: Array) -> Array:
+    """Shares (TENTHS, M) of the places of ranks (T, M)."""
+    return np.mean([in_tenths(row, places_of(ranks.ravel())) for row in ranks], axis=0)
 
 
 def correlated(rng: np.random.Generator, steps: int, runs: int, spread: float = 1.0) -> Array:
@@ -63,6 +68,45 @@ def test_nothing_is_found_where_nothing_is_wrong() -> None:
     spread = np.std([b.shares for b in over], axis=0, ddof=1)
     said = np.sqrt(np.mean([b.stderr**2 for b in over], axis=0))
     np.testing.assert_allclose(said, spread, rtol=4.5 / np.sqrt(600))
+
+
+@pytest.mark.parametrize("N", [4, 10, 14, 30])
+def test_ranks_are_not_rejected_for_being_few(N: int) -> None:
+    """Uniform ranks among N, in batches of 1000 runs, by their middles as a file has them."""
+    rng = np.random.default_rng(8)
+    batches = [
+        np.round((rng.integers(N + 1, size=(4, 1000)) + 0.5) / (N + 1), 7) for _ in range(200)
+    ]
+    by_step = [at_step(ranks[0]) for ranks in batches]
+    over = [over_steps(shares_of_ranks(ranks)) for ranks in batches]
+    # Ten or more of 200 are below 0.01 with a probability of 5e-5.
+    for p in ([b.p for b in by_step], [b.p_distance for b in by_step], [b.p for b in over]):
+        assert sum(value < 0.01 for value in p) < 10
+    assert np.isnan([b.p for b in over]).all() == (N < TENTHS - 1)
+    assert stats.kstest([b.p for b in by_step], "uniform").pvalue > 1e-3
+    np.testing.assert_allclose(np.mean([b.shares for b in by_step], axis=0), 0.1, atol=0.004)
+
+
+@pytest.mark.parametrize("N", [4, 10, 99])
+def test_ranks_that_are_wrong_are_found(N: int) -> None:
+    few = np.random.default_rng(9).binomial(N, 0.5, size=(4, 1000))
+    ranks = (few + 0.5) / (N + 1)
+    assert max(at_step(ranks[0]).p, at_step(ranks[0]).p_distance) < 1e-6
+    assert N < TENTHS or over_steps(shares_of_ranks(ranks)).p < 1e-6
+
+
+def test_places_are_counted_where_there_are_some() -> None:
+    rng = np.random.default_rng(10)
+    for N in (2, 10, 99, 1999):
+        assert places_of((rng.integers(N + 1, size=500) + 0.5) / (N + 1)) == N + 1
+    assert places_of(rng.random(500)) == places_of(np.full(3, 0.5)) == 0
+
+
+def test_the_share_of_a_place_in_each_tenth_by_hand() -> None:
+    """The second of four places is from 1/4 to 2/4."""
+    expected = np.array([0, 0, 0.05, 0.1, 0.1, 0, 0, 0, 0, 0]) * 4
+    np.testing.assert_allclose(in_tenths(np.array([1.5 / 4]), 4)[:, 0], expected)
+    assert np.isnan(in_tenths(np.array([np.nan]), 4)).all()
 
 
 @pytest.mark.parametrize("spread", [0.8, 1.25])

@@ -1,15 +1,17 @@
-"""What a filter holds a state for, asked at the truth: where in it the truth lies, and its CRPS.
+"""Posterior distributions of the state, evaluated at the truth: place of the truth in them, and CRPS.
 
-A posterior of one step and M runs is a Gaussian, a weighted cloud, or a density on a line. Each tells of
-the truth x (n, M), or of the first components of what it is about,
+A posterior of one step and M runs is a Gaussian, a set of weighted particles, or a density on a line.
+Each gives for the truth x (n, M), or for the first components of its own state,
 
-``below(x)``   the probability below each component (n, M), its probability integral transform;
-``within(x)``  the probability (M,) of what is nearer to the mean than x in Mahalanobis distance;
-``crps(x)``    the continuous ranked probability score (n, M), in the components' units.
+``below(x)``       the probability below each component (n, M), its probability integral transform;
+``within(x)``      the probability (M,) of states nearer to the mean than x in Mahalanobis distance;
+``log_excess(x)``  log NEES (M,) less its mean if x is one more draw, for particles;
+``crps(x)``        the continuous ranked probability score (n, M), in the components' units.
 
 If the truth is a draw from the posterior, the first two are uniform on (0, 1), whatever the posterior
-(Rosenblatt 1952; Talts et al. 2018, theorem 1). Of a cloud of N they are weights, and `uniform` makes of
-a rank's r / N the middle of its place among N + 1, so that nothing random is needed.
+(Rosenblatt 1952; Talts et al. 2018, theorem 1). For N equal particles they are ranks r / N, uniform on
+N + 1 places, and `uniform` returns the middle of a place: no random number is needed. Ranks by weight
+are uniform only as the effective sample size grows.
 """
 
 from dataclasses import dataclass
@@ -20,11 +22,13 @@ import numpy as np
 from trackbench.core import grid, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import log
 from trackbench.core.particles import Particles
 from trackbench.core.probabilities import chi_square_cdf, normal_cdf, normal_density
-from trackbench.core.sums import dot
+from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
+_LEAST = 1e-15  # of a squared distance, and of what is left of a covariance: below it is rounding
 
 
 class Posterior(Protocol):
@@ -39,9 +43,20 @@ class Posterior(Protocol):
     def crps(self, x: Array) -> Array:
         """Continuous ranked probability score (n, M) of each component."""
 
+    def log_excess(self, x: Array) -> Array | None:
+        """Log NEES (M,) less its mean if x is one more draw; None: that of Gaussian errors."""
+        return None
+
+    @property
+    def places(self) -> int:
+        """Number N + 1 of the places that a rank among N particles has; 0 for a density."""
+        return 0
+
     def uniform(self, probability: Array) -> Array:
-        """What a probability of these is uniform by: itself, or the rank's of a cloud."""
-        return probability
+        """Uniform value of a probability: itself, or for r / N the middle of the rank's place."""
+        if not self.places:
+            return probability
+        return ((self.places - 1) * probability + 0.5) / float(self.places)
 
 
 @dataclass(frozen=True)
@@ -85,18 +100,49 @@ class CloudPosterior(Posterior):
         return _known(dot(self.cloud.w, (cloud < at) + 0.5 * (cloud == at)), x)
 
     def within(self, x: Array) -> Array:
-        """Weight of the particles at a smaller distance by the cloud's own mean and covariance."""
-        cloud, _ = self._beside(x)
-        found = Particles(cloud, self.cloud.w).moments()
-        own = distance(x - found.mean, found.cov)
-        each = distance(cloud - found.mean[..., None], found.cov[..., None])
+        """Weight of the particles nearer than x, each by the moments of all others and x."""
+        own, each = self._distances(x)
         weight = dot(self.cloud.w, (each < own[:, None]).astype(float))
         return _known(np.where(own == np.inf, 1.0, weight), own)  # beyond a cloud without spread
+
+    def log_excess(self, x: Array) -> Array:
+        """Log NEES of x less the particles' mean, each by the moments of all others and x.
+
+        For equal draws from a Gaussian that mean is ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``,
+        since the NEES is (N + 1) times a ratio of chi-squares of n and N - n (Hotelling 1931).
+        """
+        own, each = self._distances(x)
+        return np.where(own == np.inf, own, log(own) - dot(self.cloud.w, log(each)))
+
+    def _distances(self, x: Array) -> tuple[Array, Array]:
+        """Squared Mahalanobis distances of x (M,) and of each particle (M, N), each from all others.
+
+        So x and N equal particles that are draws from one distribution are exchangeable.
+        """
+        cloud, _ = self._beside(x)
+        w, N = self.cloud.w, self.places - 1
+        found = Particles(cloud, w).moments()
+        off = x - found.mean
+        own = distance(off, found.cov)
+        with np.errstate(all="ignore"):  # a covariance without spread: then own is infinite
+            # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' own moments.
+            L = linalg.cholesky(found.cov)
+            e = linalg.solve_lower(L[..., None], cloud - found.mean[..., None])
+            d = linalg.solve_lower(L, off)[..., None]
+            q, c = total(e * e, axis=0), total(e * d, axis=0)
+            # Step 2: let x, of weight 1 / (N + 1), into mean and covariance (Sherman-Morrison).
+            pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + own[:, None])
+            # Step 3: take each particle, of its weight, out of them.
+            share = N / (N + 1.0)
+            rest = share * (1.0 - share * w) - share * w * pooled
+            return own, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
 
     def crps(self, x: Array) -> Array:
         """``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (the same, eq. 21).
 
-        The second term is the integral of ``F (1 - F)``, F the weight up to each particle in order.
+        X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
+        (Ferro 2014). The second term is the integral of ``F (1 - F)``, F the weight up to each particle
+        in order.
         """
         cloud, at = self._beside(x)
         order = np.argsort(cloud, axis=-1, kind="stable")
@@ -109,10 +155,10 @@ class CloudPosterior(Posterior):
     def _beside(self, x: Array) -> tuple[Array, Array]:
         return self.cloud.x[: len(x)], x[..., None]
 
-    def uniform(self, probability: Array) -> Array:
-        """``(r + 1/2) / (N + 1)`` of ``r / N``."""
-        N = self.cloud.w.shape[-1]
-        return (N * probability + 0.5) / (N + 1.0)
+    @property
+    def places(self) -> int:
+        """One more than there are particles."""
+        return self.cloud.w.shape[-1] + 1
 
 
 @dataclass(frozen=True)

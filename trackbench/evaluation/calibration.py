@@ -1,19 +1,19 @@
-"""How well a filter's distribution of the state tells where the truth is: series beside its errors.
+"""Calibration of a filter's distribution of the state: series of where the truth is in it.
 
-Series (T + 1, M), for whoever asks for them (`core.posteriors` says how each is had of a Gaussian, a
-cloud, a density):
+Series (T + 1, M), for the filters that a config requests them of (`core.posteriors` defines them for a
+Gaussian, for particles and for a density):
 
-``pit_<component>``   probability below the truth, uniform on (0, 1) if calibrated; of a cloud the rank
-``pit_nees``          probability of what is nearer to the mean than the truth, in Mahalanobis distance:
-                      of a Gaussian the chi-square distribution function of the NEES
-``coverage_<p>``      whether the truth is within that region of p percent
-``nci``               log of the NEES over what it is in the mean, dB (Li, Zhao & Jilkov 2002, eqs. 4, 6)
-``rank_<of>_<b>``     whether ``pit_<of>`` is in the b-th tenth: the rank histogram's bars
+``pit_<component>``   probability below the truth, uniform on (0, 1) if calibrated; of particles the rank
+``pit_nees``          probability of states nearer to the mean than the truth, in Mahalanobis distance:
+                      for a Gaussian the chi-square distribution function of the NEES
+``coverage_<p>``      1 if the truth is within that region of p percent, else 0
+``nci``               log NEES less its mean if calibrated, dB (Li, Zhao & Jilkov 2002, eqs. 4, 6)
+``rank_<of>_<b>``     share of ``pit_<of>``'s place that is in the b-th tenth: the rank histogram's bars
 ``crps_<component>``  continuous ranked probability score
 ``evidence``          likelihood of the measurements so far over the reference's
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -57,6 +57,8 @@ class Calibration:
         self._tracker, self._components = tracker, components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self._rows: dict[str, list[Array]] = {}
+        self._places: list[int] = []
+        self._excess: list[Array | None] = []
 
     def add(self, state: Any, found: Gaussian, truth: Array) -> None:
         """The next step's state, estimate of the truth's components, and truth (n_x, M)."""
@@ -65,6 +67,8 @@ class Calibration:
         posterior = self._tracker.posterior(state) or NormalPosterior(found)
         if "calibration" in self._wanted:
             within = posterior.within(truth)
+            self._places.append(posterior.places)
+            self._excess.append(posterior.log_excess(truth))
             self._note("pit", self._components, posterior.uniform(posterior.below(truth)))
             self._note("pit", [_NEES], posterior.uniform(within)[None])
             self._note("coverage", map(str, LEVELS), [_covered(within, p / 100.0) for p in LEVELS])
@@ -76,9 +80,12 @@ class Calibration:
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
         if "calibration" in self._wanted:
-            rows["nci"] = noncredibility(nees, len(self._components))
+            gaussian = noncredibility(nees, len(self._components))
+            steps = zip(self._excess, gaussian, strict=True)
+            rows["nci"] = np.stack([row if own is None else _decibels(own) for own, row in steps])
         for name, row in pits if "ranks" in self._wanted else ():
-            rows |= dict(_tenths(name.removeprefix("pit_"), row))
+            shares = np.stack([in_tenths(*each) for each in zip(row, self._places, strict=True)])
+            rows |= zip(bars(name.removeprefix("pit_")), shares.swapaxes(0, 1), strict=True)
         return rows
 
     def _note(self, head: str, quantities: Iterable[str], values: Iterable[Array]) -> None:
@@ -105,20 +112,26 @@ def noncredibility(nees: Array, n: int) -> Array:
     digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
     for i in range(n % 2 or 2, n, 2):
         digamma += 2.0 / i
-    return 10.0 / float(log(10.0)) * (log(nees) - float(log(2.0)) - digamma)
+    return _decibels(log(nees) - float(log(2.0)) - digamma)
+
+
+def _decibels(log_ratio: Array) -> Array:
+    return 10.0 / float(log(10.0)) * log_ratio
 
 
 def _covered(within: Array, level: float) -> Array:
     return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
 
 
-def tenth_of(pit: Array) -> Array:
-    """The tenth, from 0 to 9, that each transform is in; NaN of NaN."""
-    return np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+def in_tenths(pit: Array, places: int = 0) -> Array:
+    """Share (TENTHS, M) of each transform (M,) in each tenth; NaN of NaN.
 
-
-def _tenths(quantity: str, pit: Array) -> Iterator[tuple[str, Array]]:
-    """Whether each is in a tenth, by the name of the tenth."""
-    which = tenth_of(pit)
-    for b, name in enumerate(bars(quantity)):
-        yield name, np.where(np.isnan(pit), np.nan, which == b)
+    A rank among so many places has a place ``1 / places`` wide. So each tenth has a tenth of the ranks
+    in the mean where their number is no multiple of ten.
+    """
+    if places:
+        edges = np.arange(TENTHS + 1)[:, None] * (places / TENTHS)
+        below = np.clip(edges - (pit * places - 0.5), 0.0, 1.0)
+        return np.round(below[1:] - below[:-1], 9)
+    which = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
+    return np.where(np.isnan(pit), np.nan, which == np.arange(TENTHS)[:, None])

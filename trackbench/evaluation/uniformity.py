@@ -10,9 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
-from trackbench.evaluation.calibration import TENTHS, tenth_of
+from trackbench.evaluation.calibration import TENTHS, in_tenths
+
+_MOST_PLACES = 4096
+_OFF_A_PLACE = 1e-3  # files have seven digits
 
 
 class Histogram(NamedTuple):
@@ -31,26 +34,33 @@ class Histogram(NamedTuple):
 
 
 def at_step(pit: Array) -> Histogram:
-    """Of one transform (M,) a run: Pearson's chi-square over the tenths, NaN left out."""
+    """Test one transform (M,) per run, NaN left out: Pearson's chi-square over the tenths.
+
+    Ranks are counted by whole places, in at most ten groups, each with its own expectation.
+    """
     from scipy.special import chdtrc
 
     pit = pit[~np.isnan(pit)]
-    M = len(pit)
-    which = tenth_of(pit)
-    counts = np.array([float((which == b).sum()) for b in range(TENTHS)])
-    shares = counts / max(M, 1)
+    M, places = len(pit), places_of(pit)
+    shares = total(in_tenths(pit, places)) / max(M, 1)
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))
     if M < TENTHS:
         return Histogram(shares, stderr, M)
-    expected, distance = M / TENTHS, kolmogorov(pit)
-    p = float(chdtrc(TENTHS - 1, float(total(np.square(counts - expected))) / expected))
+    cells = places or TENTHS
+    groups = min(cells, TENTHS)
+    group_of = np.arange(cells) * groups // cells
+    counts = np.bincount(group_of[_cells(pit, cells)], minlength=groups)
+    expected = np.bincount(group_of) * (M / cells)
+    p = float(chdtrc(groups - 1, float(total(np.square(counts - expected) / expected))))
+    distance = kolmogorov(pit, places)
     return Histogram(shares, stderr, M, distance, kolmogorov_p(distance, M), p)
 
 
 def over_steps(shares: Array) -> Histogram:
     """Of each run's shares (TENTHS, M) of its steps: Hotelling's T^2 of their means (1931).
 
-    NaN, as of lost runs, is left out; the distance is that at the tenths' edges.
+    NaN, as of lost runs, is left out; the distance is that at the tenths' edges. Ranks of fewer than ten
+    places get no test.
     """
     from scipy.special import fdtrc
 
@@ -65,17 +75,45 @@ def over_steps(shares: Array) -> Histogram:
     edges = np.add.accumulate(centre) - np.arange(1, TENTHS + 1) / TENTHS
     distance = float(np.abs(edges).max())
     n, p = TENTHS - 1, 0.0  # the last share is what is left of one
-    if (variance > 0.0).all():  # no tenth is without any truth
-        T2 = M * float(linalg.mahalanobis(centre[:n] - 1.0 / TENTHS, covariance[:n, :n]))
-        p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
+    if (variance > 0.0).all():  # each tenth has some truth
+        p = np.nan  # fewer than ten places: their shares in tenths depend on each other
+        if not linalg.is_singular(covariance[:n, :n]):
+            T2 = M * float(linalg.mahalanobis(centre[:n] - 1.0 / TENTHS, covariance[:n, :n]))
+            p = float(fdtrc(n, M - n, T2 * (M - n) / (n * (M - 1.0))))
     return Histogram(centre, np.sqrt(variance / M), M, distance, p=p)
 
 
-def kolmogorov(pit: Array) -> float:
-    """Largest difference between the distribution function of values (M,) and the uniform one."""
-    ordered, M = np.sort(pit), len(pit)
-    steps = np.arange(M + 1) / M
+def places_of(pit: Array) -> int:
+    """Number N + 1 of places of which all values (M,) are the middles; 0 if they are no such ranks."""
+    if len(pit) < TENTHS:
+        return 0
+    sizes = np.arange(3, _MOST_PLACES)
+    few = _are_middles(pit[:TENTHS, None], sizes).all(axis=0)  # leaves few sizes
+    return next((int(size) for size in sizes[few] if _are_middles(pit, size).all()), 0)
+
+
+def _are_middles(pit: Array, sizes: Index) -> Mask:
+    at = pit * sizes - 0.5
+    return np.abs(at - np.rint(at)) < _OFF_A_PLACE
+
+
+def kolmogorov(pit: Array, places: int = 0) -> float:
+    """Largest difference between the distribution function of values (M,) and the uniform one.
+
+    For ranks it is taken at the ends of their places. Its p-value is then an upper bound (Conover 1972).
+    """
+    M = len(pit)
+    if places:
+        shares = np.bincount(_cells(pit, places), minlength=places) / M
+        ends = np.arange(1, places + 1) / places
+        return float(np.abs(np.add.accumulate(shares) - ends).max())
+    ordered, steps = np.sort(pit), np.arange(M + 1) / M
     return float(np.maximum(steps[1:] - ordered, ordered - steps[:-1]).max())
+
+
+def _cells(pit: Array, cells: int) -> Index:
+    """Which of so many equal parts of (0, 1) each value (M,) is in."""
+    return np.clip(pit * cells, 0, cells - 1).astype(int)
 
 
 def kolmogorov_band(M: int, level: float = 0.95) -> float:

@@ -6,10 +6,9 @@ from typing import Any
 from trackbench.evaluation.measure import Measure
 from trackbench.experiment.reading.combining import single_paths
 from trackbench.keys import is_number
-from trackbench.metrics import unit_of
+from trackbench.metrics import unit_of, without_unit
 
 MOST_NAMES = 4
-_UNITS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
@@ -18,7 +17,7 @@ def metric_words(metric: Measure) -> str:
     found, quantity = metric.family
     if found.name in _SCORES:
         return _SCORES[found.name]
-    return f"{quantity.removesuffix('_deg').replace('_', ' ')} {found.name.upper()}".strip()
+    return f"{without_unit(quantity)[0].replace('_', ' ')} {found.name.upper()}".strip()
 
 
 def with_unit(text: str, metric: Measure) -> str:
@@ -28,8 +27,20 @@ def with_unit(text: str, metric: Measure) -> str:
 
 def mean_of(metric: Measure) -> str:
     """A heading for the mean per run: ``Mean position RMSE (m)``."""
-    words = f"Mean {metric_words(metric)}"
-    return f"{words} ({_unit(metric)})" if _unit(metric) else words
+    return f"Mean {_words_and_unit(metric)}"
+
+
+def error_of(metric: Measure) -> str:
+    """Label an axis: ``Position RMSE (m)`` for a mean error of the whole run, else the expression."""
+    if metric != Measure(metric.metric, statistic="mean") or not metric.is_error:
+        return str(metric)
+    words = _words_and_unit(metric)
+    return words[0].upper() + words[1:]
+
+
+def _words_and_unit(metric: Measure) -> str:
+    words, unit = metric_words(metric), _unit(metric)
+    return f"{words} ({unit})" if unit else words
 
 
 def _unit(metric: Measure) -> str:
@@ -87,11 +98,8 @@ def axis(path: str) -> str:
 
 def quantity(path: str) -> tuple[str, str]:
     """A grid's path as words, and the unit that its name ends in."""
-    key = name(path)
-    for ending, unit in _UNITS.items():
-        if key.endswith(f"_{ending}"):
-            return key.removesuffix(f"_{ending}").replace("_", " "), unit
-    return key.replace("_", " "), ""
+    key, unit = without_unit(name(path))
+    return key.replace("_", " "), unit
 
 
 def name(path: str) -> str:

@@ -39,8 +39,8 @@ class RmseVsParameter(FigureKind):
     """labels to draw; default: all"""
     x_label: str = ""
     """label of the horizontal axis, with its unit; default: the path"""
-    y_label: str = "Position RMSE (m)"
-    """label of the vertical axis, with its unit"""
+    y_label: str = ""
+    """label of the vertical axis, with its unit; default: the metric"""
     log_x: bool = True
     """logarithmic horizontal axis"""
     log_y: bool = True
@@ -89,7 +89,7 @@ class RmseVsParameter(FigureKind):
             ax.set_yscale("log")
             style.plain_log_axis(ax.yaxis, most=float("inf"))
         ax.set_xlabel(self.x_label or wording.axis(path))
-        ax.set_ylabel(self.y_label)
+        ax.set_ylabel(self.y_label or wording.error_of(self.metric))
         style.title(figure, self.title)
         style.legend_outside(figure)
         return figure
