@@ -99,12 +99,12 @@ LEGEND = (
     "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
     "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
     "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
-    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails` beyond three "
-    "standard errors of the difference. What differs, holds or fails does so in each batch of "
-    "runs by itself, else it is `not decided`. `fragile`: one run makes a good part of the "
-    "number's variance, or the runs' tail is so heavy (index below 2) that it need not exist, or "
-    "as many runs of another seed, or CPU times of another execution, could well say otherwise. "
-    "`chosen`: agrees or not with a value that was chosen for it."
+    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
+    "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
+    "batch of runs, else it is `not decided`. `fragile`: as many runs of another seed, one run "
+    "fewer or three far ones more, or CPU times of another execution, could well say otherwise. "
+    "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
+    "none of M runs had and that is rarer than 3 / M."
 )
 
 
