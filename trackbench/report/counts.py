@@ -40,7 +40,7 @@ def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     """The parts in a fixed order, without those of which there is none."""
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
-    fragile = Counter(row.verdict.word for row in rows if row.fragile)
+    fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
     words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
     return [
         Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
