@@ -1,4 +1,4 @@
-"""Which tests notice a wrong sign, factor, index or comparison? One change of one line at a time.
+"""Report which tests notice a wrong sign, factor, index, comparison or omission, one change at a time.
 
 ``python -m tests.mutants --per-file 2 trackbench/core trackbench/filters trackbench/evaluation``. Each
 mutant is made in a copy of the package, and the tests that call the changed function run on it, those of
@@ -21,6 +21,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from py_compile import PycInvalidationMode
 from types import CodeType, FrameType
@@ -44,7 +45,11 @@ _COMPARISONS: dict[type[ast.cmpop], tuple[str, str]] = {
     ast.LtE: ("<=", ">"),
     ast.Gt: (">", "<"),
     ast.GtE: (">=", "<"),
+    ast.Eq: ("==", "!="),
+    ast.NotEq: ("!=", "=="),
 }
+_JOINS = {"and": "or", "or": "and"}
+_CALLS = {"all": "any", "any": "all", "min": "max", "max": "min"}
 
 
 class Mutant(NamedTuple):
@@ -85,7 +90,7 @@ def _computed(tree: ast.AST) -> Iterator[ast.expr]:
         node, inside = stack.pop()
         if isinstance(node, ast.Raise | ast.JoinedStr | ast.arguments):
             continue
-        if inside and isinstance(node, ast.BinOp | ast.Compare | ast.Constant | ast.UnaryOp):
+        if inside and isinstance(node, ast.expr):
             yield node
         body = node.body if isinstance(node, ast.FunctionDef) else list(ast.iter_child_nodes(node))
         stack += [(child, inside or isinstance(node, functions)) for child in body]
@@ -104,10 +109,31 @@ def _changes(node: ast.expr, text: str, starts: Sequence[int]) -> Iterator[tuple
         yield from _between(node.left, node.comparators[0], pair, text, offset)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         yield begin, begin + 1, "+"
+    elif isinstance(node, ast.BoolOp):
+        join = "and" if isinstance(node.op, ast.And) else "or"
+        for left, right in pairwise(node.values):
+            yield from _between(left, right, (join, _JOINS[join]), text, offset)
+    elif isinstance(node, ast.List | ast.Call):
+        yield from _omissions(node, offset)
+        name = (
+            node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
+        )
+        if name in _CALLS:
+            yield begin, begin + len(name), _CALLS[name]
     elif isinstance(node, ast.Constant) and type(node.value) is int:
         yield begin, end, str({0: 1, 1: 2}.get(node.value, node.value - 1))
     elif isinstance(node, ast.Constant) and type(node.value) is float:
         yield begin, end, repr(2.0 * node.value or 1.0)
+
+
+def _omissions(node, offset):  # type: ignore[no-untyped-def]
+    """Leave out one item of a list, or one keyword of a call."""
+    items = node.elts if isinstance(node, ast.List) else [*node.args, *node.keywords]
+    left_out = node.elts if isinstance(node, ast.List) else node.keywords
+    ends = [(offset(i.lineno, i.col_offset), offset(i.end_lineno, i.end_col_offset)) for i in items]
+    for i, item in enumerate(items):
+        if len(items) > 1 and item in left_out:
+            yield (ends[i - 1][1], ends[i][1], "") if i else (ends[0][0], ends[1][0], "")
 
 
 def _between(left, right, pair, text, offset):  # type: ignore[no-untyped-def]

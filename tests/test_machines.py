@@ -21,7 +21,7 @@ ARGUMENTS = [
     "--scans",
     "25",
 ]
-OWN = "a7c8513597aa"
+OWN = "6e2aa4541b3c"
 """First digits of what the package's own arithmetic gives on every machine."""
 
 

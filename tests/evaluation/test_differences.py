@@ -91,3 +91,13 @@ def test_a_factor_stretches_the_second() -> None:
     plain, twice = Sides(Events(0, 9), Events(4, 9)), Sides(Events(0, 9), Events(4, 9, 2.0))
     assert twice.second.below(1.0) == 2.0 * plain.second.below(1.0)
     assert twice.above(1.0) > plain.above(1.0)
+
+
+def test_a_correlation_has_no_unit(rng):
+    a = rng.standard_normal(50)
+    b = a + rng.standard_normal(50)
+    a, b = a - a.mean(), b - b.mean()
+    for unit in (1e-4, 1.0, 1e4):
+        found = correlation(unit * a, unit * b)
+        assert found == pytest.approx(np.corrcoef(a, b)[0, 1])
+    assert correlation(a, 0.0 * b) == 0.0

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.intervals import anees_band, holm, interval_of, p_value, studentised
+from trackbench.evaluation.intervals import (
+    anees_band,
+    holm,
+    interval_of,
+    p_value,
+    studentised,
+    tail_index,
+)
 
 REPETITIONS = 200
 RUNS = 100
@@ -164,3 +171,27 @@ def test_an_error_beside_which_ones_own_is_nothing_is_normal():
     influences = np.random.default_rng(3).standard_exponential(50) - 1.0
     assert studentised(1.0, influences, 1e100) == pytest.approx(1e-100)
     assert interval_of(0.0, influences, other=1e100)[1] == pytest.approx(1.959964e100)
+
+
+def test_the_index_of_a_tail_has_no_unit_and_is_hills():
+    x = np.random.default_rng(3).pareto(1.5, 400) + 1.0
+    top = np.sort(x)[::-1][:11]
+    hill = 1.0 / np.mean(np.log(top[:10] / top[10]))
+    for unit in (1e-3, 1.0, 1e3):
+        assert tail_index(unit * x) == pytest.approx(hill)
+        assert tail_index(-unit * x) == pytest.approx(hill)
+
+
+def test_the_median_takes_196_standard_errors_of_a_rank():
+    """Woodruff 1952: of evenly spaced values, so that its interval is as wide as its ranks are apart."""
+    for M in (25, 101, 10_001):
+        x = np.linspace(0.0, 1.0, M)
+        assert st.median(x).stderr == pytest.approx(0.5 / np.sqrt(M), rel=1e-9)
+    # Where the density falls outwards, the width counts: 0.5 +- 0.98 / sqrt(M) of the ranks.
+    from scipy.special import ndtri
+
+    x = ndtri((np.arange(100_001) + 0.5) / 100_001)[::1000]
+    M = len(x)
+    share = 0.98 / np.sqrt(M)
+    low, high = np.quantile(x, [0.5 - share, 0.5 + share])
+    assert st.median(x).stderr == pytest.approx((high - low) / 3.92, rel=1e-12)

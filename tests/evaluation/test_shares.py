@@ -128,3 +128,10 @@ def test_a_batch_has_shares_of_its_own_average():
 def test_which_series_an_expression_needs(expression, series, statistic):
     assert series_of(measure(expression)) == series
     assert statistic_of(measure(expression)) == statistic
+
+
+def test_shares_have_the_unit_of_the_errors():
+    squared, found = correlated((40,), np.random.default_rng(14)), np.ones(40, dtype=bool)
+    for unit in (1e-4, 1e4):
+        shares = time_mean_shares(unit**2 * squared, found)
+        np.testing.assert_allclose(shares, unit * time_mean_shares(squared, found), rtol=1e-10)

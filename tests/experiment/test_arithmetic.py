@@ -2,10 +2,14 @@
 
 import pickle
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.papers import merwe
+from trackbench.core import elementary, linalg, noise, sums
+from trackbench.core.streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.computing import worker
 from trackbench.experiment.planning import arithmetic, digest
@@ -56,3 +60,54 @@ def test_a_worker_refuses_what_may_come_out_otherwise() -> None:
         worker.compute(pickle.dumps(OWN), (), here._replace(own="of another"))
     with pytest.raises(RuntimeError, match="another version"):
         worker.compute(pickle.dumps(OWN), (), here._replace(code="of another"))
+
+
+OWN_FUNCTIONS = [
+    *[(elementary, name) for name in ("exp", "log", "cos_sin", "arctan2")],
+    *[(sums, name) for name in ("total", "dot", "product")],
+    *[(linalg, name) for name in ("inverse", "matmul")],
+    *[(noise, name) for name in ("halved_normals", "exponentials")],
+    *[(RunStreams, name) for name in ("standard_normal", "standard_gamma")],
+]
+NUMPYS_FUNCTIONS = [
+    *[
+        (np, name)
+        for name in ("exp", "log", "log1p", "expm1", "sin", "cos", "tan", "arctan", "sqrt")
+    ],
+    *[(np, name) for name in ("arctan2", "hypot", "power", "vecdot", "einsum")],
+    *[(np.linalg, name) for name in ("cholesky", "inv")],
+]
+
+
+@pytest.mark.parametrize(
+    ("digested", "home", "name"),
+    [
+        *[(arithmetic.own, *function) for function in OWN_FUNCTIONS],
+        *[(arithmetic.numpys, *function) for function in NUMPYS_FUNCTIONS],
+    ],
+)
+def test_one_bit_of_any_function_is_another_arithmetic(
+    digested: Any, home: Any, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, right = digested(), getattr(home, name)
+
+    def wrong(*given: Any, **keys: Any) -> Any:
+        return one_bit_off(right(*given, **keys))
+
+    monkeypatch.setattr(home, name, wrong)
+    assert digested.__wrapped__() != here
+
+
+def one_bit_off(found: Any) -> Any:
+    """An array, or several, of which a number in the middle of the last is the next larger one."""
+    if isinstance(found, tuple):
+        return (*found[:-1], one_bit_off(found[-1]))
+    other = np.array(found)
+    other.flat[other.size // 2 // 97 * 97] += np.spacing(other.flat[other.size // 2 // 97 * 97])
+    return other
+
+
+def test_arithmetic_is_tried_on_numbers_all_over_the_unit_interval() -> None:
+    for x in arithmetic._inputs():
+        assert 0.0 < x.min() < 0.001 < 0.999 < x.max() < 1.0
+        assert np.histogram(x, 64, (0.0, 1.0))[0].min() > 64

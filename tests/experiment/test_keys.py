@@ -188,3 +188,16 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
         (3, -1, 3, 3),
         (3, -2, 3, 3),
     ]
+
+
+@pytest.mark.parametrize(
+    ("runs", "used"), [(1, [1]), (4, [4]), (5, [4, 1]), (7, [4, 3]), (9, [4, 3])]
+)
+def test_the_first_runs_of_a_plan_are_in_the_same_blocks(
+    runs: int, used: list[int], tmp_path: Path
+) -> None:
+    (tmp_path / "all.yaml").write_text(CONFIG)
+    plan = make_plan(load(tmp_path / "all.yaml"))
+    for key, tasks in plan.first(runs).tasks.items():
+        there = [replace(task, used=n) for task, n in zip(plan.tasks[key], used, strict=False)]
+        assert tasks == there

@@ -38,7 +38,7 @@ def judge(claim: Claim, evidence: Expressions | None) -> Judged:
         else []
         for every in ([score.parts for score in found], [score.stressed for score in found])
     )
-    exact = all(isinstance(score.off.term, Share) for score in found)
+    exact = isinstance(weakest.off.term, Share)  # and so are all that are measured
     verdict = agreement.of_claim(z, parts, stressed, claim.relation == "~", exact)
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if isnan(weakest.off.term.value):

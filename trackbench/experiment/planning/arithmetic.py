@@ -88,7 +88,7 @@ def _is_of_our_arithmetic(part: Any) -> bool:
 def _inputs() -> tuple[Array, Array]:
     """Numbers (8192,) twice, between zero and one and never either."""
     n = np.arange(8192, dtype=np.uint64)
-    words = (n * np.uint64(k) % np.uint64(2**32) for k in (2654435761, 40503))
+    words = (n * np.uint64(k) % np.uint64(2**32) for k in (2654435761, 2246822519))
     x, y = ((w.astype(float) + 0.5) / 2.0**32 for w in words)
     return x, y
 
