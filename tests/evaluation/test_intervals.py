@@ -9,6 +9,7 @@ from trackbench.evaluation.intervals import (
     holm,
     interval_of,
     p_value,
+    spread,
     studentised,
     tail_index,
 )
@@ -195,3 +196,13 @@ def test_the_median_takes_196_standard_errors_of_a_rank():
     share = 0.98 / np.sqrt(M)
     low, high = np.quantile(x, [0.5 - share, 0.5 + share])
     assert st.median(x).stderr == pytest.approx((high - low) / 3.92, rel=1e-12)
+
+
+def test_an_error_that_is_none_of_the_runs_is_normal():
+    """Of equal runs the other's is all there is: no skewness, and no degrees of freedom to lose."""
+    assert spread(np.zeros(9), other=0.1) == (0.1, 0.0, np.inf)
+    assert spread(np.zeros(9)) == (0.0, 0.0, 8.0)
+    assert np.isnan(spread(np.ones(1), other=0.1)).all()
+    assert interval_of(1.0, np.zeros(9), other=0.1) == pytest.approx(
+        (1 - 0.195996, 1 + 0.195996), abs=1e-6
+    )

@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 
-from tests.papers import banana, merwe, merwe_text
+from tests.conftest import PLANE
+from tests.papers import banana, maneuver, merwe, merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.reduction import run_whole_block
-from trackbench.experiment.planning.plan import _block_bytes, block_width
+from trackbench.experiment.planning import plan
+from trackbench.experiment.planning.plan import _block_bytes, block_width, make_plan
 from trackbench.registry import kinds
 
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
@@ -60,6 +62,42 @@ def test_the_exact_posterior_takes_no_more_than_estimated() -> None:
     run_whole_block(task)  # what only the first block takes
     taken = peak(run_whole_block, replace(task, index=1))
     assert taken <= _block_bytes(task.scenario, task.filter, 8) <= 2.5 * taken
+
+
+def test_long_tracks_take_no_more_than_estimated() -> None:
+    model, tracker = maneuver(duration=400.0, legs=(), score_from=0.0), kinds("filters")["kf"]()
+    task = BlockTask(model, tracker, 0, 0, 40, 40)
+    run_whole_block(replace(task, index=1))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(model, tracker, 40) <= 2.5 * taken
+
+
+def test_saved_tracks_and_numbers_of_all_filters_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of so many runs that nothing else is of any size."""
+    monkeypatch.setattr(plan, "memory", lambda: 1e15)
+    (tmp_path / "b.yaml").write_text(
+        f"name: b\nruns: 100000\nblock: 2\n{PLANE}"
+        "filters:\n  A: {kind: kf}\n  B: {kind: kf, assume: {motion: {kind: cv, q: 3}}}\n"
+    )
+    experiment = api.prepare(tmp_path / "b.yaml", api.Options())
+    (task, *_) = make_plan(experiment, save_tracks=True).tasks[0, "A"]
+    result = run_whole_block(replace(task, shown=2))[2]
+    assert result.tracks is not None
+    tracks = sum(x.nbytes for x in result.tracks if x is not None) / 2
+    assert result.tracks.cov is not None
+    taken = 2 * 100_000 * tracks + 100_000 * sum(x.nbytes / 2 for x in result.per_run.values())
+    assert taken <= plan.check_memory(experiment, 1, save_tracks=True) <= 2.0 * taken
+
+
+def test_what_is_about_to_be_done_is_announced(tmp_path: Path) -> None:
+    (tmp_path / "b.yaml").write_text(
+        f"name: b\nruns: 7\nblock: 4\n{PLANE}filters: {{A: {{kind: kf}}, B: {{kind: pf, N: 9}}}}\n"
+    )
+    experiment = api.prepare(tmp_path / "b.yaml", api.Options())
+    line = plan.announced(experiment, make_plan(experiment), 2, 3_400_000)
+    assert line == "b: 2 filters x 7 runs x 8 steps, 4 blocks on 2 workers, about 3 MB"
 
 
 def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> None:

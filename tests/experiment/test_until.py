@@ -13,7 +13,7 @@ import pytest
 import trackbench
 from tests.papers import merwe_text
 from tests.simulated import ended
-from trackbench.evaluation.precision import Wanted, exact_after, looks
+from trackbench.evaluation.precision import Looked, Wanted, exact_after, looks
 from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.problems import UserError
 from trackbench.running import Report
@@ -163,3 +163,17 @@ def test_an_event_that_no_run_had_is_not_exact() -> None:
 def test_an_error_is_a_number_or_a_share(error: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"u\.yaml:4:21: until\.mean\(rmse\): give a number"):
         run(tmp_path, 100, f"until: {{mean(rmse): {error}}}")
+
+
+@pytest.mark.parametrize(
+    ("share", "runs", "enough"),
+    [(1.0, 100, True), (1.001, 100, False), (np.nan, 100, False), (np.nan, 0, True)],
+)
+def test_a_number_is_exact_enough_up_to_the_error_that_is_wanted(
+    share: float, runs: int, enough: bool
+) -> None:
+    wanted = Wanted.read("mean(rmse)", "5%")
+    row = SummaryRow("mean(rmse)", -2.0, 0.1 * share, runs, 0)
+    assert wanted.share(row) == pytest.approx(share, nan_ok=True)
+    assert Looked(wanted, row, share).enough == enough
+    assert Wanted.read("mean(rmse)", 0.2).share(row) == pytest.approx(share / 2, nan_ok=True)

@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,8 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.storing.given import Given
 from trackbench.experiment.storing.packing import opened, there
-from trackbench.report.answer import answer
+from trackbench.report import merits
+from trackbench.report.answer import _leader, answer
 from trackbench.report.results import Results
 from trackbench.report.standing import Candidate, standing_of, standings
 
@@ -81,6 +83,29 @@ def test_who_is_best_and_who_is_not_told_apart(tmp_path, rng, A) -> None:
     assert by is not None
     assert float(by[1]) == pytest.approx((C - A).mean(), abs=0.002)
     assert float(by[3]) == pytest.approx(100 * (C - A).mean() / A.mean(), abs=0.3)
+
+
+def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
+    less = 0.1 * rng.standard_normal(M)
+    less -= less.mean() - 0.001
+    results = folder(tmp_path, {"A": A, "B": A - less})
+    path = tmp_path / "per_run.csv"
+    path.write_text(path.read_text().replace("rmse_position", "log_score"))
+    (line,) = answer(results)
+    assert line.startswith("A has the largest mean")
+    most = re.search(r"B is not told apart from it \(at most (\S+) nats smaller", line)
+    assert most is not None
+    high = 0.001 + 1.972 * less.std(ddof=1) / M**0.5
+    assert float(most[1]) == pytest.approx(high, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("leaders", "leader"), [("AAB", "A"), ("ABB", "B"), ("AABB", ""), ("", "")]
+)
+def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatch) -> None:
+    found = [SimpleNamespace(among_the_best=[SimpleNamespace(label=label)]) for label in leaders]
+    monkeypatch.setattr(merits, "over_points", lambda _, each: [each[0].label])
+    assert _leader(None, found) == [leader] * bool(leader)
 
 
 def test_equal_filters(tmp_path, A) -> None:

@@ -139,9 +139,9 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "not decided", "not decided", 0),
         (1, "not measured", "not measured", 0),
     ]
-    claims = counts.parts([row("fails"), *[row("holds", True)] * 3])
-    bar = counts.Bar("4 claims", claims)
-    assert bar.words == "4 claims: 3 hold (3 fragile), 1 fails"
+    claims = [row("not measured"), row("not decided"), row("fails"), *[row("holds", True)] * 3]
+    bar = counts.Bar("6 claims", counts.parts(claims))
+    assert bar.words == "6 claims: 3 hold (3 fragile), 1 fails, 1 not decided, 1 not measured"
     assert set(agreement.NUMBER_WORDS) | set(agreement.CLAIM_WORDS) >= set(words)
 
 
