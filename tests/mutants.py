@@ -1,4 +1,4 @@
-"""Report which tests notice a wrong sign, factor, index, comparison or omission, one change at a time.
+"""Report which tests notice a wrong sign, factor, index, comparison or omission: one change at a time.
 
 ``python -m tests.mutants --per-file 2 trackbench/core trackbench/filters trackbench/evaluation``. Each
 mutant is made in a copy of the package, and the tests that call the changed function run on it, those of
@@ -62,11 +62,12 @@ class Mutant(NamedTuple):
     new: str
 
     def shown(self, text: str) -> str:
-        """The line before and after."""
+        """Return the line, or the lines of a list or call, before and after."""
         first = text.rfind("\n", 0, self.start) + 1
         last = text.find("\n", self.end)
         line, changed = text[first:last], text[first : self.start] + self.new
-        return f"{line.strip()}  ->  {(changed + text[self.end : last]).strip()}"
+        lines = line, changed + text[self.end : last]
+        return "  ->  ".join(re.sub(r"\s*\n\s*", " ", each.strip()) for each in lines)
 
 
 def mutants(file: Path) -> list[Mutant]:
