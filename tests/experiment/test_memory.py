@@ -75,20 +75,18 @@ def test_long_tracks_take_no_more_than_estimated() -> None:
 def test_saved_tracks_and_numbers_of_all_filters_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of so many runs that nothing else is of any size."""
+    """Of so many runs, and filters, that nothing else is of any size."""
     monkeypatch.setattr(plan, "memory", lambda: 1e15)
-    (tmp_path / "b.yaml").write_text(
-        f"name: b\nruns: 100000\nblock: 2\n{PLANE}"
-        "filters:\n  A: {kind: kf}\n  B: {kind: kf, assume: {motion: {kind: cv, q: 3}}}\n"
-    )
+    runs, filters = 1_000_000, "".join(f"  F{i}: {{kind: kf}}\n" for i in range(8))
+    (tmp_path / "b.yaml").write_text(f"name: b\nruns: {runs}\n{PLANE}filters:\n{filters}")
     experiment = api.prepare(tmp_path / "b.yaml", api.Options())
-    (task, *_) = make_plan(experiment, save_tracks=True).tasks[0, "A"]
-    result = run_whole_block(replace(task, shown=2))[2]
+    (task, *_) = make_plan(experiment, save_tracks=True).tasks[0, "F0"]
+    result = run_whole_block(replace(task, width=2, used=2))[2]
     assert result.tracks is not None
     tracks = sum(x.nbytes for x in result.tracks if x is not None) / 2
-    assert result.tracks.cov is not None
-    taken = 2 * 100_000 * tracks + 100_000 * sum(x.nbytes / 2 for x in result.per_run.values())
-    assert taken <= plan.check_memory(experiment, 1, save_tracks=True) <= 2.0 * taken
+    numbers = sum(x.nbytes for x in result.per_run.values()) / 2
+    taken = runs * (8 * tracks + numbers)
+    assert taken <= plan.check_memory(experiment, 1, save_tracks=True) <= 1.2 * taken
 
 
 def test_what_is_about_to_be_done_is_announced(tmp_path: Path) -> None:
