@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.papers import merwe
+from tests.papers import maneuver, merwe
 from trackbench.evaluation.block import BlockTask
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.digest import block_key
@@ -15,15 +15,26 @@ from trackbench.experiment.planning.plan import make_plan
 from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.resolved import as_config
 from trackbench.experiment.reading.validate import file_keys
+from trackbench.filters.adaptive import AdaptiveKF
 from trackbench.filters.bootstrap import PF
+from trackbench.filters.imm import IMM
 from trackbench.filters.kalman import KF
+from trackbench.filters.switching import Detector, SecondDecision
 from trackbench.models.assumed import Assume
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.registry import kinds
+from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.training import Training
 
 TASK = BlockTask(merwe(T=4, R=0.1), PF(N=4), seed=1, index=1, width=3, used=2, reference=KF())
 SHOWN = replace(TASK, shown=4, keep_covariance=True)
+LEGS = maneuver(legs=(Leg(start=40, end=80, ax=0.3),))
+CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)
+NESTED = (
+    IMM(motions=(CV, CA), transition=((0.9, 0.1), (0.1, 0.9))),
+    AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=9.0), dlw=SecondDecision(n=5)),
+)
 OTHERS: dict[str, Any] = {
     "scenario": merwe(T=4, R=0.2),
     "filter": PF(N=5),
@@ -98,6 +109,10 @@ def varied(part: Any) -> Iterator[tuple[str, Any]]:
         yield field.name, changed(part, field.name)
         for path, inner in varied(value) if is_dataclass(value) else ():
             yield f"{field.name}.{path}", changed(part, field.name, inner)
+        for i, item in enumerate(value) if isinstance(value, tuple) else ():
+            for path, inner in varied(item) if is_dataclass(item) else ():
+                items = (*value[:i], inner, *value[i + 1 :])
+                yield f"{field.name}.{i}.{path}", changed(part, field.name, items)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -151,14 +166,20 @@ def test_every_field_within_a_task_is_part_of_its_key(
 ) -> None:
     monkeypatch.setattr(arithmetic, "hangs_on_numpys", lambda part: False)  # which makes the model
     (tmp_path / "all.yaml").write_text(CONFIG)
-    task = make_plan(load(tmp_path / "all.yaml")).tasks[0, "Mine"][0]
-    keys = {"": block_key(task, task.used)}
-    for name in ("scenario", "filter", "reference", "assume"):
-        for path, other in varied(getattr(task, name)):
-            keys[f"{name}.{path}"] = block_key(replace(task, **{name: other}), task.used)
-    assert {"scenario.target.motion.q", "scenario.score.train", "assume.motion.q"} < keys.keys()
-    paths = {key: path for path, key in keys.items()}
-    assert len(paths) == len(keys), [path for path, key in keys.items() if paths[key] != path]
+    planned = make_plan(load(tmp_path / "all.yaml")).tasks[0, "Mine"][0]
+    within: set[str] = set()
+    for task in (planned, *(replace(planned, scenario=LEGS, filter=made) for made in NESTED)):
+        keys = {"": block_key(task, task.used)}
+        for name in ("scenario", "filter", "reference", "assume"):
+            for path, other in varied(getattr(task, name)):
+                keys[f"{name}.{path}"] = block_key(replace(task, **{name: other}), task.used)
+        paths = {key: path for path, key in keys.items()}
+        assert len(paths) == len(keys), [path for path, key in keys.items() if paths[key] != path]
+        within |= keys.keys()
+    assert within > {
+        *("scenario.target.motion.q", "scenario.target.legs.0.ax", "scenario.score.train"),
+        *("assume.motion.q", "filter.motions.1.q", "filter.detector.eta", "filter.dlw.n"),
+    }
 
 
 def test_a_plan_fills_in_every_field(tmp_path: Path) -> None:
