@@ -54,7 +54,8 @@ def test_verdict_of_a_number(published, measured, stderr, word):
 
 
 @pytest.mark.parametrize(
-    ("value", "word"), [(0.1, "unbiased"), (0.3, "not decided"), (-1.1, "biased"), (-0.9, "not decided")]
+    ("value", "word"),
+    [(0.1, "unbiased"), (0.3, "not decided"), (-1.1, "biased"), (-0.9, "not decided")],
 )
 def test_a_bias_counts_beyond_its_margin(value, word):
     found, _ = verdict(number(word, margin=0.5), Term(value, 0.1, None, 100))

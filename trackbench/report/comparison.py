@@ -76,7 +76,7 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
-    """One line on the numbers, each counted once, one on the claims."""
+    """Return a line on the numbers, each counted once, one on words on a bias, one on the claims."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
