@@ -115,7 +115,7 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
     sides = of_variances(st.influence("variance", x), st.influence("variance", y))
     alone = st.variance(x).value - st.variance(y).value
     assert rest.value == pytest.approx(alone, abs=0.1 * term.stderr)
-    assert rest.z() == pytest.approx(studentised_difference(alone, sides), abs=0.1)
+    assert rest.z() == pytest.approx(studentised_difference(alone, sides), rel=0.1)
     assert e.term(measure("minus(mean(rmse), B)").of("A")).sides is None
 
 
