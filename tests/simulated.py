@@ -114,6 +114,14 @@ def repeated(
     return float(marked.mean()), float(same[~marked].mean()), float(heavy.mean())
 
 
+def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[float, float]:
+    """Return how often a variance is decided to be other than it is, and how often without a mark."""
+    seeds = (_seed("variance", LAWS[law](rng, (M,))) for _ in range(repetitions))
+    found = [_above(term, DEVIATION[law] ** 2) for term in seeds]
+    decided = [verdict.fragile for verdict in found if verdict.word != "not decided"]
+    return len(decided) / repetitions, decided.count(False) / repetitions
+
+
 def _seed(statistic: str, x: Array) -> Term:
     influences = influence(statistic, x)
     return Term(OVER_RUNS[statistic](x).value, spread(influences).stderr, influences, len(x))
@@ -159,7 +167,11 @@ def main() -> None:
         for M in (200, 800, 3200):
             rows = list(decisions(law, M, 40_000_000 // M, rng))
             cells = [f"{new:.0e}" if z == 0 else f"{old:.2f} {new:.2f}" for z, old, new in rows]
+            cells[0] = cells[0] if rows[0][2] else "0"
             print("|", " | ".join([law, str(M), *cells]), "|", flush=True)
+    for law in LAWS:
+        for M, repetitions in ((200, 6000), (800, 4000), (3200, 2000)):
+            print(law, M, *false_of_variances(law, M, repetitions, rng), flush=True)
     for law in LAWS:
         for statistic in ("mean", "variance"):
             for M in (200, 800):
