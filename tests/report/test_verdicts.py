@@ -434,5 +434,5 @@ def test_a_variance_that_is_wrongly_decided_is_fragile() -> None:
     rng = np.random.default_rng(54)
     wrong, unmarked = false_of_variances("HDEPF", 200, 600, rng)
     assert 0.01 < wrong < 0.08
-    assert unmarked == 0.0
+    assert unmarked < 3e-4 + 3.0 * np.sqrt(3e-4 / 600)
     assert false_of_variances("lognormal", 200, 300, rng) == (0.0, 0.0)
