@@ -11,9 +11,7 @@ from trackbench.evaluation.differences import (
     studentised_difference,
 )
 from trackbench.evaluation.intervals import (
-    dominance,
     interval_of,
-    is_fragile,
     normal_of_t,
     studentised,
     t_of_normal,
@@ -203,11 +201,6 @@ def test_what_has_no_error():
     assert np.isnan(interval_of(1.0, one)).all()
 
 
-def test_dominance_is_one_runs_part():
-    x = np.array([3.0, -1.0, np.nan, -2.0, 0.0])
-    assert dominance(x) == pytest.approx(9.0 / 14.0)
-
-
 @pytest.mark.parametrize("index", [1.5, 3.0])
 def test_a_tail_has_paretos_index(index):
     """Hill's 1 / index is, of Pareto's law, a mean of k exponentials: variance 1 / (k index^2)."""
@@ -219,18 +212,7 @@ def test_a_tail_has_paretos_index(index):
     )
 
 
-def test_a_heavy_tail_is_fragile_and_a_light_one_is_not():
+def test_few_runs_show_no_tail():
     rng = np.random.default_rng(8)
-    draws = {
-        "pareto": lambda: rng.pareto(1.2, 1600),
-        "normal": lambda: rng.normal(size=1600),
-        "square": lambda: rng.normal(size=1600) ** 2 - 1.0,
-        "few": lambda: rng.pareto(2.5, 60),
-    }
-    found = {
-        name: np.mean([is_fragile(draw()) for _ in range(100)]) for name, draw in draws.items()
-    }
-    assert found["pareto"] > 0.9
-    assert found["normal"] == found["square"] == 0.0
-    assert np.isinf(tail_index(draws["few"]()))
+    assert np.isinf(tail_index(rng.pareto(2.5, 60)))
     assert np.isinf(tail_index(np.ones(400)))

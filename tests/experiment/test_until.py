@@ -12,7 +12,8 @@ import pytest
 
 import trackbench
 from tests.papers import merwe_text
-from trackbench.evaluation.precision import Wanted, looks
+from tests.simulated import ended
+from trackbench.evaluation.precision import Wanted, exact_after, looks
 from trackbench.evaluation.summary import SummaryRow
 from trackbench.experiment.problems import UserError
 from trackbench.running import Report
@@ -24,7 +25,7 @@ runs: {{runs}}
 scenario: {merwe_text(T=20).replace("{", "{{").replace("}", "}}")}
 filters: {{{{EKF: {{{{kind: ekf}}}}, PF: {{{{kind: pf, N: 400}}}}}}}}
 """
-UNTIL = "until: {mean(rmse): 4%}\nmin_runs: 20"
+UNTIL = "until: {mean(rmse): 5%}\nmin_runs: 20"
 
 
 def run(folder: Path, runs: int, more: str = "", **options: object) -> Report:
@@ -43,11 +44,12 @@ def test_it_stops_when_every_filter_is_exact_enough(tmp_path: Path) -> None:
     runs = int(summary["runs"].max())
     assert runs in list(looks(20, 4000))
     assert runs < 4000
-    assert (summary["stderr"] <= 0.04 * summary["value"]).all()
-    fewer = max(n for n in looks(20, 4000) if n < runs)
-    first = run(tmp_path, fewer).summary
-    first = first[first["metric"] == "mean(rmse)"]
-    assert (first["stderr"] > 0.04 * first["value"]).any()
+    assert (summary["stderr"] <= 0.05 * summary["value"]).all()
+    *_, short, once = (n for n in looks(20, 4000) if n < runs)
+    for fewer, enough in ((short, False), (once, True)):
+        first = run(tmp_path, fewer).summary
+        first = first[first["metric"] == "mean(rmse)"]
+        assert (first["stderr"] <= 0.05 * first["value"]).all() == enough
 
 
 def test_a_table_says_after_how_many_runs_each_was_enough(tmp_path: Path) -> None:
@@ -104,7 +106,7 @@ def test_the_progress_bar_says_how_far_it_is(tmp_path: Path) -> None:
     first = re.search(r"mean\(rmse\): (\S+) x the error wanted", shown.decode())
     assert first is not None
     after = run(tmp_path, 20).summary.query("metric == 'mean(rmse)'")
-    share = (after["stderr"] / after["value"] / 0.04).max()
+    share = (after["stderr"] / after["value"] / 0.05).max()
     assert float(first[1]) == pytest.approx(share, rel=0.06)  # two digits
 
 
@@ -112,6 +114,33 @@ def test_looks_do_not_hang_on_what_is_seen() -> None:
     assert list(looks(50, 300)) == [50, 75, 112, 168, 252, 300]
     assert list(looks(50, 20)) == [20]
     assert list(looks(1, 4)) == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("exact", "after"),
+    [
+        ([False, True, True, True], 75),
+        ([True, False, True, True], 112),
+        ([False, True, False, True], 112),  # all runs: there is no later look
+        ([True, True, False, False], 50),
+        ([True, False, False, False], None),
+        ([False, True], None),
+    ],
+)
+def test_two_looks_in_a_row_have_to_succeed(exact: list[bool], after: int | None) -> None:
+    assert exact_after([33, 50, 75, 112], exact) == after
+
+
+@pytest.mark.parametrize(("law", "share"), [("HDEPF", 0.02), ("rare", 0.01), ("lognormal", 0.04)])
+def test_rare_far_runs_bias_what_ends_early(law: str, share: float) -> None:
+    """docs/statistics.md has more of them. Before, the first success after 50 runs was the end."""
+    R = 200
+    before, now = ended(law, share, R, np.random.default_rng(61), most=8000)
+    assert now[1] == pytest.approx(0.0, abs=0.2 * share + 3.0 * share / np.sqrt(R))
+    assert now[2] > 0.93 - 3.0 * np.sqrt(0.05 * 0.95 / R)
+    if law != "lognormal":
+        assert before[1] < -0.3 * share
+        assert before[2] < now[2]
 
 
 def test_a_share_is_of_the_value() -> None:

@@ -225,8 +225,13 @@ def test_efficiency_is_made_of_the_runs(results):
     assert len(results.tables["efficiency"].keys) == 3 + 6 + 1  # each form once
     exact = Expressions(results, point).term(measure("efficiency").of("Exact"))
     assert exact.estimate == (1.0, 0.0)
-    half = [x.term(measure("efficiency").of("PF")) for x in Expressions(results, point).batches(2)]
+    half = Expressions(results, point).term(measure("efficiency").of("PF")).parts(2)
     assert [t.runs for t in half] == [30, 30]
+    late = np.arange(60) >= 30
+    assert half[0].value == pytest.approx(
+        np.sqrt((f[late] ** 2).sum() / (f[late] ** 2 + d[late] ** 2).sum()),
+        abs=0.3 * half[0].stderr,
+    )
 
 
 @pytest.mark.parametrize("runs", [1, 2, 3])

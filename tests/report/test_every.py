@@ -11,7 +11,6 @@ from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.published import Claim
 from trackbench.report.agreement import of_claim, weakest
-from trackbench.report.evidence import Evidence
 from trackbench.report.expressions import Expressions
 from trackbench.report.judging import judge
 from trackbench.report.results import Results
@@ -52,8 +51,8 @@ def test_every_run_is_refuted_by_one_and_shown_by_none():
 
 
 def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
-    assert of_claim(4.4, [1.7] * 4, exact=True).word == "holds"
-    assert of_claim(4.4, [1.7, 1.7, -3.5, 1.7], exact=True).word == "not decided"
+    assert of_claim(4.4, [2.7] * 4, exact=True).word == "holds"
+    assert of_claim(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "not decided"
     assert of_claim(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
 
 
@@ -110,11 +109,11 @@ def test_runs_have_shares_of_every_step_of_the_filters_that_are_compared(results
 
 
 def test_the_weakest_step_decides(results):
-    evidence = Evidence.at(results, {})
+    evidence = Expressions(results, {})
     claim = results.published.claims[0]
     judged = judge(claim, evidence)
     zs = {
-        k: -evidence.whole.difference(
+        k: -evidence.difference(
             measure(f"rmse@{k}").of("Exact"), measure(f"rmse@{k}").of("None")
         ).z()
         for k in range(3, 9)
@@ -122,7 +121,7 @@ def test_the_weakest_step_decides(results):
     least = min(zs, key=zs.__getitem__)
     assert judged.verdict.z == zs[least] > 0
     assert judged.paired
-    assert len(judged.verdict.batches) == 4
+    assert len(judged.verdict.parts) == 4
     assert f"at step {least}; " in judged.note
     asked = measure("rmse@3..last")
     turned = judge(
@@ -138,19 +137,17 @@ def test_a_share_of_runs(results):
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
     assert term.z(0.9) == binomial.z(lower, 80, 0.9)
     assert term.interval() == binomial.interval(lower, 80)
-    judged = judge(results.published.claims[1], Evidence.at(results, {}))
+    judged = judge(results.published.claims[1], Expressions(results, {}))
     assert judged.verdict.z == binomial.z(lower, 80, 0.97)
-    assert (
-        sum(
-            e.term(measure("below(rmse, None)").of("Exact")).runs
-            for e in Evidence.at(results, {}).batches
-        )
-        == 80
-    )
+    rest = term.parts(4)[0]
+    lower = int((runs["Exact", "rmse"] < runs["None", "rmse"])[20:].sum())
+    assert (rest.value, rest.runs) == (pytest.approx(lower / 60), 60)
+    assert rest.z(0.9) == binomial.z(lower, 60, 0.9)
+    assert judged.verdict.parts[0] == binomial.z(lower, 60, 0.97)
 
 
 def test_what_is_the_same_at_every_step_is_not_decided(results):
-    judged = judge(results.published.claims[2], Evidence.at(results, {}))
+    judged = judge(results.published.claims[2], Expressions(results, {}))
     assert judged.verdict.word == "not decided"
     assert np.isnan(judged.verdict.z)
 
@@ -159,7 +156,7 @@ def test_steps_that_nothing_is_known_of_are_not_measured(results):
     claim = Claim(
         paper="p", claim="c", left="Exact", expression=measure("rmse@99..last"), right="None"
     )
-    judged = judge(claim, Evidence.at(results, {}))
+    judged = judge(claim, Expressions(results, {}))
     assert judged.verdict.word == "not measured"
     assert "nothing is known of Exact's rmse@99..last" in judged.note
 

@@ -1,6 +1,6 @@
 """Expressions have a right error each: over all runs, over common ones, over a batch, over blocks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.experiment.storing.given import Given
 from trackbench.report.agreement import of_number
 from trackbench.report.columns import Columns
-from trackbench.report.evidence import Evidence
 from trackbench.report.expressions import Expressions
 from trackbench.report.judging import judge
 
@@ -111,9 +110,12 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
     assert term.interval() == pytest.approx(interval_of_difference(value, sides))
     assert term.z() != studentised(value, of_x - of_y)
     assert term.stderr == st.mean(of_x - of_y).stderr
-    assert all(
-        batch.term(measure("minus(variance(rmse), B)").of("A")).sides for batch in e.batches(4)
-    )
+    rest, late = term.parts(4)[0], common & (np.arange(RUNS) >= 30)
+    x, y = (folder.values[name][late] for name in names)
+    sides = of_variances(st.influence("variance", x), st.influence("variance", y))
+    alone = st.variance(x).value - st.variance(y).value
+    assert rest.value == pytest.approx(alone, abs=0.1 * term.stderr)
+    assert rest.z() == pytest.approx(studentised_difference(alone, sides), rel=0.1)
     assert e.term(measure("minus(mean(rmse), B)").of("A")).sides is None
 
 
@@ -142,7 +144,7 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
     strayed = measure("mean(strayed)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)
-    assert judge(claim, Evidence(e, [])).verdict.word == "not decided"
+    assert judge(claim, e).verdict.word == "not decided"
 
 
 def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
@@ -151,7 +153,7 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     of_a[:3], of_b[:3] = 1.0, 1.0  # neither is lost there
     for label, strayed in (("A", np.zeros(RUNS)), ("B", np.ones(RUNS)), ("C", np.zeros(RUNS))):
         folder.values[label, "strayed"] = strayed
-    few = Expressions(folder, {}, chosen=np.arange(RUNS) < 3)
+    few = Expressions(replace(folder, values={k: x[:3] for k, x in folder.values.items()}), {})
     strayed = measure("mean(strayed)")
     apart, alike = (few.difference(strayed.of("A"), strayed.of(other)) for other in "BC")
     assert (apart.value, apart.runs, alike.value) == (-1.0, 3, 0.0)
@@ -160,7 +162,7 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     assert alike.z() == 0.0
     assert alike.interval() == pytest.approx((-0.7076, 0.7076), abs=1e-4)  # as of 0 of 3
     assert alike.stderr > 0.3
-    assert not apart.fragile
+    assert apart.stressed() == []
     assert -40.0 < Expressions(folder, {}).difference(strayed.of("A"), strayed.of("B")).z() < -10.0
 
 
@@ -174,25 +176,26 @@ def test_an_infinite_consistency_has_no_error(folder):
 
 
 @pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "anees_position"])
-def test_batches_are_parts_of_the_whole(folder, expression):
-    whole = Expressions(folder, {})
-    parts = [e.term(measure(expression).of("A")) for e in whole.batches(4)]
-    term = whole.term(measure(expression).of("A"))
-    assert sum(part.runs for part in parts) == term.runs
-    assert sum(part.lost for part in parts) == term.lost
-    assert sum(part.value * part.runs for part in parts) == pytest.approx(term.value * term.runs)
+def test_parts_are_the_whole_without_a_batch(folder, expression):
+    term = Expressions(folder, {}).term(measure(expression).of("A"))
+    parts = term.parts(4)
+    assert sum(part.runs for part in parts) == 3 * term.runs
+    whole = 3.0 * term.value * term.runs
+    assert sum(part.value * part.runs for part in parts) == pytest.approx(whole)
     stderr = np.mean([part.stderr for part in parts])
-    assert stderr == pytest.approx(2.0 * term.stderr, rel=0.25)
+    assert stderr == pytest.approx(np.sqrt(4.0 / 3.0) * term.stderr, rel=0.05)
+    assert term.parts(1) == []
 
 
-def test_a_batch_has_its_own_gain(folder):
-    first = Expressions(folder, {}).batches(4)[0]
-    both = np.arange(RUNS) < 30
-    both[[5, 6]] = False
+def test_without_a_batch_a_gain_is_that_of_the_others(folder):
+    both = ~np.isnan(folder.values["A", "rmse"] + folder.values["B", "rmse"])
+    both &= np.arange(RUNS) < 90
     a, b = (folder.values[label, "rmse"][both] for label in "AB")
-    term = first.term(measure("gain(rms(rmse), B)").of("A"))
-    assert term.estimate == pytest.approx(jackknifed_gain(a, b), rel=1e-3)
-    assert first.difference(measure("mean(rmse)").of("A"), measure("mean(rmse)").of("B")).runs == 28
+    term = Expressions(folder, {}).term(measure("gain(rms(rmse), B)").of("A")).parts(4)[3]
+    value, stderr = jackknifed_gain(a, b)
+    assert term.value == pytest.approx(value, abs=0.1 * stderr)
+    assert term.stderr == pytest.approx(stderr, rel=0.05)
+    assert term.runs == both.sum()
 
 
 def jackknifed_gain(a, b):
@@ -215,11 +218,18 @@ def test_an_exact_number_leaves_the_influences_alone(folder):
     assert term.splits
 
 
-def test_one_run_makes_a_number_fragile(folder):
-    e = Expressions(folder, {})
-    assert not e.term(measure("variance(rmse)").of("A")).fragile
-    folder.values["A", "rmse"][17] = 30.0
-    assert e.term(measure("variance(rmse)").of("A")).fragile
+def test_a_number_without_its_farthest_run_and_with_three_more(folder):
+    folder.values["A", "rmse"][17] = 9.0
+    term = Expressions(folder, {}).term(measure("mean(rmse)").of("A"))
+    x = found(folder, ("A", "rmse"))
+    less, more = term.stressed()
+    mean = x.mean()
+    with_three = np.append(x, [mean + 2.0 * (9.0 - mean)] * 3)
+    assert less.estimate == pytest.approx(st.mean(x[x < 9.0]))
+    assert more.estimate == pytest.approx(st.mean(with_three))
+    assert more.z(mean) == pytest.approx(
+        studentised(with_three.mean() - mean, st.influence("mean", with_three))
+    )
 
 
 def test_times_have_students_t_of_their_blocks(folder):
@@ -251,18 +261,18 @@ def test_a_time_that_another_execution_may_turn_is_fragile(folder, edge, fragile
     """However exact it is within this one: its ratio is 0.5, without any error."""
     whole, ratio = Expressions(folder, {}), measure("ratio(cpu_s_per_run, B)")
     claim = Claim(paper="p", claim="c", left="A", expression=ratio, factor=edge)
-    found = judge(claim, Evidence(whole, []))
-    assert (found.verdict.word, found.fragile) == ("holds", fragile)
+    found = judge(claim, whole)
+    assert (found.verdict.word, found.verdict.fragile) == ("holds", fragile)
     printed = PublishedNumber(
         paper="p", table="t", filter="A", metric="m", value=edge, digits=4, expression=ratio
     )
     verdict = of_number(printed, whole.term(ratio.of("A")), ())
-    assert (verdict.word, verdict.is_close) == ("near" if fragile else "differs", fragile)
+    assert (verdict.word, verdict.fragile) == ("near" if fragile else "differs", fragile)
 
 
 def test_what_is_not_measured_is_not_fragile(folder):
     """Against a filter that is there its times are fragile; the other is not."""
     time = measure("cpu_s_per_run")
     claim = Claim(paper="p", claim="c", left="A", expression=time, factor=0.52, right="B;none")
-    found = judge(claim, Evidence(Expressions(folder, {}), []))
-    assert (found.verdict.word, found.fragile) == ("not measured", False)
+    found = judge(claim, Expressions(folder, {}))
+    assert (found.verdict.word, found.verdict.fragile) == ("not measured", False)

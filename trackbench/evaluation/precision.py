@@ -1,7 +1,9 @@
 """How many runs are enough: the standard errors that are wanted, and when they are looked at.
 
 The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): what is looked
-at is how exact a number is, never what it says.
+at is how exact a number is, never what it says. Runs whose rare far ones have not been drawn look exact.
+Nothing in them shows that, so the first look is late, and two in a row have to succeed
+(docs/statistics.md has bias and coverage).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -61,6 +63,13 @@ def looks(least: int, most: int) -> Iterator[int]:
         yield runs
         runs = min(most, max(runs + 1, int(runs * _GROWTH)))
     yield most
+
+
+def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
+    """Return the number of runs of the first success after another; the last one needs no other."""
+    before = [False, *exact]
+    found = (n for n, now, then in zip(stops, exact, before, strict=False) if now and then)
+    return next(found, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
 
 
 def looked(

@@ -1,19 +1,24 @@
-"""Rules of the verdicts: what one measurement says, and what all independent batches of it decide.
+"""Rules of the verdicts: the words for a number and for a claim, from all runs and from parts of them.
 
-A difference has to show in every batch by itself: only so a number `differs` (or is `biased`), and a
-claim `holds` or `fails`. An agreement is an equivalence, which takes all runs to be shown, and which no
-batch may contradict.
+All runs have to show a difference beyond `DECIDED` standard errors, and the runs without any one of the
+batches beyond `SURE`: then a number is `near`, `differs` or is `biased`, and a claim `holds` or `fails`.
+An agreement is an equivalence: all runs show it beyond `SURE`, and no part contradicts it.
+docs/statistics.md has the error rates and the power.
 """
 
 from collections.abc import Iterator, Sequence
-from math import fsum, hypot, inf, isfinite, isnan, log, nan, sqrt
+from math import hypot, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report.terms import Term
 
+DECIDED = 5.0
+"""Standard errors of all runs from which a difference is decided."""
 SURE = 3.0
-"""Standard errors beyond which a difference is taken for real."""
+"""Standard errors from which the runs without a batch show it, and all runs an agreement."""
+ANOTHER_SEED = 1.6449 * sqrt(2.0)
+"""Standard errors within which nine in ten numbers of another seed lie."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 NOT_MEASURED, UNDECIDED = "not measured", "not decided"
@@ -22,69 +27,42 @@ NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, 
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
 NEXT_TIME = 0.1
 """Share by which a ratio of CPU times may well be another when the same is executed again."""
-_TO_BE_SHOWN_BY_EACH = ("differs", "holds", "fails", "biased")
-_CONTRADICTS = {
-    "agrees": ("near", "differs"),
-    "compatible": ("near", "differs"),
-    "unbiased": ("biased",),
+_DIFFERENT = ("near", "differs")
+_SHOWN = {"near": _DIFFERENT, "differs": _DIFFERENT} | {
+    w: (w,) for w in ("holds", "fails", "biased")
 }
+_CONTRADICTED = {"agrees": _DIFFERENT, "compatible": _DIFFERENT, "unbiased": ("biased",)}
 
 
 class Verdict(NamedTuple):
-    """The word, z over all runs, z of each batch; ``shown``: those that had to be beyond `SURE`.
-
-    None had to where the test is exact and not normal.
-    """
+    """The word, z over all runs, z without each batch of runs in turn."""
 
     word: str
     z: float
-    batches: tuple[float, ...] = ()
-    shown: tuple[float, ...] = ()
-    turns: bool = False
-    """whether a number as far off as that of another seed may well be would have another word"""
-
-    @property
-    def is_close(self) -> bool:
-        """Whether as many runs of another seed could well say something else than what is said here.
-
-        What each batch has shown: their values of z are normal about the same mean.
-        """
-        if self.turns:
-            return True
-        B = len(self.shown)
-        if self.word not in _TO_BE_SHOWN_BY_EACH or not B:
-            return False
-        return abs(fsum(self.shown)) / B < SURE + _room_of_another_seed(B)
+    parts: tuple[float, ...] = ()
+    fragile: bool = False
+    """whether another seed, a run that was drawn or three that were not could well turn the word"""
 
 
-def _room_of_another_seed(B: int = 1) -> float:
-    """Standard errors from the mean of B numbers to beyond which one of B others is in 5 % of cases.
-
-    At most, on one side (Bonferroni).
-    """
-    from scipy.special import ndtri
-
-    return float(ndtri(1.0 - 0.05 / B)) * sqrt(1.0 + 1.0 / B)
-
-
-def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> Verdict:
-    """The verdict on a published number from all runs and from each batch of them."""
+def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Verdict:
+    """Return the verdict on a published number from all runs and from the parts of them."""
     judge = _bias if isinstance(number.value, str) else _difference
-    word, z = judge(number, whole)
-    found = [judge(number, batch) for batch in batches]
-    turns = any(judge(number, other)[0] != word for other in _measured_again(number, whole))
+    word, z = judge(number, whole, DECIDED)
+    found = [judge(number, part, SURE) for part in parts]
+    turns = any(judge(number, other, DECIDED)[0] != word for other in _others(number, whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
         word = "chosen"
-    zs = tuple(z for _, z in found)
-    return Verdict(word, z, zs, zs or (z,), turns and word not in (NOT_MEASURED, UNDECIDED))
+    decides = word not in (NOT_MEASURED, UNDECIDED, "chosen")
+    return Verdict(word, z, tuple(z for _, z in found), turns and decides)
 
 
-def _measured_again(number: PublishedNumber, whole: Term) -> Iterator[Term]:
-    """The ends of where nine in ten numbers of another seed are, or CPU times of another execution."""
-    room = _room_of_another_seed() * whole.stderr
+def _others(number: PublishedNumber, whole: Term) -> Iterator[Term]:
+    """Generate what other runs, or another execution of the CPU times, could well have measured."""
+    yield from whole.stressed()
+    room = ANOTHER_SEED * whole.stderr
     if number.expression is not None and number.expression.is_cpu_time:
         room = hypot(room, NEXT_TIME * whole.value)
     for end in (-room, room) if isfinite(room) else ():
@@ -92,18 +70,29 @@ def _measured_again(number: PublishedNumber, whole: Term) -> Iterator[Term]:
 
 
 def of_claim(
-    z: float, batches: Sequence[float], equal: bool = False, exact: bool = False
+    z: float,
+    parts: Sequence[float] = (),
+    stressed: Sequence[float] = (),
+    equal: bool = False,
+    exact: bool = False,
 ) -> Verdict:
-    """The verdict on a claim from the z in its favour.
+    """Return the verdict on a claim from the z in its favor: of all runs, of the parts, under stress.
 
-    To be ``equal`` is shown by all runs together; and anything is whose test is ``exact``, as that of a
-    share is: a batch of 200 could not show 0.99. No batch may contradict that.
+    An ``equal`` that holds, and all that an ``exact`` test says, is shown by all runs beyond `SURE`; the
+    parts may not contradict it.
     """
-    word, found, zs = _claimed(z), [_claimed(b) for b in batches], tuple(batches)
+
+    def claimed(z: float) -> str:
+        return _claimed(z, SURE if equal or exact else DECIDED, SURE if exact else DECIDED)
+
+    word, found = claimed(z), [_claimed(part, SURE, SURE) for part in parts]
+    others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
+    turns = any(claimed(other) != word for other in others)
     if exact or (equal and word == "holds"):
         word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
-        return Verdict(word, z, zs, () if exact else (z,))
-    return Verdict(settled(word, found), z, zs, zs or (z,))
+    else:
+        word = settled(word, found)
+    return Verdict(word, z, tuple(parts), turns and word != UNDECIDED)
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:
@@ -120,19 +109,19 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
     return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
-def settled(word: str, batches: Sequence[str]) -> str:
-    """What all runs say, unless a batch of them says otherwise."""
-    if word in _TO_BE_SHOWN_BY_EACH:
-        return word if all(b == word for b in batches) else UNDECIDED
-    return UNDECIDED if set(batches) & set(_CONTRADICTS.get(word, ())) else word
+def settled(word: str, parts: Sequence[str]) -> str:
+    """Return the word of all runs, unless a part of them does not show it or contradicts it."""
+    if word in _SHOWN:
+        return word if all(part in _SHOWN[word] for part in parts) else UNDECIDED
+    return UNDECIDED if set(parts) & set(_CONTRADICTED.get(word, ())) else word
 
 
-def _claimed(z: float) -> str:
-    return "holds" if z >= SURE else "fails" if z <= -SURE else UNDECIDED
+def _claimed(z: float, holds: float, fails: float) -> str:
+    return "holds" if z >= holds else "fails" if z <= -fails else UNDECIDED
 
 
-def _difference(number: PublishedNumber, measured: Term) -> tuple[str, float]:
-    """A number against the printed one, whose error is the paper's own where it prints a spread."""
+def _difference(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+    """Compare a number with the printed one, whose error is the paper's own where it prints a spread."""
     value, printed = measured.value, number.value
     if measured.lost > measured.runs > 0:
         return "differs", inf  # what survives says nothing of the filter
@@ -145,10 +134,10 @@ def _difference(number: PublishedNumber, measured: Term) -> tuple[str, float]:
     room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
     if reach <= digits or (abs(z) <= SURE and reach <= room):
         return "agrees", z
-    if isnan(z):  # without an error nothing is told apart
-        return UNDECIDED, z
     if abs(z) <= SURE:
         return "compatible", z
+    if not abs(z) >= least:  # too little, or without an error
+        return UNDECIDED, z
     return ("near" if abs(value - printed) <= room else "differs"), z
 
 
@@ -161,12 +150,12 @@ def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
     return measured.stderr * sqrt(measured.runs / number.runs)
 
 
-def _bias(number: PublishedNumber, measured: Term) -> tuple[str, float]:
-    """Biased if beyond the margin for certain, unbiased if within it for certain."""
+def _bias(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+    """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
     value, stderr = measured.estimate
     if not isfinite(value):
         return NOT_MEASURED, nan
     z = measured.z()
-    if abs(value) - number.margin >= SURE * stderr:
+    if abs(value) - number.margin >= least * stderr:
         return "biased", z
     return ("unbiased" if abs(value) + SURE * stderr <= number.margin else UNDECIDED), z

@@ -16,11 +16,11 @@ from trackbench.report.verdicts import Compared, Comparison, Ranked
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
     *["paper", "row", "label", "expression", "runs", "published_runs"],
-    *["z_of_batches", "fragile", "best"],
+    *["z_without_batch", "fragile", "best"],
 ]
 CLAIM_HEADER = [
     *["claim", "verdict", "z", "paired", "note"],
-    *["paper", "source", "z_of_batches", "fragile"],
+    *["paper", "source", "z_without_batch", "fragile"],
 ]
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
@@ -54,7 +54,7 @@ def number_rows(comparison: Comparison) -> list[dict[str, object]]:
             *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, verdict.z],
             *[verdict.word, compared.note, p.paper, p.row, compared.label],
             *[str(p.expression or ""), m.runs, "" if p.runs is None else p.runs],
-            *[_batches(verdict), _yes(compared.fragile), _yes(id(compared) in best)],
+            *[_parts(verdict), _yes(verdict.fragile), _yes(id(compared) in best)],
         ]
         rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))
     return rows
@@ -66,7 +66,7 @@ def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
     for judged in comparison.claims:
         verdict, claim = judged.verdict, judged.claim
         cells = [claim.claim, verdict.word, verdict.z, _yes(judged.paired), judged.note]
-        cells += [claim.paper, claim.source, _batches(verdict), _yes(judged.fragile)]
+        cells += [claim.paper, claim.source, _parts(verdict), _yes(verdict.fragile)]
         rows.append(dict(zip(CLAIM_HEADER, cells, strict=True)))
     return rows
 
@@ -76,7 +76,7 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
-    """One line on the numbers, each counted once, one on the claims."""
+    """Return a line on the numbers, each counted once, one on words on a bias, one on the claims."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
@@ -99,12 +99,12 @@ LEGEND = (
     "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
     "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
     "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
-    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails` beyond three "
-    "standard errors of the difference. What differs, holds or fails does so in each batch of "
-    "runs by itself, else it is `not decided`. `fragile`: one run makes a good part of the "
-    "number's variance, or the runs' tail is so heavy (index below 2) that it need not exist, or "
-    "as many runs of another seed, or CPU times of another execution, could well say otherwise. "
-    "`chosen`: agrees or not with a value that was chosen for it."
+    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
+    "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
+    "batch of runs, else it is `not decided`. `fragile`: as many runs of another seed, one run "
+    "fewer or three far ones more, or CPU times of another execution, could well say otherwise. "
+    "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
+    "none of M runs had and that is rarer than 3 / M."
 )
 
 
@@ -129,7 +129,7 @@ def _number_tables(comparison: Comparison) -> list[TextTable]:
     return [table for of_place in tables.values() for table in of_place.values()]
 
 
-_HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z of batches", "Note"]
+_HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z without a batch", "Note"]
 
 
 def _row(row: Compared, readings: int = 1) -> list[Text]:
@@ -143,28 +143,36 @@ def _row(row: Compared, readings: int = 1) -> list[Text]:
         Text(printed(p), None if isinstance(p.value, str) else p.value),
         Text(_measured(row), row.measured.value),
         Text(_z(verdict.z), verdict.z),
-        Text(_batches(verdict)),
+        Text(_parts(verdict)),
         Text(row.note),
     ]
 
 
 def _word(row: Compared | Judged) -> str:
-    return row.verdict.word + (", fragile" if row.fragile else "")
+    return row.verdict.word + (", fragile" if row.verdict.fragile else "")
 
 
-def _batches(verdict: Verdict) -> str:
-    return "; ".join(_z(z) for z in verdict.batches)
+def _parts(verdict: Verdict) -> str:
+    return "; ".join(_z(z) for z in verdict.parts)
 
 
 def _claim_table(claims: list[Judged]) -> TextTable:
     """Claims with verdict and z."""
     table = TextTable(
         "Claims (z: standard errors in the claim's favour, weakest comparison)",
-        ["Claim", "Verdict", "z", "z of batches", "Paired", "Weakest comparison; note", "Source"],
+        [
+            "Claim",
+            "Verdict",
+            "z",
+            "z without a batch",
+            "Paired",
+            "Weakest comparison; note",
+            "Source",
+        ],
     )
     for row in claims:
         source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
-        cells = [row.claim.claim, _word(row), _z(z), _batches(row.verdict), _yes(row.paired)]
+        cells = [row.claim.claim, _word(row), _z(z), _parts(row.verdict), _yes(row.paired)]
         cells += [row.note, source]
         table.rows.append([Text(c, z if i == 2 else None) for i, c in enumerate(cells)])
     return table

@@ -1,10 +1,10 @@
 """Measures of a results folder: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
 
 A measure's error comes as one influence per run where it can, so that a difference between two
-filters on common runs is paired and a batch of runs can be judged by itself. Times have one per block.
+filters on common runs is paired and the runs without a batch have a number. Times have one per block.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
-from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
+from trackbench.evaluation.shares import statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
 from trackbench.keys import is_number
 from trackbench.report.results import Results
@@ -42,22 +42,15 @@ class _OverRuns(NamedTuple):
 
 @dataclass(frozen=True)
 class Expressions:
-    """Measures over one results folder at one point of its grid; over some of its runs, if told."""
+    """Measures over one results folder at one point of its grid."""
 
     results: Results
     point: dict[str, Any]
-    chosen: Mask | bool = True
-    """the runs (M,) that count; all of them"""
-    parts: int = 1
-    """the batches that the runs are split into, of which they are one"""
-    whole: "Expressions | None" = None
-    """all runs, of which they are a batch"""
 
-    def batches(self, number: int) -> list["Expressions"]:
-        """The same over so many batches of consecutive runs, whose streams are independent."""
-        runs = max(map(len, self.runs.values()), default=0)
-        batch = batch_of(runs, number)
-        return [replace(self, chosen=batch == i, parts=number, whole=self) for i in range(number)]
+    @property
+    def batches(self) -> int:
+        """Batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
+        return int(self.results.config.get("verdict_seeds", 1))
 
     def term(self, m: Measure, common: Mask | bool = True) -> Term:
         """A filter's measure; over the ``common`` runs (M,) only, if they are given."""
@@ -118,8 +111,6 @@ class Expressions:
     @cached_property
     def stored(self) -> dict[tuple[str, str], Term]:
         """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
-        if self.whole is not None:
-            return self.whole.stored
         rows = self.results.columns("summary", self.point).records()
         found = {
             (r["filter"], r["metric"]): Term(r["value"], r["stderr"], None, r["runs"], r["lost"])
@@ -134,8 +125,8 @@ class Expressions:
         if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
             return _OverRuns(m.statistic, m.name)
         shared = statistic_of(m)
-        if shared and (m.filter, str(m)) in self.runs:  # of other batches than these: none
-            return _OverRuns(shared, str(m if self.parts == 1 else in_batches(m, self.parts)))
+        if shared and (m.filter, str(m)) in self.runs:
+            return _OverRuns(shared, str(m))
         nees = in_window(m.base, m.window)
         if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
             a, b = (self.stored.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
@@ -181,8 +172,8 @@ class Expressions:
         """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""
         there = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
-        lost = int((self.chosen & (~there if codes is None else codes > 0)).sum())
-        kept = self.chosen & there & common
+        lost = int((~there if codes is None else codes > 0).sum())
+        kept = there & common
         x = values[kept]
         if not len(x):
             return MISSING._replace(lost=lost)
@@ -196,8 +187,8 @@ class Expressions:
         if floor is None or distance is None:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
-        kept = self.chosen & both & common
-        lost = int((self.chosen & ~both).sum())
+        kept = both & common
+        lost = int((~both).sum())
         if not kept.any():
             return MISSING._replace(lost=lost)
         found, influences = efficiency(floor[kept], distance[kept]), np.full(len(both), np.nan)

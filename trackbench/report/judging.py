@@ -9,7 +9,6 @@ from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.published import Claim, PublishedNumber
 from trackbench.report import agreement, lost
 from trackbench.report.agreement import NOT_MEASURED, UNDECIDED, Verdict
-from trackbench.report.evidence import Evidence
 from trackbench.report.expressions import Expressions
 from trackbench.report.terms import Share, Term
 
@@ -20,39 +19,41 @@ class Judged(NamedTuple):
     claim: Claim
     verdict: Verdict
     paired: bool
-    fragile: bool
     note: str
 
 
-def judge(claim: Claim, evidence: Evidence | None) -> Judged:
+def judge(claim: Claim, evidence: Expressions | None) -> Judged:
     """The verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
-    single = _at_each_step(claim, evidence.whole)
+    single = _at_each_step(claim, evidence)
     found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
     if not found:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
     z = agreement.weakest([score.z for score in found], len(single))
-    every = all(score.batches for score in found)
-    batches = zip(*(score.batches for score in found), strict=True) if every else ()
-    of_batches = [agreement.weakest(zs, len(single)) for zs in batches]
+    parts, stressed = (
+        [agreement.weakest(zs, len(single)) for zs in zip(*every, strict=True)]
+        if all(every)
+        else []
+        for every in ([score.parts for score in found], [score.stressed for score in found])
+    )
     exact = all(isinstance(score.off.term, Share) for score in found)
-    verdict = agreement.of_claim(z, of_batches, claim.relation == "~", exact)
+    verdict = agreement.of_claim(z, parts, stressed, claim.relation == "~", exact)
+    losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if isnan(weakest.off.term.value):
-        verdict = verdict._replace(word=NOT_MEASURED)
-    losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
-    if verdict.word == "holds" and any(losing):
-        verdict = verdict._replace(word=UNDECIDED)
-    fragile = verdict.is_close or any(score.off.fragile(claim) for score in found)
-    fragile &= verdict.word != NOT_MEASURED
+        verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
+    elif verdict.word == "holds" and any(losing):
+        verdict = verdict._replace(word=UNDECIDED, fragile=False)
+    elif verdict.word != UNDECIDED and any(score.off.is_timing(claim) for score in found):
+        verdict = verdict._replace(fragile=True)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
-    note = noted(*losing, _why(evidence.whole, weakest), steps, claim.note)
-    return Judged(claim, verdict, weakest.off.splits, fragile, note)
+    note = noted(*losing, _why(evidence, weakest), steps, claim.note)
+    return Judged(claim, verdict, weakest.off.term.splits, note)
 
 
 def _unjudged(claim: Claim, why: str) -> Judged:
-    return Judged(claim, Verdict(NOT_MEASURED, nan), False, False, noted(why, claim.note))
+    return Judged(claim, Verdict(NOT_MEASURED, nan), False, noted(why, claim.note))
 
 
 def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
@@ -74,11 +75,6 @@ class _Off(NamedTuple):
     edge: float
     target: float
 
-    @property
-    def splits(self) -> bool:
-        """Whether batches of runs have it, too."""
-        return self.term.splits
-
     def margin(self, claim: Claim) -> float:
         """How far the number is on the claim's side of its edge."""
         off = self.term.value - self.edge
@@ -93,28 +89,31 @@ class _Off(NamedTuple):
         z = self.term.z(self.edge)
         return -z if claim.relation == "<" else z
 
-    def fragile(self, claim: Claim) -> bool:
-        """Whether few runs make the number, or CPU times of another execution may turn the claim."""
+    def is_timing(self, claim: Claim) -> bool:
+        """Return whether CPU times of another execution may turn the claim."""
         timed = claim.expression is not None and claim.expression.is_cpu_time
-        turns = abs(self.margin(claim)) < agreement.NEXT_TIME * abs(self.target)
-        return self.term.fragile or (timed and turns)
+        return timed and abs(self.margin(claim)) < agreement.NEXT_TIME * abs(self.target)
 
 
 class _Score(NamedTuple):
-    """The claim against one filter: z in its favour, of each batch too; how far it is off."""
+    """The claim against one filter: z in its favor, of the parts and under stress too; how far off."""
 
     claim: Claim
     right: str
     z: float
-    batches: list[float]
+    parts: list[float]
+    stressed: list[float]
     off: _Off
 
 
-def _score(evidence: Evidence, claim: Claim, right: str) -> _Score:
+def _score(evidence: Expressions, claim: Claim, right: str) -> _Score:
     """The claim against one filter of its right side, or against its factor if there is none."""
-    off, of_batches = evidence.of(lambda expressions: _off(expressions, claim, right))
-    zs = [of_batch.in_favour(claim) for of_batch in of_batches]
-    return _Score(claim, right, off.in_favour(claim), zs, off)
+    off = _off(evidence, claim, right)
+    parts, stressed = (
+        [off._replace(term=term).in_favour(claim) for term in terms]
+        for terms in (off.term.parts(evidence.batches), off.term.stressed())
+    )
+    return _Score(claim, right, off.in_favour(claim), parts, stressed, off)
 
 
 def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
@@ -136,7 +135,7 @@ def _why(whole: Expressions, score: _Score) -> str:
 def _of_steps(weakest: _Score, found: list[_Score]) -> str:
     """Where the comparison is that is the weakest of those at many steps, and how many are strong."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
-    surely = sum(score.z >= agreement.SURE for score in found)
+    surely = sum(score.z >= agreement.DECIDED for score in found)
     where = f"at step {steps.first}; " if steps else ""
     return f"{where}{surely} of {len(found)} comparisons hold by themselves"
 
@@ -155,7 +154,7 @@ def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
 
 
-def no_results(row: PublishedNumber | Claim, evidence: Evidence | None) -> str:
+def no_results(row: PublishedNumber | Claim, evidence: Expressions | None) -> str:
     """That the grid has not the point that a row names, if so."""
     return "" if evidence is not None else f"no results at {row.point}"
 

@@ -18,9 +18,10 @@ from trackbench.report.verdicts import Comparison, compare
 
 Overview: TypeAlias = list[tuple[Results, Comparison]]
 
-_HEAD = """# What reproduces
+_HEAD = """# Published and measured
 
-Every number and claim of the papers that an experiment here measures, with its verdict. Written by
+Every number, word and claim of the papers that an experiment here measures, with its verdict. Of a
+number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
 `trackbench report results`; `make check-results` fails if a verdict does not come out again.
 """
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import binomial
 from trackbench.evaluation.binomial import Events, stderr_of
 from trackbench.evaluation.differences import (
@@ -16,7 +16,6 @@ from trackbench.evaluation.differences import (
 )
 from trackbench.evaluation.intervals import (
     interval_of,
-    is_fragile,
     normal_of_t,
     quantile,
     studentised,
@@ -40,8 +39,8 @@ class Term(NamedTuple):
     """influence (B,) of each block of runs on a time"""
     freedom: float = np.inf
     """degrees of freedom of a standard error that no influences give"""
-    sides: Sides | None = None
-    """both numbers of which it is the difference, if its test is by their limits"""
+    pair: "tuple[Term, Term, float] | None" = None
+    """a, b and f of a difference a - f b that is tested by the limits of both"""
 
     @property
     def estimate(self) -> Estimate:
@@ -67,9 +66,62 @@ class Term(NamedTuple):
         return in_words(self.lost, self.runs + self.lost) if self.lost else ""
 
     @property
-    def fragile(self) -> bool:
-        """Whether one run, or a heavy tail, makes a good part of the number's variance."""
-        return self.influences is not None and is_fragile(self.influences)
+    def sides(self) -> Sides | None:
+        """Limits of both numbers of a difference that is tested by them."""
+        if self.pair is None:
+            return None
+        a, b, factor = self.pair
+        assert a.influences is not None
+        assert b.influences is not None
+        others = factor * b.influences
+        if not isinstance(a, Share) or not isinstance(b, Share):
+            return of_variances(a.influences, others)
+        first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
+        return Sides(first, second, correlation(a.influences, others))
+
+    def parts(self, number: int) -> "list[Term]":
+        """Return the number without each of so many batches of consecutive runs in turn.
+
+        To first order in the influences; exact for means and shares. Empty if it has none.
+        """
+        if self.influences is None or number < 2:
+            return []
+        M = len(self.influences)
+        batch = np.arange(M) * number // M
+        return [self._over(batch != i) for i in range(number)]
+
+    def stressed(self) -> "list[Term]":
+        """Return the number without its farthest run, and with three more twice as far off.
+
+        An event that none of M runs had may have a probability of 3 / M. A share's test counts that.
+        """
+        x = None if self.influences is None else self.influences[~np.isnan(self.influences)]
+        if x is None or len(x) < 3 or self._is_of_shares:
+            return []
+        far = int(np.argmax(np.abs(x)))
+        more = np.append(x, np.full(3, 2.0 * x[far]))
+        return [self._made_by(np.delete(x, far)), self._made_by(more)]
+
+    @property
+    def _is_of_shares(self) -> bool:
+        return isinstance(self if self.pair is None else self.pair[0], Share)
+
+    def _over(self, rows: Mask) -> "Term":
+        """Return the number of some of the runs."""
+        assert self.influences is not None
+        term = self._made_by(self.influences[rows])
+        if self.pair is None:
+            return term
+        a, b, factor = self.pair
+        return term._replace(pair=(a._over(rows), b._over(rows), factor))
+
+    @quietly
+    def _made_by(self, influences: Array) -> "Term":
+        """Return the number of runs with these influences on this one."""
+        x = influences[~np.isnan(influences)]
+        shift, stderr = mean(x)
+        found = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
+        return found._replace(influences=influences - shift)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
@@ -77,8 +129,9 @@ class Term(NamedTuple):
             if self.influences is None:
                 t = z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
                 return normal_of_t(t, self.freedom)
-            if self.sides is not None:
-                return studentised_difference(self.value - target, self.sides, other)
+            sides = self.sides
+            if sides is not None:
+                return studentised_difference(self.value - target, sides, other)
             return studentised(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
@@ -87,8 +140,9 @@ class Term(NamedTuple):
             if self.influences is None:
                 width = quantile(level, self.freedom) * float(np.hypot(self.stderr, other))
                 return self.value - width, self.value + width
-            if self.sides is not None:
-                return interval_of_difference(self.value, self.sides, level, other)
+            sides = self.sides
+            if sides is not None:
+                return interval_of_difference(self.value, sides, level, other)
             return interval_of(self.value, self.influences, level, other)
 
 
@@ -102,11 +156,6 @@ class Share(Term):
         """Runs that have had the event."""
         return round(self.value * self.runs)
 
-    @property
-    def fragile(self) -> bool:
-        """No: that the other side of a rare event is rare is in the interval."""
-        return False
-
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """z of the hypothesis that the event has this probability; normal beside another error."""
         if other > 0.0 or not self.runs:
@@ -118,17 +167,6 @@ class Share(Term):
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
         return binomial.interval(self.events, self.runs, level)
-
-
-class _ShareDifference(Term):
-    """A difference of two shares of runs."""
-
-    __slots__ = ()
-
-    @property
-    def fragile(self) -> bool:
-        """No, as `Share`."""
-        return False
 
 
 MISSING = Term(np.nan, np.nan, None, 0)
@@ -183,14 +221,12 @@ def apart_by_variances(term: Term, a: Term, b: Term, factor: float) -> Term:
     """This difference ``a - factor b`` of variances, tested by the limits of both, if of common runs."""
     if term.influences is None or a.influences is None or b.influences is None:
         return term
-    return term._replace(sides=of_variances(a.influences, factor * b.influences))
+    return term._replace(pair=(a, b, factor))
 
 
 def apart_by_shares(term: Term, a: Share, b: Share, factor: float) -> Term:
     """This difference ``a - factor b`` of shares of the same runs, tested by the limits of both."""
     if a.influences is None or b.influences is None:
         return term
-    first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
-    sides = Sides(first, second, correlation(a.influences, factor * b.influences))
-    stderr = term.stderr or stderr_of(*interval_of_difference(term.value, sides))
-    return _ShareDifference(*term)._replace(stderr=stderr, sides=sides)
+    apart = term._replace(pair=(a, b, factor))
+    return apart._replace(stderr=term.stderr or stderr_of(*apart.interval()))

@@ -1,6 +1,6 @@
 """Does it reproduce? Published numbers and claims against a results folder.
 
-What decides is in `agreement`: all runs together, and each of the experiment's independent batches.
+The rules are in `agreement`: all runs together, and without each of the experiment's batches.
 """
 
 from collections import defaultdict
@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from math import inf, isfinite, nan
-from operator import methodcaller
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,8 @@ from trackbench.experiment.problems import counted
 from trackbench.experiment.reading.published import PublishedNumber
 from trackbench.report import agreement
 from trackbench.report.agreement import NOT_MEASURED, NUMBER_WORDS, Verdict
-from trackbench.report.evidence import Evidence, evidence_at
+from trackbench.report.evidence import evidence_at
+from trackbench.report.expressions import Expressions
 from trackbench.report.judging import Judged, judge, no_results, noted
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Term
@@ -30,7 +30,6 @@ class Compared(NamedTuple):
     label: str
     measured: Term
     verdict: Verdict
-    fragile: bool
     note: str
 
     @property
@@ -127,14 +126,13 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
     return float(np.clip(tau, -1.0, 1.0))
 
 
-def _readings(number: PublishedNumber, evidence: Evidence | None) -> Iterator[Compared]:
+def _readings(number: PublishedNumber, evidence: Expressions | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
         note = noted(no_results(number, evidence), number.note)
-        yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), False, note)
+        yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
         return
     for label in number.labels:
-        measured, of_batches = evidence.of(methodcaller("term", number.expression.of(label)))
-        verdict = agreement.of_number(number, measured, of_batches)
+        measured = evidence.term(number.expression.of(label))
+        verdict = agreement.of_number(number, measured, measured.parts(evidence.batches))
         note = noted(measured.losses, number.chosen, number.note)
-        fragile = measured.fragile or verdict.is_close
-        yield Compared(number, label, measured, verdict, fragile, note)
+        yield Compared(number, label, measured, verdict, note)

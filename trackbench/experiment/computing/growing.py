@@ -25,28 +25,35 @@ def begun(experiment: Experiment) -> Experiment:
 
 
 def grown(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
-    """With the runs of the next look, if a number is not yet exact enough and there may be more.
+    """Return it with the runs of the next look; None after two good ones in a row, or the last.
 
-    How far the number is that is farthest from it, the outcome says.
+    The outcome says how far the number is that is farthest from it.
     """
     settings = experiment.settings
-    after = [runs for runs in looks(settings.min_runs, most) if runs > settings.runs]
-    if not after or not settings.until:
+    stops = list(looks(settings.min_runs, most))
+    done = [runs for runs in stops if runs <= settings.runs]
+    if len(done) == len(stops) or not settings.until:
         return None
-    left = [found for _, found in short(experiment, outcome)]
-    if not left:
+    left, *earlier = [[*short(experiment, outcome, runs)] for runs in done[:-3:-1]]
+    if not left and earlier and not earlier[0]:
         return None
-    worst = max(left, key=lambda found: found.share if isfinite(found.share) else inf)
-    outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted"
-    return with_runs(experiment, after[0])
+    worst = max((found for _, found in left), key=_finite_share, default=None)
+    outcome.still = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted" if worst else ""
+    return with_runs(experiment, stops[len(done)])
 
 
-def short(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[Key, Looked]]:
-    """The numbers that are not yet exact enough."""
+def _finite_share(found: Looked) -> float:
+    return found.share if isfinite(found.share) else inf
+
+
+def short(
+    experiment: Experiment, outcome: Outcome, runs: int | None = None
+) -> Iterator[tuple[Key, Looked]]:
+    """Generate the numbers that were not exact enough after so many runs, by default all."""
     asked = [Wanted.read(*item) for item in experiment.settings.until.items()]
     for key, result in outcome.results():
         scenario = experiment.points[key[0]].scenario
-        for found in looked(asked, result, sizes(scenario), scenario.windows):
+        for found in looked(asked, result, sizes(scenario), scenario.windows, runs):
             if not found.enough:
                 yield key, found
 

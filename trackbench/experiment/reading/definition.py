@@ -60,11 +60,11 @@ class Settings:
     """Monte Carlo runs; with `until`: at most so many"""
     until: dict[str, Error] = field(default_factory=dict)
     """standard errors that end the runs once every filter's is as small: {rms(rmse): 1%, anees: 0.02}"""
-    min_runs: Count = 50
-    """with `until`: runs before the first look at those errors"""
+    min_runs: Count = 1000
+    """with `until`: runs before the first look at those errors; fewer do not see a rare far run"""
     verdict_seeds: Count = 4
-    """independent batches, of streams of their own, that the runs are split into: a verdict on what is
-    published needs every one of them"""
+    """batches, of streams of their own, that the runs are split into: a verdict on what is published
+    has to show without any one of them"""
     block: Count | Literal["fit"] | None = None
     """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
     always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""

@@ -135,7 +135,7 @@ def _with_shares(
     scenario, settings = experiment.points[key[0]].scenario, experiment.settings
     windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
     names = asked.of(key[1], steps)
-    result = with_shares(result, names, windows, steps, parts, settings.verdict_seeds)
+    result = with_shares(result, names, windows, steps, parts)
     kept = {name: rows for name, rows in result.kept.items() if name in settings.medians}
     return result._replace(kept=kept)
 

@@ -10,7 +10,7 @@ from trackbench.experiment.reading.published_files import read_published
 from trackbench.keys import Count
 from trackbench.registry import register
 from trackbench.report.agreement import CLAIM_WORDS, NOT_MEASURED
-from trackbench.report.evidence import Evidence
+from trackbench.report.expressions import Expressions
 from trackbench.report.judging import judge
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -80,7 +80,7 @@ def _judged(
     results: Results, claims: list[Claim], points: list[dict[str, Any]]
 ) -> tuple[list[Claim], list[list[str]]]:
     """The claims that any point decides, and the words on each of them at every point."""
-    evidence = [Evidence.at(results, point) for point in points]
+    evidence = [Expressions(results, point) for point in points]
     found = [[judge(claim, there).verdict.word for claim in claims] for there in evidence]
     measured = [any(at[i] != NOT_MEASURED for at in found) for i in range(len(claims))]
     return list(compress(claims, measured)), [list(compress(at, measured)) for at in found]

@@ -8,7 +8,7 @@ from trackbench.experiment.reading.definition import Labelled
 from trackbench.keys import Digits
 from trackbench.registry import register
 from trackbench.report import agreement, wording
-from trackbench.report.evidence import Evidence
+from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -69,8 +69,8 @@ class ClaimRow(Labelled):
 class Claims(TableKind):
     """A row per claim, a column per value of the grid: paired difference, negative where it holds.
 
-    A claim holds, or fails, beyond three standard errors of the paired difference in each of the
-    experiment's batches; else it is undecided. The notes give the values at which each is the case.
+    A claim holds, or fails, beyond five standard errors of the paired difference, and beyond three
+    without any one of the experiment's batches; else it is undecided. The notes give the values of each.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("claims",)
@@ -85,7 +85,7 @@ class Claims(TableKind):
         points = results.points()
         names = [", ".join(map(wording.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
-        at = [Evidence.at(results, point) for point in points]
+        at = [Expressions(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
             table.add([words], [Cell.of(term) for term, _ in found])
@@ -93,12 +93,14 @@ class Claims(TableKind):
         return table
 
 
-def _compared(evidence: Evidence, claim: ClaimRow) -> tuple[Term, str]:
+def _compared(evidence: Expressions, claim: ClaimRow) -> tuple[Term, str]:
     """The difference of the two filters on common runs, and what it says of the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
-    off, of_batches = evidence.of(lambda expressions: expressions.difference(less, than))
-    return off, agreement.of_claim(-off.z(), [-of_batch.z() for of_batch in of_batches]).word
+    off = evidence.difference(less, than)
+    return off, agreement.of_claim(
+        -off.z(), [-part.z() for part in off.parts(evidence.batches)]
+    ).word
 
 
 def _ranges(names: list[str], words: list[str]) -> str:

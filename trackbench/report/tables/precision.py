@@ -5,7 +5,7 @@ from typing import Any
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.precision import Looked, Wanted, looked, looks
+from trackbench.evaluation.precision import Looked, Wanted, exact_after, looked, looks
 from trackbench.evaluation.statistics import Estimate
 from trackbench.keys import Digits
 from trackbench.registry import register
@@ -19,7 +19,7 @@ from trackbench.report.table import Cell, Table
 class Precision(TableKind):
     """A row per filter and number of `until`: its value, and after how many runs it was exact enough.
 
-    The runs are those at which the errors were looked at; "no" where all of them were not enough.
+    The runs are those of the second of two looks in a row that succeeded; "no" where there were none.
     """
 
     digits: Digits = 4
@@ -60,4 +60,4 @@ def _look(
 
 
 def _enough(found: list[Looked], stops: list[int]) -> str:
-    return next((str(n) for n, look in zip(stops, found, strict=False) if look.enough), "no")
+    return str(exact_after(stops, [look.enough for look in found]) or "no")
