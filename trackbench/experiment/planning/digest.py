@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.blame import parts_within
 from trackbench.experiment.planning import arithmetic
 from trackbench.experiment.planning.code import add_sources, code_digest, python_files
 from trackbench.experiment.reading.resolved import as_config
-from trackbench.hooks import Part
+from trackbench.hooks import Part, parts_within
 
 
 def block_key(task: BlockTask, used: int) -> str:
