@@ -94,6 +94,13 @@ BAD: dict[str, tuple[str, int, str, str]] = {
         RUN, "raise OwnError", "OwnError: 1 and 2"),
     "writes to what it is given": (
         method("step(self, model, state, z, k, rng)", "z -= 1"), RUN, "z -= 1", "read-only"),
+    "makes it writable": (
+        method("step(self, model, state, z, k, rng)", "z.setflags(write=True)"), RUN,
+        "z.setflags", "read-only: copy it before you write to it (cannot set WRITEABLE"),
+    "writes to its memory": (
+        method("step(self, model, state, z, k, rng)",
+               "import ctypes; ctypes.memset(z.ctypes.data, 0, z.nbytes); return state"), RUN,
+        "def step", "writes to measurements, a prior or matrices that all filters"),
     "a kind twice": (CLASS + KIND + "class Again(Base):\n    'Again.'\n", INPUT, "@register",
                      "the kind 'bad' is registered twice in this file"),
     "a kind that is taken": (CLASS.replace('"bad"', '"kf"'), INPUT, "@register", "already taken"),

@@ -137,7 +137,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
             most = max(most, needed)
             if needed > 0.9 * there:
                 what = (
-                    f"needs about {needed / 1e9:.1f} GB of memory and the machine has "
+                    f"needs about {needed / 1e9:.1f} GB of memory and this machine or container has "
                     f"{there / 1e9:.1f} GB: use fewer particles, runs or workers, or a smaller block"
                 )
                 where = ("filters", label, "N")

@@ -5,12 +5,13 @@ from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args
 
-from trackbench.experiment.blame import blamed, foreign_within
+from trackbench.experiment.blame import blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.foreign_scenarios import mistaken_sensor
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
+from trackbench.hooks import foreign_within
 from trackbench.keys import part_group
 from trackbench.registry import Group, kinds, of_kind
 
