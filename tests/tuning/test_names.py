@@ -1,4 +1,4 @@
-"""Names that tuning gives: a filter, a table and a figure per filter, none in place of the user's own."""
+"""Names that tuning gives to filters, tables and figures: none takes the place of the user's own."""
 
 from pathlib import Path
 
