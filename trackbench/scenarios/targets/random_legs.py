@@ -38,12 +38,14 @@ class RandomLegs(Target):
     """standard deviation of a leg's acceleration along the velocity, m/s^2"""
     across: NonNegative
     """largest acceleration of a leg across the velocity, to either side, m/s^2"""
+    straight_steps: tuple[Steps, Steps] | None = None
+    """least and largest number of steps of straight flight before each leg; default: none"""
 
     axes = 2
 
     def __post_init__(self) -> None:
-        for name in ("speed", "legs", "leg_steps"):
-            low, high = getattr(self, name)
+        for name in ("speed", "legs", "leg_steps", "straight_steps"):
+            low, high = getattr(self, name) or (0, 0)
             if low > high:
                 raise ValueError(f"{name}: {low:g} is more than {high:g}")
 
@@ -71,12 +73,16 @@ class RandomLegs(Target):
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """States (4, K, M)."""
         x, y, share, heading, many = rng.random((5, runs))
-        most = self.legs[1]
+        most, number = self.legs[1], _whole(self.legs, many)
         lengths = _whole(self.leg_steps, rng.random((most, runs)))
         across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
         along = self.sigma_along * rng.standard_normal((most, runs))
+        if self.straight_steps is not None:
+            straight = _whole(self.straight_steps, rng.random((most, runs)))
+            lengths, most, number = _alternating(straight, lengths), 2 * most, 2 * number
+            across, along = (_alternating(np.zeros_like(a), a) for a in (across, along))
         ends = np.cumsum(lengths, axis=0)
-        last = np.take_along_axis(ends, _whole(self.legs, many)[None] - 1, axis=0)[0]
+        last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
         speed = self.speed[0] + (self.speed[1] - self.speed[0]) * share
         c, s = cos_sin(2.0 * np.pi * heading)
         state = np.stack(
@@ -97,6 +103,11 @@ def _whole(
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Whole numbers from the least to the largest, each as probable."""
     return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.int64)
+
+
+def _alternating(first: Array, second: Array) -> Array:
+    """Rows (2 L, M) of both (L, M), one after the other."""
+    return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
 
 def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
