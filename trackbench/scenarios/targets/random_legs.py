@@ -1,12 +1,12 @@
 """A target that flies another path in every run: legs of random length and acceleration."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from annotated_types import Interval
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
 from trackbench.keys import NonNegative, Positive, Steps
@@ -14,6 +14,7 @@ from trackbench.models.several import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Target, Timeline, measured_along
 
+_Rows = TypeVar("_Rows", Array, Index)
 Number = Annotated[int, Interval(ge=1, le=1000)]
 
 
@@ -98,14 +99,12 @@ class RandomLegs(Target):
         return out
 
 
-def _whole(
-    ends: tuple[int, int], shares: Array
-) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+def _whole(ends: tuple[int, int], shares: Array) -> Index:
     """Whole numbers from the least to the largest, each as probable."""
-    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.int64)
+    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.intp)
 
 
-def _alternating(first: Array, second: Array) -> Array:
+def _alternating(first: _Rows, second: _Rows) -> _Rows:
     """Rows (2 L, M) of both (L, M), one after the other."""
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
