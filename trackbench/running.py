@@ -169,7 +169,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
-            facts["held_out"] = held_out(job.experiment)
+            facts["training_holds_out"] = held_out(job.experiment)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)

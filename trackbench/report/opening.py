@@ -15,7 +15,7 @@ from trackbench.report.results import Results
 
 _KINDS: dict[str, type] = {
     **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
-    "held_out": str,
+    "training_holds_out": str,
 }
 """Of what kind the manifest's entries are that a report shows."""
 _CHANGED = "changed after the run"

@@ -63,7 +63,7 @@ def _trained_on(results: Results) -> str:
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
     runs = f"{config['tuning']['runs']} training runs"
-    return runs + _BESIDE.get(results.manifest.get("held_out", ""), "")
+    return runs + _BESIDE.get(results.manifest.get("training_holds_out", ""), "")
 
 
 def words_of(metric: str | dict[str, float]) -> str:
