@@ -191,7 +191,9 @@ def _said_in(folder: Path) -> str:
     table = (folder / "tables" / "tuning.md").read_text()
     assert results.tables["tuning"].title in table
     assert results.tables["tuning"].title in (folder / "report.html").read_text()
-    assert results.manifest["training_holds_out"] == ("noise" if "on the path" in table else "noise and path")
+    assert results.manifest["training_holds_out"] == (
+        "noise" if "on the path" in table else "noise and path"
+    )
     return table
 
 
