@@ -16,13 +16,17 @@ from trackbench.tuning.trials import Tried, make_trial
 _MOST_KEYS = 5
 
 
-def with_defaults(source: Source, settings: Settings, training: Point | None) -> Settings:
+def with_defaults(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> Settings:
     """Metric and runs written out, if anything is tuned by them."""
     if training is None:
         return settings
     tuning, scenario = settings.tuning, training.scenario
     if tuning.metric is None:
-        tuning = replace(tuning, metric=default_metric(scenario))
+        # Without a truth in either scenario, the metric is one that needs none.
+        least = min(points[0], training, key=lambda point: point.scenario.has_truth)
+        tuning = replace(tuning, metric=default_metric(least.scenario))
     if scenario.training is not None and "runs" not in (source.data.get("tuning") or {}):
         tuning = replace(tuning, runs=scenario.recorded_runs or tuning.runs)
     return replace(settings, tuning=tuning)

@@ -178,7 +178,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     if whole:
         settings = with_recorded_runs(source, settings, points)
     training = training_point(source, points[0]) if settings.tune and points else None
-    settings = with_defaults(source, settings, training)
+    settings = with_defaults(source, settings, points, training)
     axes = tuned_axes(source, settings, points, training)
     if whole:
         fill_in(source, settings, points)
