@@ -42,6 +42,7 @@ from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
+from trackbench.tuning.scenario import held_out, training_cautions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,7 +120,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        for caution in cautions(job.experiment.points):
+        for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
             say(f"note: {caution}", options)
 
     def more(i: int, outcome: Outcome) -> Plan | None:
@@ -168,6 +169,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
+            facts["training_holds_out"] = held_out(job.experiment)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from io import StringIO
-from itertools import islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,7 +15,18 @@ from trackbench.experiment.problems import WriteError
 Row = Iterable[Any]
 
 _AT_ONCE = 4096  # rows
+_LONGEST = 76  # characters of a name that gets a number
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
+
+
+def free_name(name: str, taken: Iterable[str]) -> str:
+    """Return the name, or with the first number that makes it differ from all that are taken.
+
+    Names that differ in case only are one file on some systems.
+    """
+    folded = {other.casefold() for other in taken}
+    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
+    return next(free for free in chain([name], numbered) if free.casefold() not in folded)
 
 
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:

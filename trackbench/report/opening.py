@@ -13,7 +13,10 @@ from trackbench.experiment.storing.outputs import FORMAT, RAW, Damage, damage
 from trackbench.registry import Group
 from trackbench.report.results import Results
 
-_KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list}
+_KINDS: dict[str, type] = {
+    **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
+    "training_holds_out": str,
+}
 """Of what kind the manifest's entries are that a report shows."""
 _CHANGED = "changed after the run"
 _AGAIN = "run the experiment again"
