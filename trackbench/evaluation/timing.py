@@ -9,9 +9,10 @@ operations of every step, counted over one run, give the parts: the first steps 
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from copy import deepcopy
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -51,22 +52,26 @@ class Measured(NamedTuple):
     covariances: float | None
 
 
-def measure(tasks: Sequence[BlockTask]) -> list[Measured | Exception]:
+Guard: TypeAlias = Callable[[], AbstractContextManager[None]]
+"""Opens what code that is not the package's own is run in."""
+
+
+def measure(tasks: Sequence[BlockTask], guard: Guard = nullcontext) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; what a filter raises stands in place of its times."""
     keep_freed_memory()
-    with np.errstate(all="ignore"):
-        found = [_tried(_Sample, task) for task in tasks]
-        for repeat in range(REPEATS):
-            for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
-                if isinstance(sample := found[i], _Sample):
-                    found[i] = _tried(sample.repeated)
+    found = [_tried(guard, _Sample, task) for task in tasks]
+    for repeat in range(REPEATS):
+        for i in range(len(tasks))[:: -1 if repeat % 2 else 1]:
+            if isinstance(sample := found[i], _Sample):
+                found[i] = _tried(guard, sample.repeated)
     simulate.cache_clear()  # a plugin may have written to the data
     return [s if isinstance(s, Exception) else s.measured() for s in found]
 
 
-def _tried(function: Any, *arguments: Any) -> Any:
+def _tried(guard: Guard, function: Any, *arguments: Any) -> Any:
     try:
-        return function(*arguments)
+        with guard(), np.errstate(all="ignore"):
+            return function(*arguments)
     except Exception as error:
         return error
 
