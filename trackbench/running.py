@@ -41,6 +41,7 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
+from trackbench.report.times import time_line
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
 
@@ -180,7 +181,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         if sweep:
             write_sweep(results)
     seal(job.folder, facts, paths)
-    notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
+    notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
