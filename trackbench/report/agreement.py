@@ -6,7 +6,7 @@ batch may contradict.
 """
 
 from collections.abc import Iterator, Sequence
-from math import fsum, hypot, inf, isfinite, isnan, log, nan, sqrt
+from math import fsum, inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.reading.published import PublishedNumber
@@ -20,8 +20,6 @@ NOT_MEASURED, UNDECIDED = "not measured", "not decided"
 NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
 """Verdicts on a number, the best first."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
-NEXT_TIME = 0.1
-"""Share by which a ratio of CPU times may well be another when the same is executed again."""
 _TO_BE_SHOWN_BY_EACH = ("differs", "holds", "fails", "biased")
 _CONTRADICTS = {
     "agrees": ("near", "differs"),
@@ -72,7 +70,7 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole)
     found = [judge(number, batch) for batch in batches]
-    turns = any(judge(number, other)[0] != word for other in _measured_again(number, whole))
+    turns = any(judge(number, other)[0] != word for other in _measured_again(whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
@@ -82,11 +80,9 @@ def of_number(number: PublishedNumber, whole: Term, batches: Sequence[Term]) -> 
     return Verdict(word, z, zs, zs or (z,), turns and word not in (NOT_MEASURED, UNDECIDED))
 
 
-def _measured_again(number: PublishedNumber, whole: Term) -> Iterator[Term]:
-    """The ends of where nine in ten numbers of another seed are, or CPU times of another execution."""
+def _measured_again(whole: Term) -> Iterator[Term]:
+    """The ends of where nine in ten numbers of another seed are."""
     room = _room_of_another_seed() * whole.stderr
-    if number.expression is not None and number.expression.is_cpu_time:
-        room = hypot(room, NEXT_TIME * whole.value)
     for end in (-room, room) if isfinite(room) else ():
         yield whole._replace(value=whole.value + end)
 

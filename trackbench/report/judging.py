@@ -44,7 +44,7 @@ def judge(claim: Claim, evidence: Evidence | None) -> Judged:
     losing = [_loses_more(evidence.whole, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED)
-    fragile = verdict.is_close or any(score.off.fragile(claim) for score in found)
+    fragile = verdict.is_close or any(score.off.fragile for score in found)
     fragile &= verdict.word != NOT_MEASURED
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = noted(*losing, _why(evidence.whole, weakest), steps, claim.note)
@@ -93,11 +93,10 @@ class _Off(NamedTuple):
         z = self.term.z(self.edge)
         return -z if claim.relation == "<" else z
 
-    def fragile(self, claim: Claim) -> bool:
-        """Whether few runs make the number, or CPU times of another execution may turn the claim."""
-        timed = claim.expression is not None and claim.expression.is_cpu_time
-        turns = abs(self.margin(claim)) < agreement.NEXT_TIME * abs(self.target)
-        return self.term.fragile or (timed and turns)
+    @property
+    def fragile(self) -> bool:
+        """Whether few runs make the number."""
+        return self.term.fragile
 
 
 class _Score(NamedTuple):
