@@ -1,7 +1,7 @@
 """Measures of a results folder: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
 
 A measure's error comes as one influence per run where it can, so that a difference between two
-filters on common runs is paired and a batch of runs can be judged by itself. Times have one per block.
+filters on common runs is paired and a batch of runs can be judged by itself. Times have none.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
-from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
+from trackbench.evaluation.statistics import OVER_RUNS, influence
 from trackbench.keys import is_number
 from trackbench.report.results import Results
 from trackbench.report.terms import (
@@ -126,7 +126,8 @@ class Expressions:
             for r in rows
         }
         for r in self.results.columns("timing", self.point).records():
-            found[r["filter"], "cpu_s_per_run"] = _time(r)
+            of_run = Term(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
+            found[r["filter"], "cpu_s_per_run"] = of_run
         return found
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
@@ -237,13 +238,3 @@ class Expressions:
         """Values per run that a statistic is of, lost runs left out; None for anything else."""
         values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
         return None if values is None else values[~np.isnan(values)]
-
-
-def _time(row: dict[str, Any]) -> Term:
-    """A time per run, whose error is that of its blocks of runs, if there are two."""
-    each = str(row.get("blocks", "")).split(";")
-    seconds = np.array([float(s) for s in each if s])
-    term = Term(row["cpu_s_per_run"], row["stderr"], None, row["runs"])
-    if len(seconds) < 2:
-        return term
-    return term._replace(blocks=seconds - mean(seconds).value, freedom=len(seconds) - 1.0)
