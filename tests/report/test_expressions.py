@@ -230,6 +230,21 @@ def test_times_are_no_matter_of_runs(folder):
     assert np.isnan(e.term(measure("ratio(cpu_s_per_run, D)").of("A")).stderr)
 
 
+def test_a_ratio_of_measured_times_is_paired_by_repeats(folder):
+    times = [
+        ("A", RUNS, 2.0, 0.1, "2;4;1"),
+        ("B", RUNS, 4.0, 0.2, "4;8;2"),
+        ("D", RUNS, 4.0, 0.2, "4"),
+    ]
+    folder.timing = table("filter runs cpu_s_per_run stderr repeats", times)
+    e = Expressions(folder, {})
+    ratio = e.term(measure("ratio(cpu_s_per_run, B)").of("A"))
+    assert (ratio.value, ratio.stderr) == (0.5, 0.0)  # in every repeat one half
+    gain = e.term(measure("gain(cpu_s_per_run, B)").of("A"))
+    assert (gain.value, gain.stderr) == (50.0, 0.0)
+    assert e.term(measure("ratio(cpu_s_per_run, D)").of("A")).stderr > 0.0
+
+
 def test_what_is_not_measured_is_not_fragile(folder):
     """Against a filter that is there the number is fragile; the other is not there."""
     folder.values["A", "rmse"][17] = 30.0

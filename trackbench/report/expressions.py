@@ -15,7 +15,7 @@ from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import batch_of, in_batches, statistic_of
-from trackbench.evaluation.statistics import OVER_RUNS, influence
+from trackbench.evaluation.statistics import OVER_RUNS, influence, median
 from trackbench.keys import is_number
 from trackbench.report.results import Results
 from trackbench.report.terms import (
@@ -108,6 +108,8 @@ class Expressions:
             return MISSING
         common = self._found(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
+        if m.is_cpu_time:
+            ratio = self._paired_times(mine, other) or ratio
         return ratio if m.relation == "ratio" else gain(ratio)
 
     @cached_property
@@ -129,6 +131,13 @@ class Expressions:
             of_run = Term(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
             found[r["filter"], "cpu_s_per_run"] = of_run
         return found
+
+    def _paired_times(self, mine: Measure, other: Measure) -> Term | None:
+        """Ratio of two filters' measured times, repeat by repeat; None if either has none."""
+        rows = self.results.columns("timing", self.point).records()
+        found = {row["filter"]: repeats_of(row) for row in rows}
+        a, b = (found.get(m.filter, np.empty(0)) for m in (mine, other))
+        return Term(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
         """The statistic that a measure is; None for a time, or if no run has a part in it."""
@@ -238,3 +247,8 @@ class Expressions:
         """Values per run that a statistic is of, lost runs left out; None for anything else."""
         values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
         return None if values is None else values[~np.isnan(values)]
+
+
+def repeats_of(row: dict[str, Any]) -> Array:
+    """Measured CPU seconds of a run in each repeat, from a row of timing.csv; none of older files."""
+    return np.array([float(s) for s in str(row.get("repeats", "")).split(";") if s])

@@ -12,14 +12,13 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
 
-import numpy as np
-
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import interval, median
 from trackbench.experiment.files import remove, write_csv
 from trackbench.experiment.reading.published import Claim, Published, PublishedNumber
 from trackbench.report.agreement import NOT_MEASURED, UNDECIDED
 from trackbench.report.evidence import point_of
+from trackbench.report.expressions import repeats_of
 from trackbench.report.results import Results
 from trackbench.report.text import Text, TextTable
 
@@ -141,9 +140,8 @@ def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
     """Each filter's repeats and operations; of a folder without measured times none."""
     found = {}
     for row in results.columns("timing", point).records():
-        repeats = [float(s) for s in str(row.get("repeats", "")).split(";") if s]
         words = (f"{row.get(name, '-')} {name}" for name in ("likelihoods", "covariances"))
-        found[row["filter"]] = _Stored(np.array(repeats), ", ".join(words))
+        found[row["filter"]] = _Stored(repeats_of(row), ", ".join(words))
     return found
 
 
