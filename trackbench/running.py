@@ -13,6 +13,7 @@ from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
 from trackbench.experiment.computing.growing import grown, why_ended
 from trackbench.experiment.computing.runner import Outcome, execute
+from trackbench.experiment.computing.times import Times, times_of
 from trackbench.experiment.files import touched
 from trackbench.experiment.planning.plan import Key, Plan, cautions
 from trackbench.experiment.problems import counted
@@ -40,6 +41,7 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
+from trackbench.report.times import time_line
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
 from trackbench.tuning.scenario import held_out, training_cautions
@@ -165,8 +167,13 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
     for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
         say(line, options)
+    times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
+    for label, why in times.failed.items():
+        say(f"note: {label} has no measured CPU time: {why}", options)
     with touched() as paths:
-        losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
+        losses, facts = write_results(
+            job.folder, job.experiment, outcome, options.save_tracks, times.measured
+        )
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
             facts["training_holds_out"] = held_out(job.experiment)
@@ -176,7 +183,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         if sweep:
             write_sweep(results)
     seal(job.folder, facts, paths)
-    notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
+    notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))

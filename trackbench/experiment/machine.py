@@ -1,6 +1,7 @@
-"""What differs between systems: the machine's memory, and how a file is locked."""
+"""What differs between systems: the machine's name and memory, and how a file is locked."""
 
 import os
+import platform
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -57,3 +58,8 @@ else:
     def lock(descriptor: int, wait: bool) -> None:
         """Lock an open file against other processes; raises BlockingIOError unless it may wait."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def identity() -> list[str]:
+    """Return what tells this machine from others, as far as CPU times are concerned."""
+    return [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]

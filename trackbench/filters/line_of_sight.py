@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.particles import Evidence, Particles
@@ -87,6 +88,7 @@ class LineOfSight(ParticleFilter):
         half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
+        note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
         w, dead, mass = particles.normalise(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
@@ -173,6 +175,7 @@ def _stretched(x: Array, K: Array, nu: Array) -> Array:
 
 def _corrected(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
     """Gain (2, M), innovation variance (M,), covariance (2, 2, M) given a range; no gain without one."""
+    note("covariances", P, components=2)
     S = P[0, 0] + variance
     K = np.where(missing, 0.0, P[:, 0] / S)
     return K, S, P - linalg.outer(K, K) * S

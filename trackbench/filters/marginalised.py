@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
@@ -90,6 +91,7 @@ def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     T, Q = motion.F[0, 1], motion.Q
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N
+    note("covariances", C, components=0)
     surprise = np.sqrt(N) * rng.standard_normal((2, *x.shape[1:]))
     out = np.empty_like(x)
     out[0::2] = x[0::2] + T * x[1::2] + surprise

@@ -9,6 +9,7 @@ import numpy as np
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.counting import note
 from trackbench.core.distributions import Gaussian, of_each_run
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
@@ -166,6 +167,7 @@ def _conditioned(
     if missing.any():
         rows, S = kalman.measured(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
+    note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))
     mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
     return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)

@@ -84,7 +84,7 @@ def _array(parse: Parse, texts: Sequence[str]) -> Array:
 
 
 _KNOWN: dict[str, Parse] = {
-    **dict.fromkeys(["filter", "metric", "blocks"], str),
+    **dict.fromkeys(["filter", "metric", "repeats", "likelihoods", "covariances"], str),
     **dict.fromkeys(["run", "step", "runs", "lost"], int),
     **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
 }

@@ -85,7 +85,7 @@ class Frames(Asked):
 
     @cached_property
     def timing(self) -> "pd.DataFrame":
-        """``filter,runs,cpu_s,cpu_s_per_run,stderr``."""
+        """``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,likelihoods,covariances``."""
         return self._frame("timing.csv")
 
     @cached_property

@@ -13,7 +13,9 @@ from trackbench.report.drawings import key_picture
 from trackbench.report.opening import open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.templating import write_page
+from trackbench.report.text import TextTable
 from trackbench.report.thumbnail import thumbnail
+from trackbench.report.times import time_tables, time_verdicts
 from trackbench.report.verdicts import Comparison, compare
 
 Overview: TypeAlias = list[tuple[Results, Comparison]]
@@ -58,7 +60,7 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
         experiments=[_card(folder, *item) for item in found],
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
-        ledger=verdict_tables(everything),
+        ledger=[*verdict_tables(everything), *_times(found)],
         legend=LEGEND.replace("`", ""),
     )
 
@@ -114,4 +116,10 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    return "\n\n".join([*parts, LEGEND]) + "\n"
+    parts += [LEGEND, *(table.markdown().rstrip() for table in _times(found))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _times(found: Overview) -> list[TextTable]:
+    """The verdicts on CPU times of all experiments, apart from the others and not counted with them."""
+    return time_tables(verdict for results, _ in found for verdict in time_verdicts(results))

@@ -21,6 +21,7 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.judging import Judged, judge, no_results, noted
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Term
+from trackbench.report.times import without_times
 
 
 class Compared(NamedTuple):
@@ -95,7 +96,7 @@ def _rank(row: Compared) -> tuple[int, float]:
 
 def compare(results: Results) -> Comparison:
     """Hold the results against what is published about the experiment."""
-    published, at = results.published, cache(partial(evidence_at, results))
+    published, at = without_times(results.published), cache(partial(evidence_at, results))
     rows = [row for number in published.numbers for row in _readings(number, at(number.point))]
     claims = [judge(claim, at(claim.point)) for claim in published.claims]
     return Comparison(rows, claims, list(rank_agreement(rows)))

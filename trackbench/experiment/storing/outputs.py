@@ -20,6 +20,7 @@ RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", 
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
 _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
+    "time_verdicts.csv",
     *("sweep.csv", "tuning.csv", "report.html"),
 )
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")

@@ -1,8 +1,9 @@
 """The files of a results folder, each written whole or not at all."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.shares import with_shares
-from trackbench.evaluation.statistics import mean
+from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     StepRow,
     bound_steps,
@@ -22,6 +23,7 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
+from trackbench.evaluation.timing import Measured
 from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import (
     CsvWriter,
@@ -92,10 +94,17 @@ class Written(NamedTuple):
     facts: dict[str, Any]
 
 
-def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> Written:
+def write_results(
+    folder: Path,
+    experiment: Experiment,
+    outcome: Outcome,
+    tracks: bool,
+    times: Mapping[Key, Measured] = MappingProxyType({}),
+) -> Written:
     """Everything that follows from the results alone, in place of what earlier runs left there.
 
-    Tables and figures come from these files; the manifest is for the caller to write, after all others.
+    ``times`` are measured CPU times. Tables and figures come from these files; the manifest is for the
+    caller to write, after all others.
     """
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
@@ -111,7 +120,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
         for key, result in outcome.results():
-            result = _with_shares(experiment, key, result, asked)
+            result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.alone for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
@@ -216,11 +225,13 @@ def _summary(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
 
 
 def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
+    """CPU time of all blocks, and of a run: the median of its measured times, if it has any."""
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
-    blocks = np.array([t.cpu_s / t.runs for t in result.timing])
-    each = ";".join(f"{seconds:.6g}" for seconds in blocks)
-    yield runs, cpu_s, cpu_s / runs, mean(blocks).stderr, each
+    seconds, *operations = result.measured or ([], None, None)
+    of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
+    each = ";".join(f"{s:.6g}" for s in seconds)
+    yield runs, cpu_s, *of_run, each, *("-" if n is None else f"{n:.6g}" for n in operations)
 
 
 def _plain(row: Row, digits: int | None) -> list[Any]:
@@ -235,5 +246,11 @@ _FRAMES: dict[str, tuple[list[str], Any]] = {
     "per_run.csv": (["filter", "run", "metric", "value"], None),
     "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
     "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"], _timing),
+    "timing.csv": (
+        [
+            *("filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"),
+            *("repeats", "likelihoods", "covariances"),
+        ],
+        _timing,
+    ),
 }
