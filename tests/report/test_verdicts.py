@@ -13,14 +13,15 @@ from trackbench.evaluation import block, passing
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.published import Claim, PublishedNumber
-from trackbench.report.agreement import of_claim, of_number, settled
+from trackbench.report.agreement import Verdict, of_claim, of_number, settled
+from trackbench.report.counts import bars
 from trackbench.report.evidence import evidence_at
 from trackbench.report.expressions import Expressions
 from trackbench.report.judging import judge
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
-from trackbench.report.terms import Term
-from trackbench.report.verdicts import compare
+from trackbench.report.terms import MISSING, Term
+from trackbench.report.verdicts import Compared, Comparison, Reproduced, compare
 
 
 def number(value, digits=4, runs=100, **keys):
@@ -432,3 +433,23 @@ def test_a_variance_that_is_wrongly_decided_is_fragile() -> None:
     assert 0.01 < wrong < 0.08
     assert unmarked < 3e-4 + 3.0 * np.sqrt(3e-4 / 600)
     assert false_of_variances("lognormal", 200, 300, rng) == (0.0, 0.0)
+
+
+def test_a_number_differs_only_if_every_reading_does() -> None:
+    rows = [
+        Compared(number(1.0), "", MISSING, Verdict(word, 0.0), "")
+        for word in ("differs", "not decided")
+    ]
+    assert Reproduced(rows).best.verdict.word == "not decided"
+
+
+def test_words_on_a_bias_are_counted_by_themselves() -> None:
+    """Their margin is chosen here: they say less than a number does."""
+    rows = [
+        Compared(number(value, row=str(value)), "", MISSING, Verdict("agrees", 0.0), "")
+        for value in (1.0, "biased", "unbiased")
+    ]
+    assert [bar.words for bar in bars(Comparison(rows, [], []))] == [
+        "1 published number: 1 agrees",
+        "2 published words on a bias, by a margin chosen here: 2 agree",
+    ]

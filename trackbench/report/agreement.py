@@ -22,8 +22,8 @@ ANOTHER_SEED = 1.6449 * sqrt(2.0)
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 NOT_MEASURED, UNDECIDED = "not measured", "not decided"
-NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
-"""Verdicts on a number, the best first."""
+NUMBER_WORDS = ("agrees", "compatible", "near", UNDECIDED, "differs", "chosen", NOT_MEASURED)
+"""Verdicts on a number, the best first: it differs only if it does so under every reading."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
 _DIFFERENT = ("near", "differs")
 _SHOWN = {"near": _DIFFERENT, "differs": _DIFFERENT} | {

@@ -41,7 +41,7 @@ def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
+    words = (*(word for word in NUMBER_WORDS if word not in CLAIM_WORDS), *CLAIM_WORDS)
     return [
         Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
         for word in words
