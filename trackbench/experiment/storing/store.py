@@ -30,6 +30,7 @@ from trackbench.experiment.files import (
     made,
     replacing,
     shortened,
+    within,
     write_text,
 )
 from trackbench.experiment.planning.plan import Key
@@ -101,7 +102,7 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    _write_published(folder / "published", published)
+    _write_published(folder, published)
     write_text(folder / FILE, points_text(experiment.points, folder))
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
@@ -179,10 +180,8 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
-    if files:
-        made(folder)
     for name, text in files.items():
-        write_text(folder / name, text)
+        write_text(made(within(folder, "published")) / name, text)
 
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
