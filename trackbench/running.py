@@ -133,8 +133,10 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     if most_drawers(options) > 1:
         Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
+        locks = {}
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
-            stack.enter_context(locked(folder, lambda line: say(line, options)))
+            locks[folder] = stack.enter_context(ExitStack())
+            locks[folder].enter_context(locked(folder, lambda line: say(line, options)))
         jobs = [with_tuned(job, options) if job.experiment.tuned else job for job in jobs]
         outcomes = execute(
             [job.plan for job in jobs],
@@ -146,7 +148,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
             more=more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            yield _reported(jobs[i], outcome, options, sweep)
+            report = _reported(jobs[i], outcome, options, sweep)
+            locks[report.folder].close()  # who gets the report may plot it
+            yield report
 
 
 def _import_ahead() -> None:

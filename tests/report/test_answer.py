@@ -13,6 +13,7 @@ from tests.conftest import ROOT
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.storing.given import Given
+from trackbench.experiment.storing.outputs import COLUMNS
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.report.answer import answer
 from trackbench.report.results import Results
@@ -46,13 +47,14 @@ def folder(
     ]
     frame = pd.DataFrame(rows, columns=["filter", "run", "metric", "value"])
     frame.to_csv(at / "per_run.csv", index=False, na_rep="nan")
-    pd.DataFrame(columns=["filter", "metric"]).to_csv(at / "summary.csv", index=False)
+    pd.DataFrame(columns=COLUMNS["summary.csv"]).to_csv(at / "summary.csv", index=False)
     times = [
         (label, np.mean(s), sem(s) if s[1:] else np.nan, ";".join(map(str, s)))
         for label, s in (blocks or {}).items()
     ]
     heads = ["filter", "cpu_s_per_run", "stderr", "blocks"]
-    pd.DataFrame(times, columns=heads).to_csv(at / "timing.csv", index=False, na_rep="nan")
+    timing = pd.DataFrame(times, columns=heads).reindex(columns=COLUMNS["timing.csv"], fill_value=1)
+    timing.to_csv(at / "timing.csv", index=False, na_rep="nan")
     two = Given({}, {}, {}, [], [], {"": 2}, [])
     return Results(at, facts={"failed": []}, points_given=(two,))
 

@@ -130,7 +130,8 @@ def test_a_run_without_tracks_takes_older_ones_away(tmp_path: Path) -> None:
 
 def test_the_config_of_the_folder_is_there_at_any_time(folder: Path, monkeypatch) -> None:
     """It may be the only copy of what is being run, and so may the published numbers."""
-    from trackbench.experiment.storing import store
+    from trackbench.experiment.problems import RunError
+from trackbench.experiment.storing import store
 
     def killed(*_: object) -> None:
         raise SystemExit
@@ -243,7 +244,7 @@ def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch)
         (real if len(drawn) == 1 else broken)(path, content)
 
     monkeypatch.setattr(render, "write_bytes", second)
-    with pytest.raises(OSError, match="no space"):
+    with pytest.raises(RunError, match="no space"):
         api.plot(folder, ["svg"])
     assert changed_since(open_results(folder)) == []
 

@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -56,9 +57,12 @@ class _Pool(ProcessPoolExecutor):
     """One whose processes are all known to it: Ctrl-C waits until one that is being started is."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """The same."""
-        with postponed():
-            return super().submit(fn, *args, **kwargs)
+        """Submit a call; raises BrokenProcessPool also where a process is killed as it starts."""
+        try:
+            with postponed():
+                return super().submit(fn, *args, **kwargs)
+        except (EOFError, ConnectionError) as error:
+            raise BrokenProcessPool("a worker died as it was started") from error
 
 
 def is_beginning() -> bool:

@@ -19,6 +19,13 @@ FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
+COLUMNS = {
+    "per_run.csv": ["filter", "run", "metric", "value"],
+    "per_step.csv": ["filter", "step", "time", "metric", "value", "stderr", "runs"],
+    "summary.csv": ["filter", "metric", "value", "stderr", "runs", "lost"],
+    "timing.csv": ["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"],
+}
+"""Headings of the CSV files of a run, after those of the grid."""
 _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
     *("sweep.csv", "tuning.csv", "report.html"),

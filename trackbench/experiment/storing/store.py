@@ -40,7 +40,7 @@ from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
 from trackbench.experiment.storing.given import FILE, points_text
 from trackbench.experiment.storing.manifest import manifest_of
-from trackbench.experiment.storing.outputs import remove_outputs
+from trackbench.experiment.storing.outputs import COLUMNS, remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
 from trackbench.scenarios.base import Scenario
 
@@ -110,13 +110,13 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     losses, asked = {}, shared(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
-        writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
+        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)
             losses[key] = Losses.of(result)
             passes = (task.alone for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
-            for name in _FRAMES:
+            for name in COLUMNS:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
             _write_runs(writers["per_run.csv"], experiment, key, result)
             for collection in kept.values():
@@ -143,13 +143,13 @@ def _with_shares(
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
     writer = CsvWriter(files.enter_context(replacing(path)))
-    writer.writerow([*experiment.settings.grid, *_FRAMES[path.name][0]])
+    writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
     return writer
 
 
 def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
-    columns, rows = _FRAMES[name]
+    columns, rows = COLUMNS[name], _ROWS[name]
     wanted = kept_metrics(experiment.settings, name)
     if rows is None or (wanted is not None and not wanted):
         return
@@ -230,9 +230,9 @@ def _plain(row: Row, digits: int | None) -> list[Any]:
     return [float(f"{x:.{digits}g}") if isinstance(x, float) else x for x in plain]
 
 
-_FRAMES: dict[str, tuple[list[str], Any]] = {
-    "per_run.csv": (["filter", "run", "metric", "value"], None),
-    "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
-    "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"], _timing),
+_ROWS: dict[str, Any] = {
+    "per_run.csv": None,
+    "per_step.csv": _per_step,
+    "summary.csv": _summary,
+    "timing.csv": _timing,
 }
