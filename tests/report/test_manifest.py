@@ -13,6 +13,7 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
+from trackbench.experiment.problems import RunError
 from trackbench.report.opening import changed_since, open_results
 from trackbench.verification import verify
 
@@ -130,8 +131,7 @@ def test_a_run_without_tracks_takes_older_ones_away(tmp_path: Path) -> None:
 
 def test_the_config_of_the_folder_is_there_at_any_time(folder: Path, monkeypatch) -> None:
     """It may be the only copy of what is being run, and so may the published numbers."""
-    from trackbench.experiment.problems import RunError
-from trackbench.experiment.storing import store
+    from trackbench.experiment.storing import store
 
     def killed(*_: object) -> None:
         raise SystemExit

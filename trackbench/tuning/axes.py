@@ -14,7 +14,7 @@ RANGE = rf"(log:)?({_NUMBER})\.\.({_NUMBER})"
 """Pattern of the ends of an axis, linear or logarithmic."""
 _DIGITS = 4
 _FARTHEST = 1e100
-"""Largest end of a range; its inverse is the smallest of a logarithmic one: figures have room for both."""
+"""Largest end of a range, and inverse of the smallest of a logarithmic one, for the figures' sake."""
 
 
 @dataclass(frozen=True)
