@@ -172,6 +172,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
+            trained_s = sum(record.cpu_s for record in job.tuning.values())
+            facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)

@@ -210,7 +210,7 @@ def test_a_forged_file(
 def test_a_line_names_the_file(small: Path, tmp_path: Path) -> None:
     """And what is wrong in it; where more than one file is to blame, the place in the program."""
     folder = shutil.copytree(small, tmp_path / "out")
-    text(",stderr", "")(folder / "per_step.csv")
+    text(",stderr", ",error")(folder / "per_step.csv")
     reseal(folder)
     with pytest.raises(
         UserError, match=r"per_step\.csv: cannot be read, .*no column 'stderr': run"
