@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from trackbench import api
 from trackbench.experiment.problems import WriteError
 from trackbench.experiment.storing.lock import locked
-from trackbench.experiment.storing.outputs import remove_outputs
+from trackbench.experiment.storing.outputs import remove_outputs, seal
 
 RUN = api.Options(engine="serial", quiet=True, formats=("svg",))
 
@@ -56,6 +57,26 @@ def test_a_lock_of_a_process_that_died_is_taken_over(tmp_path: Path) -> None:
     with locked(tmp_path, print):
         assert (tmp_path / ".lock").read_text() == str(os.getpid())
     assert not (tmp_path / ".lock").exists()
+
+
+def test_a_plot_waits_for_a_run_and_keeps_its_manifest(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with ThreadPoolExecutor(1) as threads:
+        with locked(folder, print):
+            plotted = threads.submit(api.plot, folder, ["svg"], ["time"])
+            with pytest.raises(TimeoutError):
+                plotted.result(timeout=0.5)
+            manifest = json.loads((folder / "manifest.json").read_text())
+            seal(folder, manifest | {"seed": 99}, ())
+        plotted.result(timeout=60)
+    assert f"small/ is in use by process {os.getpid()}; waiting" in capsys.readouterr().err
+    assert json.loads((folder / "manifest.json").read_text())["seed"] == 99
+
+
+def test_who_gets_a_report_of_several_may_plot_it(folder: Path) -> None:
+    for report in api.run_all([folder / "config.yaml"], RUN, out=folder, runs=4):
+        assert api.plot(report.folder, ["svg"], ["time"])
 
 
 def forge(folder: Path, *names: str) -> None:
