@@ -101,7 +101,7 @@ class Frames(Asked):
         """A file of arrays; empty if it is not there."""
         if not (self.folder / name).is_file():
             return {}
-        with self.reading(name) as path, np.load(path) as arrays:
+        with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
     def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
