@@ -59,7 +59,7 @@ def read_columns(file: TextIO, needed: Collection[str] = ()) -> Columns:
 
     Raises ValueError if a row is of another length, or a needed column is missing.
     """
-    head, *rows = csv.reader(file)
+    head, *rows = [*csv.reader(file)] or [[]]
     check_heads(head, needed)
     odd = next((n for n, row in enumerate(rows, 2) if len(row) != len(head)), None)
     if odd:
