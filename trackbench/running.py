@@ -136,8 +136,10 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     if most_drawers(options) > 1:
         Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
+        locks = {}
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
-            stack.enter_context(locked(folder, lambda line: say(line, options)))
+            locks[folder] = stack.enter_context(ExitStack())
+            locks[folder].enter_context(locked(folder, lambda line: say(line, options)))
         jobs = [with_tuned(job, options) if job.experiment.tuned else job for job in jobs]
         outcomes = execute(
             [job.plan for job in jobs],
@@ -149,7 +151,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
             more=more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            yield _reported(jobs[i], outcome, options, sweep)
+            report = _reported(jobs[i], outcome, options, sweep)
+            locks[report.folder].close()  # who gets the report may plot it
+            yield report
 
 
 def _import_ahead() -> None:
@@ -177,6 +181,8 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
             facts["training_holds_out"] = held_out(job.experiment)
+            trained_s = sum(record.cpu_s for record in job.tuning.values())
+            facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)

@@ -87,6 +87,14 @@ BAD: dict[str, tuple[str, int, str, str]] = {
                     "ZeroDivisionError: division by zero"),
     "step leaves": (method("step(self, model, state, z, k, rng)", "raise SystemExit"), RUN,
                     "raise SystemExit", "raised SystemExit()"),
+    "step ends the process": (
+        method("step(self, model, state, z, k, rng)", "__import__('os')._exit(0)"), RUN,
+        "_exit(0)", "code of a plugin raised SystemExit(0)"),
+    "step ends the process by an import": (
+        "from os import _exit\n" + method("step(self, model, state, z, k, rng)", "_exit(0)"), RUN,
+        " _exit(0)", "code of a plugin raised SystemExit(0)"),
+    "the process ends as it is read": (HEAD + "import os\nos._exit(0)\n", INPUT, "os._exit",
+                                       "SystemExit"),
     "an error of its own": (
         HEAD + "class OwnError(Exception):\n    def __init__(self, a, b):\n        "
         "super().__init__(f'{a} and {b}')\n" + KIND +

@@ -19,7 +19,7 @@ from trackbench import api
 from trackbench.experiment.problems import UserError, WriteError
 from trackbench.experiment.reading.config import load
 from trackbench.experiment.reading.resolved import as_yaml
-from trackbench.experiment.reading.source import parse
+from trackbench.experiment.reading.source import formula, parse
 from trackbench.experiment.storing.outputs import remove_outputs
 from trackbench.verification import verify
 
@@ -55,6 +55,13 @@ def refused(tmp_path: Path, text: str, **others: str) -> str:
         ("PF:", r'"a\Nb":', r"5:11: filters.a\x85b: 'a\x85b' is not one line of visible"),
         ("PF:", r'"a\Pb":', r"5:11: filters.a\u2029b: 'a\u2029b' is not one line of visible"),
         ("PF:", r'"a\nb":', r"5:11: filters.a\nb: 'a\nb' is not one line of visible"),
+        (
+            "PF:",
+            '"=1+1":',
+            "5:3: filters: '=1+1' begins with =, as a formula of a spreadsheet; put",
+        ),
+        ("PF:", '"-PF":', "5:3: filters: '-PF' begins with -, as a formula of a spreadsheet"),
+        ("runs: 2", 'bound: "@B"', "2:8: bound: '@B' begins with @, as a formula of a spreadsheet"),
         ("N: 10", "n: 10", "5:18: filters.PF.n: unknown key; did you mean N?"),
     ],
 )
@@ -79,8 +86,8 @@ def test_too_many_values_are_not_read_to_their_end(tmp_path: Path) -> None:
 def test_any_words_can_be_written_and_read_again(words: dict[str, str]) -> None:
     try:
         again = parse(as_yaml(words), "again").data
-    except UserError:  # a character that no file may hold
-        assert any(not word.isprintable() for word in words.values())
+    except UserError:  # a character that no file may hold, or a key that is a formula
+        assert any(not word.isprintable() for word in words.values()) or any(map(formula, words))
     else:
         assert again == words
 
@@ -158,6 +165,8 @@ FACTORS = "paper,claim,left,expression,factor,right,point\n"
         (NUMBERS + "p,t,f,a\x07,1,PF,mean(rmse)\n", "p.csv:2:7: metric: 'a\\x07' holds the"),
         (CLAIMS + "p,c,PF,mean(rmse),PF,rmse@\n", "p.csv:2:22: right_expression: 'rmse@' is no"),
         (CLAIMS + "p,c,QF,rmse,QF,\n", "p.csv:2:13: right: 'QF' is not a filter here"),
+        (NUMBERS + "p,t,f,=m,1,,\n", "p.csv:2:7: metric: '=m' begins with =, as a formula"),
+        (CLAIMS + "p,+c,,,,\n", "p.csv:2:3: claim: '+c' begins with +, as a formula"),
         ("", "p.csv:1:1: there are no headings"),
         ("\n", "p.csv:1:1: there are no headings"),
         (FACTORS + "p,c,,mean(rmse),1,,\n", "p.csv:2:1: left: is empty"),
@@ -187,6 +196,12 @@ def test_rows_that_mean_something_are_accepted(tmp_path: Path) -> None:
     path.write_text(GOOD + "published: [p.csv]\ngrid: {filters.PF.N: [9, 10]}\n")
     assert len(load(path).published.claims) == 2
     load(path, overrides=["grid.filters.PF.N=[10]"])  # a point that this time is not there
+
+
+def test_numbers_below_zero_are_no_formulas(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(NUMBERS + "p,t,-1.5,m,-1.5,,\n")
+    (tmp_path / "c.yaml").write_text(GOOD + "published: [p.csv]\ntitle: -1.5 dB\n")
+    assert load(tmp_path / "c.yaml").published.numbers[0].value == -1.5
 
 
 def test_values_of_set_are_read_as_in_a_file(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from tests.conftest import ROOT
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.storing.given import Given
+from trackbench.experiment.storing.outputs import COLUMNS
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.report.answer import answer
 from trackbench.report.results import Results
@@ -45,11 +46,10 @@ def folder(
     ]
     frame = pd.DataFrame(rows, columns=["filter", "run", "metric", "value"])
     frame.to_csv(at / "per_run.csv", index=False, na_rep="nan")
-    pd.DataFrame(columns=["filter", "metric"]).to_csv(at / "summary.csv", index=False)
-    heads = ["filter", "cpu_s_per_run"]
-    pd.DataFrame((times or {}).items(), columns=heads).to_csv(
-        at / "timing.csv", index=False, na_rep="nan"
-    )
+    pd.DataFrame(columns=COLUMNS["summary.csv"]).to_csv(at / "summary.csv", index=False)
+    timing = pd.DataFrame((times or {}).items(), columns=["filter", "cpu_s_per_run"])
+    timing = timing.reindex(columns=COLUMNS["timing.csv"], fill_value=1)
+    timing.to_csv(at / "timing.csv", index=False, na_rep="nan")
     two = Given({}, {}, {}, [], [], {"": 2}, [])
     return Results(at, facts={"failed": []}, points_given=(two,))
 

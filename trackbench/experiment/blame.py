@@ -64,6 +64,17 @@ def foreign_line(error: BaseException) -> str | None:
     return where + said(error) if where else None
 
 
+def own_line(error: BaseException) -> str:
+    """``columns.py:41: KeyError: 'filter'``: the last line of the package's own that was running."""
+    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
+    own = [
+        f.f_code.co_filename
+        for f in frames
+        if f.f_globals.get("__name__", "").startswith("trackbench")
+    ]
+    return place_within(error, set(own)) + said(error)
+
+
 def place_within(error: BaseException, files: set[str]) -> str:
     """``my_filter.py:12: ``, the last line of these files at which it went wrong; or nothing."""
     for link in _chain(error):

@@ -1,7 +1,7 @@
 """The CSV files of a results folder as columns: pandas takes a quarter of a second to import."""
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TextIO, TypeAlias
@@ -54,13 +54,27 @@ class Columns:
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
-def read_columns(file: TextIO) -> Columns:
-    """A file's columns: words and numbers as they are known, those of a grid as they look."""
-    head, *rows = csv.reader(file)
+def read_columns(file: TextIO, needed: Collection[str] = ()) -> Columns:
+    """Read a file's columns: words and numbers as they are known, those of a grid as they look.
+
+    Raises ValueError if a row is of another length, or a needed column is missing.
+    """
+    head, *rows = [*csv.reader(file)] or [[]]
+    check_heads(head, needed)
+    odd = next((n for n, row in enumerate(rows, 2) if len(row) != len(head)), None)
+    if odd:
+        raise ValueError(f"line {odd} has {len(rows[odd - 2])} cells under {len(head)} headings")
     texts = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
     parses = {name: _KNOWN.get(name) or _parse_of(found) for name, found in texts.items()}
     arrays = {name: _array(parses[name], found) for name, found in texts.items()}
     return Columns(arrays, parses)
+
+
+def check_heads(heads: Collection[str], needed: Collection[str]) -> None:
+    """Raise ValueError if a file has no column of a name that is needed."""
+    missing = [name for name in needed if name not in heads]
+    if missing:
+        raise ValueError(f"has no column {missing[0]!r}")
 
 
 def _truth(text: str) -> bool:

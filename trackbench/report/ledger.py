@@ -10,7 +10,7 @@ from trackbench.experiment.problems import Problem, UserError
 from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import Bar, bars
 from trackbench.report.drawings import key_picture
-from trackbench.report.opening import open_with_notes
+from trackbench.report.opening import open_with_notes, using
 from trackbench.report.results import Results
 from trackbench.report.templating import write_page
 from trackbench.report.text import TextTable
@@ -43,7 +43,7 @@ class Card:
 
 def write_overview(folder: Path) -> list[Path]:
     """Write index.html and README.md over the results folders in ``folder``."""
-    found = [(results, compare(results)) for results in _opened(folder)]
+    found = _opened(folder)
     everything = _together([comparison for _, comparison in found])
     index = _write_index(folder, found, everything)
     ledger = folder / "README.md"
@@ -90,17 +90,19 @@ def _together(comparisons: list[Comparison]) -> Comparison:
     )
 
 
-def _opened(folder: Path) -> list[Results]:
+def _opened(folder: Path) -> Overview:
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
     if not candidates:
         raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
-    opened: list[Results] = []
+    opened: Overview = []
     problems: list[Problem | str] = []
     for candidate in candidates:
         try:
-            opened.append(open_with_notes(candidate))
+            with using(candidate):
+                results = open_with_notes(candidate)
+                opened.append((results, compare(results)))
         except UserError as error:
             problems += error.problems
     if problems:

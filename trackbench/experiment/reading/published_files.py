@@ -16,7 +16,7 @@ from trackbench.experiment.reading.published import (
     picks,
     split,
 )
-from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
+from trackbench.experiment.reading.source import Source, formula, scalar, text_of, unseen
 from trackbench.experiment.reading.validate import build, unknown
 
 
@@ -102,8 +102,8 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
         if cell != "" or key in words & required:
             source.data[key] = cell if key in words else _number(cell)
             source.marks[key,] = source.key_marks[key,] = Mark(name, line, column)
-            if unseen(cell):
-                source.blame((key,), str(unseen(cell)))
+            if what := unseen(cell) or (formula(cell) if key in words else None):
+                source.blame((key,), what)
         column += len(_as_written(cell)) + 1
     return source
 

@@ -18,7 +18,7 @@ import yaml
 from yaml.reader import Reader
 
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.keys import regular
+from trackbench.keys import FORMULA, regular
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Where a value stands: the keys and list indices that lead to it."""
@@ -143,6 +143,13 @@ def unseen(text: str) -> str | None:
     return f"{text!r} holds the character U+{ord(found.group()):04X}, which is none of text"
 
 
+def formula(text: str) -> str | None:
+    """Return what to say of a word that begins as a formula: a spreadsheet would run it in a CSV."""
+    if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
+        return None
+    return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
+
+
 def parse(text: str, name: str) -> Source:
     """Parse YAML text."""
     try:
@@ -238,6 +245,8 @@ class _Builder:
             key = str(key_node.value)
             at = (*keys, key)
             self._check_text(key, mark, keys)
+            if what := formula(key):
+                self.problems.append(Problem(mark, dotted(keys), what))
             if key in out:
                 first = self.key_marks[at].line
                 what = f"duplicate key, first given on line {first}"

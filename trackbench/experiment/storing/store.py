@@ -32,6 +32,7 @@ from trackbench.experiment.files import (
     made,
     replacing,
     shortened,
+    within,
     write_text,
 )
 from trackbench.experiment.planning.plan import Key
@@ -41,7 +42,7 @@ from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
 from trackbench.experiment.storing.given import FILE, points_text
 from trackbench.experiment.storing.manifest import manifest_of
-from trackbench.experiment.storing.outputs import remove_outputs
+from trackbench.experiment.storing.outputs import COLUMNS, remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
 from trackbench.scenarios.base import Scenario
 
@@ -110,7 +111,7 @@ def write_results(
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    _write_published(folder / "published", published)
+    _write_published(folder, published)
     write_text(folder / FILE, points_text(experiment.points, folder))
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
@@ -118,13 +119,13 @@ def write_results(
     losses, asked = {}, shared(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
-        writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
+        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.alone for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
-            for name in _FRAMES:
+            for name in COLUMNS:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
             _write_runs(writers["per_run.csv"], experiment, key, result)
             for collection in kept.values():
@@ -151,13 +152,13 @@ def _with_shares(
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
     writer = CsvWriter(files.enter_context(replacing(path)))
-    writer.writerow([*experiment.settings.grid, *_FRAMES[path.name][0]])
+    writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
     return writer
 
 
 def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
-    columns, rows = _FRAMES[name]
+    columns, rows = COLUMNS[name], _ROWS[name]
     wanted = kept_metrics(experiment.settings, name)
     if rows is None or (wanted is not None and not wanted):
         return
@@ -188,10 +189,8 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
-    if files:
-        made(folder)
     for name, text in files.items():
-        write_text(folder / name, text)
+        write_text(made(within(folder, "published")) / name, text)
 
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
@@ -242,15 +241,9 @@ def _plain(row: Row, digits: int | None) -> list[Any]:
     return [float(f"{x:.{digits}g}") if isinstance(x, float) else x for x in plain]
 
 
-_FRAMES: dict[str, tuple[list[str], Any]] = {
-    "per_run.csv": (["filter", "run", "metric", "value"], None),
-    "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
-    "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-    "timing.csv": (
-        [
-            *("filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"),
-            *("repeats", "likelihoods", "covariances"),
-        ],
-        _timing,
-    ),
+_ROWS: dict[str, Any] = {
+    "per_run.csv": None,
+    "per_step.csv": _per_step,
+    "summary.csv": _summary,
+    "timing.csv": _timing,
 }
