@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.conftest import EXPERIMENTS
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import spread, tail_index
+from trackbench.evaluation.intervals import spread
 from trackbench.evaluation.precision import exact_after, looks
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
 from trackbench.report.agreement import DECIDED, SURE, Verdict, of_claim
@@ -112,6 +112,18 @@ def repeated(
             )
     marked, same, heavy = np.array(found).T
     return float(marked.mean()), float(same[~marked].mean()), float(heavy.mean())
+
+
+def tail_index(influences: Array) -> float:
+    """Return the index of the tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
+
+    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
+    """
+    x = np.sort(np.abs(influences))[::-1]
+    k = round(float(np.sqrt(len(x))) / 2.0)
+    if k < 5 or not x[0] > x[k] > 0.0:
+        return float("inf")
+    return float(1.0 / np.log(x[:k] / x[k]).mean())
 
 
 def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[float, float]:

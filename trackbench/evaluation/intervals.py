@@ -25,11 +25,6 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log, power
 from trackbench.core.sums import total
 
-FRAGILE = 0.5
-"""Share of one run in the squared influences from which the number is one run's, more or less."""
-HEAVY = 2.0
-"""Index of a tail below which a variance, and with it a standard error, need not exist."""
-
 
 class Spread(NamedTuple):
     """Standard error, Hall's ``a``, degrees of freedom."""
@@ -136,34 +131,6 @@ def t_of_normal(z: float, freedom: float) -> float:
         return z
     scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
     return float(np.copysign(np.sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0)), z))
-
-
-@np.errstate(all="ignore")
-def is_fragile(influences: Array) -> bool:
-    """Whether one run, or a tail of which other runs will show more, makes the number or its error."""
-    return dominance(influences) > FRAGILE or tail_index(influences) < HEAVY
-
-
-def tail_index(influences: Array) -> float:
-    """Index of the influences' tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
-
-    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
-    """
-    x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
-    k = round(float(np.sqrt(len(x))) / 2.0)
-    if k < 5 or not x[k] > 0.0:
-        return np.inf
-    slope = total(log(x[:k] / x[k])) / k
-    return float(1.0 / slope) if slope > 0.0 else np.inf
-
-
-def dominance(influences: Array) -> float:
-    """Largest share of one run in the sum of squared influences, which is the number's variance.
-
-    That run alone moves the number by the root of it, in standard errors.
-    """
-    squares = np.square(influences[~np.isnan(influences)])
-    return float(squares.max() / total(squares)) if len(squares) else np.nan
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
