@@ -47,7 +47,9 @@ def instant(cell: str, zoned: bool | None = None) -> float:
     except ValueError:
         raise ValueError("a time in ISO 8601") from None
     if zoned is not None and zoned != (at.tzinfo is not None):
-        raise ValueError(f"a time {'with' if zoned else 'without'} a zone, as that of the first row is")
+        raise ValueError(
+            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
+        )
     at = at if at.tzinfo else at.replace(tzinfo=UTC)
     return float((at - _EPOCH) // _MICROSECOND)
 

@@ -61,7 +61,7 @@ class Naming:
             raise MistakenKeyError("is latitude, longitude and perhaps height", "origin")
 
     def check_names(self, components: Sequence[str], *within: str) -> None:
-        """Raise MistakenKeyError for an unknown name, or a unit of another dimension than its quantity's."""
+        """Raise MistakenKeyError for an unknown name, and for a unit of another dimension."""
         known = [*KEYS, *GEODETIC, *COURSE, *components]
         for part, given in (("columns", self.columns), ("units", self.units)):
             for key in given:
@@ -138,7 +138,7 @@ class Columns:
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
-        """Read the table, with "not available" codes as missing. Raises DataError for impossible values."""
+        """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents)
         of_ais = is_ais(self.names)
         mistakes = []

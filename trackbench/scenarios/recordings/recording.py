@@ -77,7 +77,9 @@ def one_clock(
 def _counted(found: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > MOST_STEPS:
-        what = f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
+        what = (
+            f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
+        )
         raise DataError(Place(found.files[0], 1, 1, what))
     return int(number)
 

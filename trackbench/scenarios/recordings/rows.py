@@ -47,7 +47,7 @@ class Gathered:
     """What the files have in common, found as they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which. ``unavailable`` counts the cells of each "not available" code.
+    The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
     """
 
     naming: Naming
@@ -73,7 +73,9 @@ class Gathered:
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
         if (stepped, table.dated) != (self.stepped, self.dated):
             mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
-            what = f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
+            what = (
+                f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
+            )
             raise columns.mistake(what)
         if (stepped or table.dated) and "time" in self.naming.units:
             has, unit = _clock(stepped, table.dated), self.naming.units["time"]
