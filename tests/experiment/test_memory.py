@@ -83,7 +83,7 @@ def test_a_boosted_cloud_makes_a_narrower_block(N: int, boost: int, scans: int, 
 
 
 def test_a_long_track_of_few_runs_takes_no_more_than_estimated() -> None:
-    scenario, tracker = banana(scans=800), kinds("filters")["ekf"]()
+    scenario, tracker = banana(scans=3000), kinds("filters")["ekf"]()
     task = BlockTask(scenario, tracker, 0, 0, 1, 1)
     run_whole_block(replace(task, scenario=banana(scans=5)))  # what only the first block takes
     taken = peak(run_whole_block, task)

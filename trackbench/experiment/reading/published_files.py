@@ -24,7 +24,7 @@ from trackbench.experiment.reading.published import (
 from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
 from trackbench.experiment.reading.validate import build, unknown
 
-_DIGITS = re.compile("[0-9]")
+_NUMBERS = re.compile("[-_.]*[0-9]+")
 
 
 def read_published(
@@ -94,7 +94,7 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     names = {known.experiment, *shipped.names(), *near}
     for name in sorted(unknown_names - names):
         for match in get_close_matches(name, sorted(names), 1, 0.75):
-            if _DIGITS.sub("", name) != _DIGITS.sub("", match):
+            if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
                 what = f"there is no experiment {name!r}; did you mean {match}?"
                 yield replace(known.others[name], what=what)
 
