@@ -73,7 +73,7 @@ def score(*windows: dict[str, Any], **keys: Any) -> dict[str, Any]:
             "m.csv:4:1: scenario: time: '2026-01-01T00:00:02Z'",
         ),
         (
-            DATES.replace(":00,", ":00+01:00,"),
+            re.sub(r"(:0[0-2]),", r"\1+01:00,", DATES),
             {},
             {},
             "' is not a time with a zone, as that of the f",

@@ -69,9 +69,9 @@ class Naming:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise MistakenKeyError(what, *within, part, key)
         for key, unit in self.units.items():
-            what = _mistaken_unit(key, unit, is_scalar="vx" not in components)
-            if what is not None:
-                raise MistakenKeyError(what, *within, "units", key)
+            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            if mistake is not None:
+                raise MistakenKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """The column of a quantity among ``names``; of 2.x, the second sensor's, also that of x."""
