@@ -69,8 +69,8 @@ class PublishedNumber:
 
     @property
     def printed_at(self) -> tuple[str, ...]:
-        """Where it stands: readings of one number have this in common."""
-        return self.paper, self.table, self.row, self.filter, self.metric
+        """Where it stands, and at which point: readings of one number have this in common."""
+        return self.paper, self.table, self.row, self.filter, self.metric, self.point
 
     @property
     def labels(self) -> list[str]:

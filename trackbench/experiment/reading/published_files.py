@@ -209,7 +209,7 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
     for other in before:
         if other.printed_at != row.printed_at:
             continue
-        same = "an earlier row has this paper, table, row, filter and metric, too"
+        same = "an earlier row has this paper, table, row, filter, metric and point, too"
         if other.value != row.value:
             source.blame(("value",), f"is {row.value} here and {other.value} there: {same}")
         elif row.reading == other.reading or not (row.reading and other.reading):
