@@ -75,9 +75,16 @@ def test_an_unknown_key_is_not_said_to_be_a_constant_of_the_class(tmp_path: Path
     assert "presets" not in line
 
 
+def test_many_filters_are_not_too_many_values(tmp_path: Path) -> None:
+    """2000 filters with a motion each have 20 000 values and more."""
+    each = "{kind: ukf, assume: {motion: {kind: ar1, q: 1, phi: 1, drift: 0}}}"
+    filters = "".join(f"  F{i}: {each}\n" for i in range(2000))
+    assert len(parse(f"filters:\n{filters}", "c.yaml").data["filters"]) == 2000
+
+
 def test_too_many_values_are_not_read_to_their_end(tmp_path: Path) -> None:
     text = GOOD + f"medians: [{','.join('a' * 400_000)}]\n"
-    assert re.search(r"6:\d{5}: more than 20000 values\n", refused(tmp_path, text))
+    assert re.search(r"6:\d{6}: more than 100000 values\n", refused(tmp_path, text))
 
 
 @given(
@@ -150,6 +157,8 @@ def test_a_csv_without_line_breaks_is_not_read_into_memory(tmp_path: Path) -> No
 NUMBERS = "paper,table,filter,metric,value,label,expression\n"
 CLAIMS = "paper,claim,left,expression,right,right_expression\n"
 FACTORS = "paper,claim,left,expression,factor,right,point\n"
+EQUAL = "paper,claim,left,expression,relation,factor,tolerance\n"
+READINGS = "paper,table,filter,metric,value,label,reading,experiment\n"
 
 
 @pytest.mark.parametrize(
@@ -176,9 +185,30 @@ FACTORS = "paper,claim,left,expression,factor,right,point\n"
             FACTORS + "p,c,PF,mean(rmse),1,,filters.PF.N=9\n",
             "p.csv:2:22: point: 'filters.PF.N=9' is",
         ),
+        (FACTORS + "p,c,PF,mean(rmse),0,PF,\n", "p.csv:2:19: factor: 0 times the right side means"),
+        (FACTORS + "p,c,PF,mean(rmse),-1,PF,\n", "p.csv:2:19: factor: -1 times the right side me"),
+        (EQUAL + "p,c,PF,mean(rmse),~,0,1\n", "p.csv:2:21: factor: is 0, and `~` allows"),
+        (EQUAL + "p,c,PF,mean(rmse),~,1,0\n", "p.csv:2:23: tolerance: is 0, and `~` allows"),
+        (NUMBERS + "p,t,f,m,1,PF,mean(rmse)\np,t,f,m,1,PF,rms(rmse)\n", "p.csv:3:1: reading: an"),
+        (NUMBERS + "p,t,f,m,1,PF,mean(rmse)\np,t,f ,m,1,PF,rms(rmse)\n", "p.csv:3:1: reading: an"),
+        (NUMBERS + "p,t,f,m,1,PF,mean(rmse)\np,t,f,m,2,PF,rms(rmse)\n", "p.csv:3:9: value: is 2.0"),
+        (READINGS + "p,t,f,m,1,PF,a,\np,t,f,m,1,PF,a,\n", "p.csv:3:14: reading: an earlier row"),
+        (
+            READINGS + "p,t,f,m,1,PF,,x\np,t,f,n,1,PF,,mewre2000\n",
+            "'mewre2000'; did you mean merw",
+        ),
+        (
+            READINGS + "p,t,f,m,1,PF,,x\np,t,f,n,1,PF,,besde\n",
+            "experiment 'besde'; did you mean beside",
+        ),
+        (
+            READINGS + "p,t,f,m,1,PF,,y\n",
+            "published: no row is for experiment 'x'; the rows are for y",
+        ),
     ],
 )
 def test_mistakes_in_a_published_file(tmp_path: Path, rows: str, expected: str) -> None:
+    (tmp_path / "b.yaml").write_text(GOOD.replace("name: x", "name: beside"))
     assert expected in refused(tmp_path, GOOD + "published: [p.csv]\n", p=rows)
 
 
@@ -186,6 +216,14 @@ def test_a_published_nan_is_one_line(tmp_path: Path) -> None:
     err = refused(tmp_path, GOOD + "published: [p.csv]\n", p=NUMBERS + "p,t,f,m,NaN,,\n")
     what = "'NaN' is not a number and not one of biased or unbiased"
     assert err == f"p.csv:2:9: value: {what}\n"
+
+
+def test_declared_readings_and_rows_for_experiments_elsewhere_are_accepted(tmp_path: Path) -> None:
+    rows = "p,t,f,m,1, PF ,a,x\np,t,f,m,1,PF,b,x ; x2\np,t,g,m,1,QF,,hdepf;hdepf-9;elsewhere\n"
+    (tmp_path / "p.csv").write_text(READINGS.replace(",label", ", label ") + rows)
+    path = tmp_path / "c.yaml"
+    path.write_text(GOOD + "published: [p.csv]\n")
+    assert [row.labels for row in load(path).published.numbers] == [["PF"], ["PF"]]
 
 
 def test_rows_that_mean_something_are_accepted(tmp_path: Path) -> None:

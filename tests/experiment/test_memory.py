@@ -16,10 +16,11 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.reduction import run_whole_block
 from trackbench.experiment.machine import memory
 from trackbench.experiment.planning import plan
-from trackbench.experiment.planning.plan import _block_bytes, block_width, check_memory
+from trackbench.experiment.planning.plan import _STEP_ROW, _block_bytes, block_width, check_memory
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds
+from trackbench.report.columns import read_columns
 
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
 
@@ -137,3 +138,21 @@ def test_a_run_that_a_container_would_kill_is_refused(
     monkeypatch.setattr(plan, "memory", lambda: needed)
     with pytest.raises(UserError, match=r"this machine or container has .* GB: use fewer"):
         check_memory(experiment, 1)
+
+
+def test_a_long_track_of_few_runs_takes_no_more_than_estimated() -> None:
+    scenario, tracker = banana(scans=3000), kinds("filters")["ekf"]()
+    task = BlockTask(scenario, tracker, 0, 0, 1, 1)
+    run_whole_block(replace(task, scenario=banana(scans=5)))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(scenario, tracker, 1) <= 2.5 * taken
+
+
+def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> None:
+    """A row of per_step.csv has seven columns; its texts take 700 bytes."""
+    path, rows = tmp_path / "per_step.csv", 30_000
+    lines = (f"KF,{k},{k / 7},rmse_position,{k / 3},0.{k},20\n" for k in range(rows))
+    path.write_text("filter,step,time,metric,value,stderr,runs\n" + "".join(lines))
+    with path.open(newline="") as file:
+        read = peak(read_columns, file)
+    assert 7 * 8 * rows < read < _STEP_ROW * rows + 6_000_000

@@ -33,12 +33,6 @@ class Compared(NamedTuple):
     verdict: Verdict
     note: str
 
-    @property
-    def printed_at(self) -> tuple[str, ...]:
-        """Where it stands: readings of one number have this in common."""
-        p = self.published
-        return p.paper, p.table, p.row, p.filter, p.metric
-
 
 class Ranked(NamedTuple):
     """Agreement of the order of the filters in one column of a published table."""
@@ -83,7 +77,7 @@ class Comparison:
         """A verdict for each published number, however many readings of it were tried."""
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         for row in self.rows:
-            found[row.printed_at].append(row)
+            found[row.published.printed_at].append(row)
         return [Reproduced(rows) for rows in found.values()]
 
 
@@ -129,11 +123,11 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 def _readings(number: PublishedNumber, evidence: Expressions | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
-        note = noted(no_results(number, evidence), number.note)
+        note = noted(no_results(number, evidence), number.reading, number.note)
         yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
         verdict = agreement.of_number(number, measured, measured.parts(evidence.batches))
-        note = noted(measured.losses, number.chosen, number.note)
+        note = noted(measured.losses, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)

@@ -260,8 +260,9 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
     paths = [("grid",), *(("grid", path) for path in settings.grid)]
     own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
     values = [point.values for point in points] if own else None
+    also = [str(table.get("of")) for table in settings.tables.values()]
     try:
-        return read_published(folder, settings.published, settings.name, labels, mark, values)
+        return read_published(folder, settings.published, settings.name, labels, mark, values, also)
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()

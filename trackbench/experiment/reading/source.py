@@ -25,7 +25,9 @@ Keys: TypeAlias = tuple[str | int, ...]
 
 _LARGEST_FILE = 1_000_000  # bytes
 _UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
-_MOST_NODES = 20_000  # after aliases are expanded
+_MOST_NODES = (
+    100_000  # after aliases are expanded: 1 MB of ten bytes each, as lines of configs have
+)
 _TOO_MANY = f"more than {_MOST_NODES} values"
 DEEPEST = 50  # levels
 _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
