@@ -81,7 +81,8 @@ class AlphaBeta(Filter[Smoothed]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
         """The prior, which stands for two measurements."""
         unknown = np.full(prior.mean.shape[1], np.nan)
-        return Smoothed(Gaussian(prior.mean, prior.cov), unknown, np.array(2))
+        first = Gaussian(prior.mean[:4], prior.cov[:4, :4])  # the motion is its own
+        return Smoothed(first, unknown, np.array(2))
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""

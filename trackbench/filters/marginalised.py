@@ -34,7 +34,7 @@ class MPF(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
 
     @property
     def notes(self) -> frozenset[str]:

@@ -25,6 +25,8 @@ from trackbench.scenarios.base import Scenario
 _NEEDS = {
     "state.planar": "a target in the plane",
     "motion.jacobian": "a motion with a Jacobian",
+    "motion.alike_axes": "a motion of constant velocity, alike along x and y (cv, cwna; of any other "
+    "motion try rpf or gpf), and steps of equal length",
     "motion.F": "a linear motion and steps of equal length",
     "motion.F|linear": "a linear motion",
     "motion.Q": "a linear motion",
