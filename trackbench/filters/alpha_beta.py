@@ -10,9 +10,9 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.filters.base import PLANAR_POSITION, Filter
+from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
 from trackbench.keys import MistakenKeyError, OpenShare, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.position import PositionSensor
@@ -57,6 +57,10 @@ class AlphaBeta(Filter[Smoothed]):
             raise ValueError("alpha and beta are given together or not at all")
         if self.alpha is not None and self.beta is not None and self.beta >= 4 - 2 * self.alpha:
             raise MistakenKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its motion is that of `q`."""
+        return OWN_MOTION
 
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
         """alpha and beta, from the tracking index ``sqrt(q) T^2 / sigma`` unless given."""

@@ -34,6 +34,12 @@ class CMKF(GaussianFilter):
     """conversion of the two scans that the filter starts from; default: its own"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Only two scans are converted."""
+        if issubclass(scenario.prior_kind, Convertible):
+            return {}
+        return {"start": "as there are no two scans of range and azimuth to start from"}
+
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """Two-point differencing of converted measurements; the prior's moments if there are none."""
         if not isinstance(prior, Convertible):

@@ -47,6 +47,11 @@ class MPF(ParticleFilter):
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Without jitter there is no kernel."""
+        idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
+        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
