@@ -46,7 +46,7 @@ class LineOfSight(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.azimuths")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
 
     @property
     def notes(self) -> frozenset[str]:
@@ -54,9 +54,11 @@ class LineOfSight(ParticleFilter):
         return super().notes - {"ess"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Weighs in the log domain only."""
+        """Weighs in the log domain only, and looks from where the scans of the start were taken."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
+        if not cast(RangeAzimuth, scenario.model.sensor).at_origin:
+            return {"": "los-rbpf looks from the origin; the sensor it assumes stands elsewhere"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
@@ -146,7 +148,7 @@ def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     x, P = state.particles.x, state.P
     assert P is not None
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
-    w_p, w_v = linalg.matvec(linalg.cholesky(Q), rng.standard_normal((2, *x.shape[1:])))
+    w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
     nearness = 1.0 / np.sqrt(px * px + py * py)
     w_p *= nearness

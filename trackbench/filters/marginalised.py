@@ -35,7 +35,7 @@ class MPF(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
 
     @property
     def notes(self) -> frozenset[str]:
@@ -47,6 +47,11 @@ class MPF(ParticleFilter):
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Without jitter there is no kernel."""
+        idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
+        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
