@@ -155,6 +155,41 @@ def _anew(link: re.Match[str]) -> str:
     return link[0].replace(f"[{written}]", f"[{as_found(written, folder, title)}]", 1)
 
 
+VERDICTS = re.compile(r"\b(holds?|fails?|not decided|undecided|fragile|agrees?|compatible|differs?)\b")
+SHARES = re.compile(r"\b(half|twice|thirds?|quarters?|fifths?|tenths?|dozen|times (as|more|less|that))\b")
+_EXEMPT = ("Errata", "Open points", "Published numbers")
+_BARE = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
+
+
+def untied(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of verdict words and measured numbers that no link ties to results.
+
+    Numbers of the configs and of what is published are settings. Errata and open points argue with the
+    paper's own numbers.
+    """
+    settings, exempt, plain = _settings(), False, ""
+    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.startswith("#"):
+            exempt = any(word in line for word in _EXEMPT)
+            continue
+        if exempt:
+            continue
+        plain = re.sub(r"`[^`]*`|\[[^]]*\]\([^)]*\)|\([^()]*(printed|paper)[^()]*\)", "", LINK.sub("", line))
+        for pattern in (VERDICTS, SHARES):
+            yield from ((i, match[0]) for match in pattern.finditer(plain))
+        for match in _BARE.finditer(plain):
+            if float(match[0].replace(" ", "")) not in settings:
+                yield i, match[0]
+
+
+@cache
+def _settings() -> frozenset[float]:
+    """Every number in the configs and in what is published, and the whole ones up to twelve."""
+    files = [*(HERE / "experiments").rglob("*.yaml"), *(HERE / "experiments").rglob("published/*.csv")]
+    text = " ".join(file.read_text(encoding="utf-8") for file in files)
+    return frozenset({float(n) for n in re.findall(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?", text)} | {*range(13)})
+
+
 def main() -> int:
     """List what changed, or write it; exit code 1 if a number is stale and not written."""
     parser = argparse.ArgumentParser(prog="python -m tests.prose", description=__doc__)
@@ -164,6 +199,9 @@ def main() -> int:
     stale = [(path, t) for path in options.paths for t in tied(path) if t.written != t.found]
     for path, t in stale:
         print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
+    for path in options.paths:
+        for line, text in untied(path) if path.name != "README.md" or path == PROSE else ():
+            print(f"{path}:{line}: {text!r} is tied to no result")
     for path in options.paths if options.write else ():
         text = path.read_text(encoding="utf-8")
         path.write_text(LINK.sub(_anew, text), encoding="utf-8")
