@@ -52,8 +52,8 @@ reproduce reproduce-tables: $(VENV)/.run
 	@$(BIN)/python -m tests.times
 	@$(BIN)/python -m tests.prose || true
 
-# Without three studies beyond the papers, which would take a third of the time; figures as in the report.
-QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
+# Without four studies beyond the papers, which would take a third of the time; figures as in the report.
+QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/adaptive-kf-tuned-paths.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
 reproduce-quick: $(VENV)/.run
 	@$(BIN)/trackbench run $(QUICK) --quick --format svg --out build/quick
 

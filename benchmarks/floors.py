@@ -2,8 +2,8 @@
 
 In blocks of the product's own size, with nothing else done. Bars are held against the variates as
 numpy's documented generator makes them, an SFC64 stream's ``standard_normal``, ``standard_gamma`` and
-``random``. A second line, in W1 with a bar of its own, is the same with the product's own faster
-variates: normals of trackbench/core/normals.py, Gamma(3) as -log(u1 u2 u3) of core/distributions.py.
+``random``. A second line, in W1 with a bar of its own, takes the product's faster variates instead: the
+normals and gammas of trackbench/core/noise.py.
 """
 
 import time
@@ -42,13 +42,7 @@ def floor(
         started = time.process_time()
         for _ in range(steps * blocks):
             for _ in range(gammas):
-                if own:
-                    u = rng.random((3, width, N))
-                    u[0] *= u[1]
-                    u[0] *= u[2]
-                    np.log(u[0], out=u[0])
-                else:
-                    rng.standard_gamma(3.0, (width, N))
+                rng.standard_gamma(3.0, (width, N))
             if normals:
                 rng.standard_normal((normals, width, N))
             if uniforms:

@@ -16,7 +16,7 @@ from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
 from trackbench.core.regularisation import jitter
 from trackbench.core.streams import block_stream
-from trackbench.evaluation.reduction import _keep_freed_memory
+from trackbench.evaluation.reduction import keep_freed_memory
 from trackbench.models.base import log_likelihood
 
 CASES = (
@@ -32,7 +32,7 @@ WARM = 5
 
 def main() -> None:
     """Nanoseconds per particle-step of each part, least of twelve rounds."""
-    _keep_freed_memory()
+    keep_freed_memory()
     for scenario, kind, N, runs in CASES:
         try:
             found = parts(shipped(scenario), make("filters", kind, N=N), runs)

@@ -23,6 +23,9 @@ filters:
 """
 
 
+RUNS = (2_000, 20_000, 200_000)
+
+
 def descendants(pid: int) -> list[int]:
     """Every process below ``pid``."""
     found: list[int] = []
@@ -67,7 +70,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "scale.yaml").write_text(CONFIG)
-        for runs in (2_000, 20_000, 200_000):
+        for runs in RUNS:
             wall, own, workers = measured(folder, runs)
             per_run = 1e6 * wall / runs
             print(f"{runs:>8} {wall:>8.1f} {per_run:>11.1f} {own:>11.0f} {workers:>10.0f}")

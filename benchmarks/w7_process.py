@@ -9,6 +9,7 @@ from benchmarks.processes import ENVIRONMENT, FRESH, PROGRAM, ROOT, command
 
 EVERY_CORE = True
 CONFIG = "experiments/hdepf.yaml"
+RUNS = 200
 
 
 def workloads() -> list[Workload]:
@@ -20,7 +21,7 @@ def workloads() -> list[Workload]:
     """
     home = tempfile.mkdtemp(prefix="bench-")
     cache, out = os.path.join(home, "cache"), os.path.join(home, "out")
-    few, kept = ("--runs", "200"), {**ENVIRONMENT, "TRACKBENCH_CACHE": cache}
+    few, kept = ("--runs", str(RUNS)), {**ENVIRONMENT, "TRACKBENCH_CACHE": cache}
     filling = (PROGRAM, "run", CONFIG, *few, "--out", out)
     subprocess.run(filling, cwd=ROOT, env=kept, check=True, capture_output=True)
 
@@ -35,7 +36,7 @@ def workloads() -> list[Workload]:
         "blocks kept": run(*few),
         "blocks kept, one worker": run(*few, "--workers", "1"),
         "20 runs, computed": computed("--quick"),
-        "200 runs, computed": computed(*few),
+        f"{RUNS} runs, computed": computed(*few),
         "one figure again": command("plot", out, "--only", "figure2"),
     }
     limits = [

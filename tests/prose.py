@@ -1,11 +1,12 @@
-"""Are the numbers of experiments/README.md those of results/? Each is a link to where it is from.
+"""Compare the numbers of README.md and experiments/README.md with results/. Each is a link.
 
 ``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
 a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
 many standard errors it is from zero. ``[holds](../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
-verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number.
-``python -m tests.prose`` (in ``make reproduce``) lists what changed, ``--write`` writes it anew, with as
-many decimals as it had.
+verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
+agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
+bias or ``claims``. The word and the mark may be left out. ``python -m tests.prose`` (in ``make
+reproduce``) lists what changed, ``--write`` writes it anew, with as many decimals as it had.
 """
 
 import argparse
@@ -21,12 +22,15 @@ from typing import NamedTuple
 from trackbench.evaluation.measure import measure
 from trackbench.experiment.reading.published import split
 from trackbench.experiment.reading.source import scalar
+from trackbench.report.agreement import NUMBER_WORDS
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
 
 HERE = Path(__file__).resolve().parent.parent
 PROSE = HERE / "experiments" / "README.md"
-LINK = re.compile(r'\[([^\]\[]+)\]\(\.\./results/([^/)]+)/ "([^"]+)"\)')
+TEXTS = (PROSE, HERE / "README.md")
+LINK = re.compile(r'\[([^\]\[]+)\]\((?:\.\./)?results/(?:([^/)]+)/)? "([^"]+)"\)')
+_PRINTED_AT = ("paper", "table", "row", "filter", "metric")
 _NUMBER = re.compile(r"([+-]?)(\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
 
@@ -43,7 +47,7 @@ def tied(path: Path = PROSE) -> Iterator[Tied]:
     """Every tied number of a text."""
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         for match in LINK.finditer(line):
-            written, folder, title = match.groups()
+            written, folder, title = match.groups(default="")
             yield Tied(i, written, as_found(written, folder, title), f"{folder}: {title}")
 
 
@@ -69,9 +73,42 @@ def like(match: re.Match[str], value: float) -> str:
     return out
 
 
+def count(folder: str, what: str, word: str = "", mark: str = "") -> int:
+    """Return how many verdicts of a folder, or of all, have the word and the mark."""
+    found = [row for row in _verdicts(folder, what) if word in ("", row["verdict"])]
+    return sum(not mark or row["fragile"] == "yes" for row in found)
+
+
+@cache
+def _verdicts(folder: str, what: str) -> list[dict[str, str]]:
+    """Rows of the verdicts; of a printed number that of its best reading, as in the ledger."""
+    name = "claims.csv" if what == "claims" else "comparison.csv"
+    rows = [
+        row
+        for path in sorted((HERE / "results").glob(f"{folder or '*'}/{name}"))
+        for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    ]
+    if what == "claims":
+        return rows
+    best: dict[tuple[str, ...], dict[str, str]] = {}
+    for row in sorted(rows, key=_rank):
+        if row["published"].endswith("biased") == (what == "words"):
+            best.setdefault(tuple(row[key] for key in _PRINTED_AT), row)
+    return [*best.values()]
+
+
+def _rank(row: dict[str, str]) -> tuple[int, float]:
+    word = NUMBER_WORDS.index(row["verdict"])
+    if row["published"].endswith("biased") or not row["measured"]:
+        return word, 0.0
+    return word, abs(float(row["measured"]) - float(row["published"]))
+
+
 def values(folder: str, title: str) -> tuple[float, ...]:
-    """Value and standard error, or z alone."""
+    """Value and standard error, or z alone, or a count of verdicts."""
     parts = re.split(r"\s*[;|]\s*", title)
+    if parts[0] == "count":
+        return (float(count(folder, *parts[1:])),)
     wants_z = parts[0] == "z"
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))
@@ -114,22 +151,71 @@ def _expressions(folder: str, point: str) -> Expressions:
 
 
 def _anew(link: re.Match[str]) -> str:
-    written, folder, title = link.groups()
+    written, folder, title = link.groups(default="")
     return link[0].replace(f"[{written}]", f"[{as_found(written, folder, title)}]", 1)
+
+
+VERDICTS = re.compile(
+    r"\b(holds?|fails?|not decided|undecided|fragile|agrees?|compatible|differs?)\b"
+)
+SHARES = re.compile(
+    r"\b(half|twice|thirds?|quarters?|fifths?|tenths?|dozen|times (as|more|less|that))\b"
+)
+_EXEMPT = ("Errata", "Open points", "Published numbers")
+_BARE = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
+
+
+def untied(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of verdict words and measured numbers that no link ties to results.
+
+    Numbers of the configs and of what is published are settings. Errata and open points argue with the
+    paper's own numbers.
+    """
+    settings, exempt, plain = _settings(), False, ""
+    for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.startswith("#"):
+            exempt = any(word in line for word in _EXEMPT)
+            continue
+        if exempt:
+            continue
+        plain = re.sub(
+            r"`[^`]*`|\[[^]]*\]\([^)]*\)|\([^()]*(printed|paper)[^()]*\)", "", LINK.sub("", line)
+        )
+        for pattern in (VERDICTS, SHARES):
+            yield from ((i, match[0]) for match in pattern.finditer(plain))
+        for match in _BARE.finditer(plain):
+            if float(match[0].replace(" ", "")) not in settings:
+                yield i, match[0]
+
+
+@cache
+def _settings() -> frozenset[float]:
+    """Every number in the configs and in what is published, and the whole ones up to twelve."""
+    files = [
+        *(HERE / "experiments").rglob("*.yaml"),
+        *(HERE / "experiments").rglob("published/*.csv"),
+    ]
+    text = " ".join(file.read_text(encoding="utf-8") for file in files)
+    return frozenset(
+        {float(n) for n in re.findall(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?", text)} | {*range(13)}
+    )
 
 
 def main() -> int:
     """List what changed, or write it; exit code 1 if a number is stale and not written."""
     parser = argparse.ArgumentParser(prog="python -m tests.prose", description=__doc__)
-    parser.add_argument("path", nargs="?", type=Path, default=PROSE)
+    parser.add_argument("paths", nargs="*", type=Path, default=TEXTS)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    stale = [t for t in tied(options.path) if t.written != t.found]
-    for t in stale:
-        print(f"{options.path.name}:{t.line}: {t.written} is now {t.found} ({t.source})")
-    if options.write:
-        text = options.path.read_text(encoding="utf-8")
-        options.path.write_text(LINK.sub(_anew, text), encoding="utf-8")
+    stale = [(path, t) for path in options.paths for t in tied(path) if t.written != t.found]
+    for path, t in stale:
+        print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
+    for path in options.paths:
+        for line, text in untied(path) if path.name != "README.md" or path == PROSE else ():
+            print(f"{path}:{line}: {text!r} is tied to no result")
+    for path in options.paths if options.write else ():
+        text = path.read_text(encoding="utf-8")
+        path.write_text(LINK.sub(_anew, text), encoding="utf-8")
     return int(bool(stale) and not options.write)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.conftest import EXPERIMENTS
 from trackbench.core.arrays import Array
-from trackbench.evaluation.intervals import spread, tail_index
+from trackbench.evaluation.intervals import spread
 from trackbench.evaluation.precision import exact_after, looks
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
 from trackbench.report.agreement import DECIDED, SURE, Verdict, of_claim
@@ -114,6 +114,26 @@ def repeated(
     return float(marked.mean()), float(same[~marked].mean()), float(heavy.mean())
 
 
+def tail_index(influences: Array) -> float:
+    """Return the index of the tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
+
+    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
+    """
+    x = np.sort(np.abs(influences))[::-1]
+    k = round(float(np.sqrt(len(x))) / 2.0)
+    if k < 5 or not x[0] > x[k] > 0.0:
+        return float("inf")
+    return float(1.0 / np.log(x[:k] / x[k]).mean())
+
+
+def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[float, float]:
+    """Return how often a variance is decided to be other than it is, and how often without a mark."""
+    seeds = (_seed("variance", LAWS[law](rng, (M,))) for _ in range(repetitions))
+    found = [_above(term, DEVIATION[law] ** 2) for term in seeds]
+    decided = [verdict.fragile for verdict in found if verdict.word != "not decided"]
+    return len(decided) / repetitions, decided.count(False) / repetitions
+
+
 def _seed(statistic: str, x: Array) -> Term:
     influences = influence(statistic, x)
     return Term(OVER_RUNS[statistic](x).value, spread(influences).stderr, influences, len(x))
@@ -159,7 +179,11 @@ def main() -> None:
         for M in (200, 800, 3200):
             rows = list(decisions(law, M, 40_000_000 // M, rng))
             cells = [f"{new:.0e}" if z == 0 else f"{old:.2f} {new:.2f}" for z, old, new in rows]
+            cells[0] = cells[0] if rows[0][2] else "0"
             print("|", " | ".join([law, str(M), *cells]), "|", flush=True)
+    for law in LAWS:
+        for M, repetitions in ((200, 6000), (800, 4000), (3200, 2000)):
+            print(law, M, *false_of_variances(law, M, repetitions, rng), flush=True)
     for law in LAWS:
         for statistic in ("mean", "variance"):
             for M in (200, 800):

@@ -88,7 +88,7 @@ def test_dry_run_writes_nothing(tmp_path: Path) -> None:
         "run", str(EXPERIMENTS / "hdepf.yaml"), "--dry-run", "--out", str(tmp_path / "o")
     )
     assert done.returncode == 0
-    assert "13 filters x 3200 runs x 49 steps" in done.stdout
+    assert "14 filters x 3200 runs x 49 steps" in done.stdout
     assert not (tmp_path / "o").exists()
 
 

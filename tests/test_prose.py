@@ -1,17 +1,54 @@
 """No number in the prose about the experiments is stale."""
 
 import re
+from pathlib import Path
 
 import pytest
 
-from tests.prose import LINK, PROSE, like, tied
+from tests.prose import LINK, PROSE, TEXTS, count, like, tied
+from trackbench.report.agreement import CLAIM_WORDS, NUMBER_WORDS
 
 
-def test_every_number_of_the_prose_is_that_of_the_results() -> None:
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.parent.name)
+def test_every_number_of_the_prose_is_that_of_the_results(path: Path) -> None:
+    found = list(tied(path))
     stale = [
-        f"{t.line}: {t.written} is {t.found} ({t.source})" for t in tied() if t.written != t.found
+        f"{t.line}: {t.written} is {t.found} ({t.source})" for t in found if t.written != t.found
     ]
+    assert found
     assert not stale, "\n".join(stale)
+
+
+def test_every_count_of_verdicts_is_tied() -> None:
+    """A number before a verdict's word, and the sentence has all words of the ledger."""
+    text = (
+        TEXTS[1]
+        .read_text(encoding="utf-8")
+        .partition("## What it found")[2]
+        .partition("| paper")[0]
+    )
+    rest = LINK.sub("", text)
+    assert not re.search(r"\d+ +(of them|agree|are|differ|hold|fail|claims|numbers|printed)", rest)
+    tied_words = {tuple(title.split("; ")[1:3]) for _, _, title in LINK.findall(text)}
+    words = {("numbers", word) for word in NUMBER_WORDS} | {
+        ("claims", word) for word in CLAIM_WORDS
+    }
+    missing = {pair for pair in words - tied_words if count("", *pair)}
+    assert not missing
+
+
+def test_a_count_is_of_the_ledger() -> None:
+    """results/README.md says it in words."""
+    ledger = (PROSE.parent.parent / "results" / "README.md").read_text(encoding="utf-8")
+    claims, holds = count("", "claims"), count("", "claims", "holds")
+    assert (
+        f"- {claims} claims: {holds} hold ({count('', 'claims', 'holds', 'fragile')} fragile)"
+        in ledger
+    )
+    numbers, words = count("", "numbers"), count("", "words")
+    assert (
+        f"- {numbers} published numbers: " in ledger or f"- {numbers + words} published" in ledger
+    )
 
 
 def test_every_measured_number_is_tied() -> None:

@@ -46,7 +46,7 @@ def test_a_sweep_takes_a_name(tmp_path: Path) -> None:
 def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
     (tmp_path / "hdepf").mkdir()
     done = trackbench("check", "hdepf", cwd=tmp_path)
-    assert "hdepf: good, 13 filters" in done.stdout
+    assert "hdepf: good, 14 filters" in done.stdout
     assert "note: hdepf is a folder here" in done.stderr
     shipped.copied("radar-turns", tmp_path)
     (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")

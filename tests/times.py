@@ -15,7 +15,7 @@ HEADER = ["experiment", "cpu_s"]
 
 
 def measured() -> dict[str, float]:
-    """Seconds on one processor that the blocks of each shipped experiment took."""
+    """Seconds on one processor that the blocks of each shipped experiment took, with those of tuning."""
     names = sorted(path.stem for path in FILE.parent.glob("[!_]*.yaml"))
     manifests = {name: HERE / "results" / name / "manifest.json" for name in names}
     return {

@@ -39,6 +39,30 @@ class Part:
         return ""
 
 
+def is_foreign(part: Any) -> bool:
+    """Return whether a part of an experiment, or a class of parts, is not the package's own."""
+    cls = part if isinstance(part, type) else type(part)
+    return cls.__module__.partition(".")[0] != "trackbench"
+
+
+def parts_within(part: Any) -> Iterator[Any]:
+    """Yield a part of an experiment, or each of several, and all that it is made of."""
+    if isinstance(part, tuple | list):
+        for one in part:
+            yield from parts_within(one)
+    elif isinstance(part, type):
+        yield part
+    elif is_dataclass(part):
+        yield part
+        for field in fields(part):
+            yield from parts_within(getattr(part, field.name))
+
+
+def foreign_within(part: Any) -> list[Any]:
+    """Return the parts within a part that are not the package's own."""
+    return [inner for inner in parts_within(part) if is_foreign(inner)]
+
+
 class MistakenHookError(TypeError):
     """What a class lacks that its base asks for, or calls nearly like a hook: a line for each."""
 

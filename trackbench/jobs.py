@@ -51,6 +51,8 @@ class Options:
     """address of a dask cluster, tcp://host:port"""
     fresh: bool = False
     """compute again what is kept from before"""
+    times: bool = True
+    """measure CPU times where a table, a figure, a published number or a claim names them"""
     save_tracks: bool = False
     """write every run's track to tracks.npz"""
     formats: Sequence[str] = ("png", "svg")

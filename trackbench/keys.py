@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import stat
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +26,11 @@ OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 Digits = Annotated[int, Interval(ge=1, le=15)]
 """Significant digits of a number that is shown."""
 
-ONE_LINE = r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]+$"
-"""Pattern of a label: one line of visible characters."""
+FORMULA = "=+-@"
+"""Characters that a spreadsheet takes for the beginning of a formula, whoever wrote the file."""
+_UNSEEN = r"\x00-\x1f\x7f-\x9f\u2028\u2029"
+ONE_LINE = rf"^[^{_UNSEEN}{re.escape(FORMULA)}][^{_UNSEEN}]*$"
+"""Pattern of a label: one line of visible characters that is no formula."""
 
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]

@@ -13,6 +13,7 @@ from trackbench.experiment.computing.cache import BlockStore, cache_folder
 from trackbench.experiment.computing.engines import begin, engine
 from trackbench.experiment.computing.growing import grown, why_ended
 from trackbench.experiment.computing.runner import Outcome, execute
+from trackbench.experiment.computing.times import Times, times_of
 from trackbench.experiment.files import touched
 from trackbench.experiment.planning.plan import Key, Plan, cautions
 from trackbench.experiment.problems import counted
@@ -40,8 +41,10 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import Best, best_points, write_sweep
 from trackbench.report.table import Table
+from trackbench.report.times import time_line
 from trackbench.report.verdicts import Comparison
 from trackbench.tuning.record import write_tuning
+from trackbench.tuning.scenario import held_out, training_cautions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,7 +122,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     open_engine = engine(options.engine, workers, options.scheduler)
     for job in jobs:
         say(job.line, options)
-        for caution in cautions(job.experiment.points):
+        for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
             say(f"note: {caution}", options)
 
     def more(i: int, outcome: Outcome) -> Plan | None:
@@ -133,8 +136,10 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
     if most_drawers(options) > 1:
         Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
+        locks = {}
         for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
-            stack.enter_context(locked(folder, lambda line: say(line, options)))
+            locks[folder] = stack.enter_context(ExitStack())
+            locks[folder].enter_context(locked(folder, lambda line: say(line, options)))
         jobs = [with_tuned(job, options) if job.experiment.tuned else job for job in jobs]
         outcomes = execute(
             [job.plan for job in jobs],
@@ -146,7 +151,9 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
             more=more,
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
-            yield _reported(jobs[i], outcome, options, sweep)
+            report = _reported(jobs[i], outcome, options, sweep)
+            locks[report.folder].close()  # who gets the report may plot it
+            yield report
 
 
 def _import_ahead() -> None:
@@ -164,17 +171,25 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
     for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
         say(line, options)
+    times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
+    for label, why in times.failed.items():
+        say(f"note: {label} has no measured CPU time: {why}", options)
     with touched() as paths:
-        losses, facts = write_results(job.folder, job.experiment, outcome, options.save_tracks)
+        losses, facts = write_results(
+            job.folder, job.experiment, outcome, options.save_tracks, times.measured
+        )
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
+            facts["training_holds_out"] = held_out(job.experiment)
+            trained_s = sum(record.cpu_s for record in job.tuning.values())
+            facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
         results = Results(job.folder, facts)
         tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
         write_report(results, comparison)
         if sweep:
             write_sweep(results)
     seal(job.folder, facts, paths)
-    notes = [*_notes(job.experiment, losses), *summary_lines(comparison)]
+    notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []
     return Report(job.folder, tables, comparison, notes, failed, best, answer(results))

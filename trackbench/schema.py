@@ -25,6 +25,8 @@ def schema() -> dict[str, Any]:
     definitions["assume"] = _assume()
     properties = top["properties"]
     _replace(properties, "scenario", {"$ref": _ref("scenarios")})
+    laid_over = {"anyOf": [_ELSEWHERE[0], {"type": "object"}]}
+    _replace(definitions["Tuning"]["properties"], "scenario", laid_over | {"default": None})
     for group in _TOP:
         several = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
         _replace(properties, group, several)

@@ -1,15 +1,17 @@
 """What is done with a results folder: nothing of it computes a run, or imports what would."""
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.experiment.files import touched
 from trackbench.experiment.problems import Mark, Problem, UserError
+from trackbench.experiment.storing.lock import locked
 from trackbench.experiment.storing.outputs import seal
 from trackbench.report.comparison import write_comparison, write_paired
-from trackbench.report.opening import open_results, open_with_notes
+from trackbench.report.opening import check_folder, open_results, open_with_notes, using
 from trackbench.report.paper import Style
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
@@ -30,7 +32,8 @@ def compare(folder: Path | str) -> Comparison:
     that cannot be written nothing is.
     """
     if _is_read_only(folder):
-        return hold_against_published(open_with_notes(Path(folder)))
+        with using(folder):
+            return hold_against_published(open_with_notes(Path(folder)))
     with _written_again(folder) as (results, paths):
         comparison = hold_against_published(results)
         write_comparison(results, comparison)
@@ -71,8 +74,9 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
         return write_overview(folder)
     if _is_read_only(folder):
         here = Path(f"{folder.resolve().name}-report.html")
-        results = open_with_notes(folder, allow_plugins)
-        return _whole(results, [write_report(results, path=here)])
+        with using(folder):
+            results = open_with_notes(folder, allow_plugins)
+            return _whole(results, [write_report(results, path=here)])
     with _written_again(folder, allow_plugins) as (results, _):
         written = [write_report(results)]
     return _whole(results, written)
@@ -98,14 +102,18 @@ def _is_read_only(folder: Path | str) -> bool:
 def _written_again(
     folder: Path | str, allow_plugins: bool = False
 ) -> Iterator[tuple[Results, list[Path]]]:
-    """Results of which some files are written again; the manifest follows them.
+    """Open results of which some files are written again; the manifest follows them.
 
-    What else was changed since the run is said, and stays in the manifest as it was.
+    A run that writes into the folder is waited for. What else was changed since the run is noted, and
+    stays in the manifest as it was.
     """
+    folder = Path(folder)
+    check_folder(folder)
     _check_writable(folder)
-    results = open_with_notes(Path(folder), allow_plugins)
-    with touched() as paths:
-        try:
-            yield results, paths
-        finally:
-            seal(results.folder, results.manifest, paths)
+    with locked(folder, lambda line: print(line, file=sys.stderr)), using(folder):
+        results = open_with_notes(folder, allow_plugins)
+        with touched() as paths:
+            try:
+                yield results, paths
+            finally:
+                seal(results.folder, results.manifest, paths)

@@ -1,5 +1,6 @@
 """What a filter of one's own cannot do: write to what it is given, give back what is no estimate."""
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,11 +10,15 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
-from trackbench.core.arrays import frozen
+from trackbench.core.arrays import Seal, fixed, frozen
 from trackbench.core.distributions import Gaussian
+from trackbench.core.once import once
+from trackbench.evaluation import passing
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.checked import check_estimate
+from trackbench.evaluation.passing import passed
 from trackbench.evaluation.reduction import run_block
+from trackbench.filters.base import ReturnedError
 from trackbench.filters.sigma_points import UKF
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
@@ -54,8 +59,40 @@ def test_every_array_at_any_depth_is_frozen() -> None:
     assert frozen((pair, 1.0)) == (pair, 1.0)
     assert not a.flags.writeable
     assert not b.flags.writeable
+    assert pair.means["a"] is not a  # but lies where nobody can write
+    assert pair.both[2] is pair
     prior: Any = simulate(banana(scans=4), 1, 0, 3).prior
     assert not prior.sensor.R.flags.writeable
+
+
+@pytest.mark.parametrize(
+    "a",
+    [
+        np.arange(24.0).reshape(2, 3, 4),
+        np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        np.arange(24.0).reshape(2, 3, 4).transpose(1, 2, 0)[::-1],
+        np.array(2.5),
+        np.empty((0, 3)),
+        np.array([True, False]),
+        np.arange(5, dtype=np.float32)[::2],
+    ],
+    ids=lambda a: f"{a.dtype}{a.shape}",
+)
+def test_fixed_arrays_are_the_same_numbers(a: np.ndarray) -> None:
+    held = fixed(a)
+    assert (held.dtype, held.shape) == (a.dtype, a.shape)
+    assert held.flags.c_contiguous or held.flags.f_contiguous
+    assert not a.flags.fnc or held.strides == a.strides
+    np.testing.assert_array_equal(held, a)
+    assert fixed(held) is held
+    with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+        held.setflags(write=True)
+
+
+def test_of_objects_and_masks_only_the_flag_is_set() -> None:
+    for a in (np.array([{}, None]), np.ma.masked_array([1.0, 2.0], [True, False])):
+        assert fixed(a) is a
+        assert not a.flags.writeable
 
 
 class WritesMeasurement(UKF):
@@ -102,6 +139,96 @@ def test_a_filter_that_writes_to_its_input_fails_alone(cls: Any, scenario: Any) 
     after = block(other, scenario).per_run
     for name, values in before.items():
         np.testing.assert_array_equal(after[name], values)
+
+
+def _arrays(whole: Any) -> list[np.ndarray]:
+    """The array, or those of a model or a distribution, its bases, and views of them."""
+    if isinstance(whole, np.ndarray):
+        return [whole, whole[..., :1], *_arrays(whole.base)]
+    if isinstance(whole, tuple):
+        return [a for part in whole for a in _arrays(part)]
+    return [a for part in getattr(whole, "__dict__", {}).values() for a in _arrays(part)]
+
+
+@pytest.mark.parametrize("scenario", [SCENARIO, MANEUVER, banana(scans=4)])
+def test_what_filters_share_cannot_be_made_writable(scenario: Any) -> None:
+    given: dict[str, Any] = {}
+
+    class Looks(UKF):
+        def init(self, model: Any, prior: Any, rng: Any) -> Any:
+            given.update(model=model, prior=prior)
+            return super().init(model, prior, rng)
+
+        def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:
+            after = super().step(model, state, z, k, rng)
+            given.update(z=z, gain=inverse(np.eye(2)))
+            return after
+
+    block(Looks(), scenario)
+    for name, whole in given.items():
+        arrays = _arrays(whole)
+        assert arrays or name == "model", name
+        for a in arrays:
+            assert not a.flags.writeable
+            with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+                a.setflags(write=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WritesMemory(UKF):
+    """Hands addresses to a library that writes there, and swallows what numpy says of it."""
+
+    where: str
+
+    def init(self, model: Any, prior: Any, rng: Any) -> Any:
+        self._spoil("prior", _arrays(prior)[0])
+        self._spoil("model", model.sensor.R)
+        self._spoil("gains", inverse(np.eye(2)))
+        return super().init(model, prior, rng)
+
+    def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:
+        self._spoil("measurement", z)
+        if self.where == "error":
+            self._spoil("error", z)
+            raise KeyError
+        return super().step(model, state, z, k, rng)
+
+    def _spoil(self, where: str, a: np.ndarray) -> None:
+        if where == self.where:
+            memory = ctypes.cast(a.ctypes.data, ctypes.POINTER(ctypes.c_double))
+            memory[0] += 1.0
+
+
+@once
+def inverse(A: np.ndarray) -> np.ndarray:
+    """Stand for a gain that all filters share."""
+    return 1.0 / (A + 1.0)
+
+
+@pytest.mark.parametrize("where", ["measurement", "prior", "model", "gains", "error"])
+@pytest.mark.parametrize("held_out", [None, 2])
+def test_a_filter_that_writes_to_memory_fails_alone(where: str, held_out: int | None) -> None:
+    scenario, other = banana(scans=4), make_filter("ekf")
+    gain = inverse(np.eye(2)).copy()
+    simulate.cache_clear()
+    before = block(other, scenario, hold_out=held_out).per_run
+    with pytest.raises(ReturnedError, match="that all filters of the block share: copy"):
+        block(WritesMemory(where=where), scenario, hold_out=held_out)
+    passed.cache_clear()
+    after = block(other, scenario, hold_out=held_out).per_run  # of the same data
+    for name, values in before.items():
+        np.testing.assert_array_equal(after[name], values)
+    np.testing.assert_array_equal(inverse(np.eye(2)), gain)
+
+
+def test_only_blocks_with_foreign_code_are_sealed(monkeypatch: pytest.MonkeyPatch) -> None:
+    sealed = []
+    monkeypatch.setattr(passing, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared))
+    passed.cache_clear()
+    block(make_filter("ukf"))
+    assert not sealed
+    block(make_filter("ekf"), reference=WritesMemory(where=""))
+    assert len(sealed) == 1
 
 
 class InPlace(UKF):

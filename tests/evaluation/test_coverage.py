@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.simulated import tail_index
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.differences import (
     Sides,
@@ -15,7 +16,6 @@ from trackbench.evaluation.intervals import (
     normal_of_t,
     studentised,
     t_of_normal,
-    tail_index,
 )
 from trackbench.evaluation.shares import time_mean_shares
 

@@ -15,7 +15,6 @@ READ = {
     "rmse@last": Measure("rmse", steps=Steps("last")),
     "rmse@3..last": Measure("rmse", steps=Steps("3", "last")),
     "mean(rmse@3)": Measure("rmse", "", "mean", Steps("3")),
-    "time-mean(rmse)/4": Measure("rmse", "", "time-mean", batches=4),
     "gain(mean(rmse), PF (N=5))": Measure("rmse", "", "mean", relation="gain", other="PF (N=5)"),
     "below(rmse[a, b], x, y)": Measure("rmse", "a, b", relation="below", other="x, y"),
     "mean(rmse[a]b)])": Measure("rmse", "a]b)", "mean"),

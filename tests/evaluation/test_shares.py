@@ -94,20 +94,6 @@ def test_the_summary_takes_the_error_of_the_shares():
     assert again[2:] == row[2:]
 
 
-def test_a_batch_has_shares_of_its_own_average():
-    squared = correlated((42,), np.random.default_rng(15))
-    squared[:, 3] *= 1e6  # the other batches know nothing of this run
-    kept, lost = {"squared": squared}, np.full(42, FOUND)
-    result = FilterResult({"lost": lost}, {}, kept, None, [])
-    windows = {"": np.ones(STEPS, dtype=bool)}
-    shared = with_shares(
-        result, [measure("time-mean(rmse)")], windows, range(STEPS), {"": 1}, batches=4
-    )
-    shares = shared.per_run["time-mean(rmse)/4"]
-    for runs in (range(11), range(11, 21), range(21, 32), range(32, 42)):
-        assert shares[runs].mean() == pytest.approx(time_mean(squared[:, runs]), rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("expression", "series", "statistic"),
     [

@@ -87,6 +87,14 @@ BAD: dict[str, tuple[str, int, str, str]] = {
                     "ZeroDivisionError: division by zero"),
     "step leaves": (method("step(self, model, state, z, k, rng)", "raise SystemExit"), RUN,
                     "raise SystemExit", "raised SystemExit()"),
+    "step ends the process": (
+        method("step(self, model, state, z, k, rng)", "__import__('os')._exit(0)"), RUN,
+        "_exit(0)", "code of a plugin raised SystemExit(0)"),
+    "step ends the process by an import": (
+        "from os import _exit\n" + method("step(self, model, state, z, k, rng)", "_exit(0)"), RUN,
+        " _exit(0)", "code of a plugin raised SystemExit(0)"),
+    "the process ends as it is read": (HEAD + "import os\nos._exit(0)\n", INPUT, "os._exit",
+                                       "SystemExit"),
     "an error of its own": (
         HEAD + "class OwnError(Exception):\n    def __init__(self, a, b):\n        "
         "super().__init__(f'{a} and {b}')\n" + KIND +
@@ -94,6 +102,13 @@ BAD: dict[str, tuple[str, int, str, str]] = {
         RUN, "raise OwnError", "OwnError: 1 and 2"),
     "writes to what it is given": (
         method("step(self, model, state, z, k, rng)", "z -= 1"), RUN, "z -= 1", "read-only"),
+    "makes it writable": (
+        method("step(self, model, state, z, k, rng)", "z.setflags(write=True)"), RUN,
+        "z.setflags", "read-only: copy it before you write to it (cannot set WRITEABLE"),
+    "writes to its memory": (
+        method("step(self, model, state, z, k, rng)",
+               "import ctypes; ctypes.memset(z.ctypes.data, 0, z.nbytes); return state"), RUN,
+        "def step", "writes to measurements, a prior or matrices that all filters"),
     "a kind twice": (CLASS + KIND + "class Again(Base):\n    'Again.'\n", INPUT, "@register",
                      "the kind 'bad' is registered twice in this file"),
     "a kind that is taken": (CLASS.replace('"bad"', '"kf"'), INPUT, "@register", "already taken"),

@@ -1,6 +1,10 @@
 """One filter that fails does not stop the others, and the table says what happened."""
 
+import re
+from concurrent.futures import ProcessPoolExecutor
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -253,3 +257,37 @@ def test_a_filter_that_writes_to_the_measurements_spoils_no_other(tmp_path: Path
     assert f"error: Writes failed: writing.py:12: ValueError: {reason}" in both.stderr
     for name in ("per_run.csv", "summary.csv"):
         assert (tmp_path / "both" / name).read_text() == (tmp_path / "alone" / name).read_text()
+
+
+@pytest.mark.parametrize("deaths", [1, 99])
+def test_a_worker_that_dies_as_it_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deaths: int
+) -> None:
+    """The pool hears the end of a file then, which is no Ctrl-D of the user's."""
+    submit, tried = ProcessPoolExecutor.submit, count()
+
+    def dying(self: ProcessPoolExecutor, *words: Any) -> Any:
+        if next(tried) < deaths:
+            raise EOFError("unexpected EOF")
+        return submit(self, *words)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", dying)
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    text = CONFIG.replace("plugins: [bad.py]\n", "")
+    bad = [line for line in text.splitlines() if any(b in line for b in ("Raises", "NaN", "Far"))]
+    (tmp_path / "c.yaml").write_text(text.replace("\n".join(bad), ""))
+    done = trackbench("run", "c.yaml", "--workers", "2", "--format", "svg", cwd=tmp_path)
+    assert "Aborted" not in done.stderr
+    assert "a worker died" in done.stderr
+    assert done.returncode == (deaths > 1)
+    failed = re.findall(r"error: (PF|UKF) failed: its worker died 4 times", done.stderr)
+    assert failed == (["PF", "UKF"] if deaths > 1 else [])
+
+
+def test_only_the_user_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(*_: object) -> None:
+        raise EOFError
+
+    monkeypatch.setattr("trackbench.stored.plot", ended)
+    with pytest.raises(RuntimeError, match="EOFError"):  # a mistake of ours, with its traceback
+        trackbench("plot", "somewhere")

@@ -1,5 +1,7 @@
 """The memory a run is said to need: never less than a block takes, and not many times more."""
 
+import os
+import sys
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,9 +15,19 @@ from tests.papers import banana, maneuver, merwe, merwe_text
 from trackbench import api
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.reduction import run_whole_block
+from trackbench.experiment.machine import memory
 from trackbench.experiment.planning import plan
-from trackbench.experiment.planning.plan import _block_bytes, block_width, make_plan
+from trackbench.experiment.planning.plan import (
+    _STEP_ROW,
+    _block_bytes,
+    block_width,
+    check_memory,
+    make_plan,
+)
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
 from trackbench.registry import kinds
+from trackbench.report.columns import read_columns
 
 SCENARIOS = {"merwe": merwe(T=4, R=1.0), "banana": banana(scans=5)}
 
@@ -115,3 +127,73 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
 def test_a_boosted_cloud_makes_a_narrower_block(N: int, boost: int, scans: int, width: int) -> None:
     tracker = kinds("filters")["rpf"](N=N, boost=boost, boost_scans=scans)
     assert block_width(tracker, banana()) == width
+
+
+GB = 2**30
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no control groups")
+@pytest.mark.parametrize(
+    ("groups", "files", "limit"),
+    [
+        ("0::/user/job\n", {"user/job/memory.max": f"{GB}\n", "user/memory.max": "max\n"}, GB),
+        ("0::/user/job\n", {"user/job/memory.max": "max\n", "user/memory.max": f"{GB}\n"}, GB),
+        ("0::/user/job\n", {"user/job/memory.max": f"{GB}", "user/memory.max": "9"}, 9),
+        ("0::/\n", {"memory.max": f"{GB}\n"}, GB),
+        ("0::/host/path/unseen\n", {"memory.max": f"{GB}\n"}, GB),
+        (
+            "9:name=systemd:/\n5:cpu,memory:/docker/1\n0::/\n",
+            {"memory/docker/1/memory.limit_in_bytes": f"{GB}\n"},
+            GB,
+        ),
+        ("4:memory:/a:b\n", {"memory/memory.limit_in_bytes": f"{GB}\n"}, GB),
+        ("4:memory:/\n", {"memory/memory.limit_in_bytes": f"{2**63 - 4096}\n"}, None),
+        ("4:cpu:/\n", {"memory/memory.limit_in_bytes": "1", "cpu/memory.max": "1"}, None),
+        ("0::/job\n", {"job/memory.max": "max\n"}, None),
+        ("0::/job\n", {}, None),
+        (None, {"memory.max": "1"}, None),
+    ],
+)
+def test_a_containers_limit_is_the_memory_that_there_is(
+    groups: str | None, files: dict[str, str], limit: int | None, tmp_path: Path
+) -> None:
+    if groups is not None:
+        (tmp_path / "proc/self").mkdir(parents=True)
+        (tmp_path / "proc/self/cgroup").write_text(groups)
+    for name, content in files.items():
+        path = tmp_path / "sys/fs/cgroup" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    machines = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert memory(tmp_path) == (machines if limit is None else limit)
+
+
+def test_a_run_that_a_container_would_kill_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nruns: 10\nscenario: {merwe_text(T=4)}\nfilters:\n  PF: {{kind: pf, N: 50}}\n"
+    )
+    experiment = load(tmp_path / "c.yaml")
+    needed = check_memory(experiment, 1)
+    monkeypatch.setattr(plan, "memory", lambda: needed)
+    with pytest.raises(UserError, match=r"this machine or container has .* GB: use fewer"):
+        check_memory(experiment, 1)
+
+
+def test_a_long_track_of_few_runs_takes_no_more_than_estimated() -> None:
+    scenario, tracker = banana(scans=3000), kinds("filters")["ekf"]()
+    task = BlockTask(scenario, tracker, 0, 0, 1, 1)
+    run_whole_block(replace(task, scenario=banana(scans=5)))  # what only the first block takes
+    taken = peak(run_whole_block, task)
+    assert taken <= _block_bytes(scenario, tracker, 1) <= 2.5 * taken
+
+
+def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> None:
+    """A row of per_step.csv has seven columns; its texts take 700 bytes."""
+    path, rows = tmp_path / "per_step.csv", 30_000
+    lines = (f"KF,{k},{k / 7},rmse_position,{k / 3},0.{k},20\n" for k in range(rows))
+    path.write_text("filter,step,time,metric,value,stderr,runs\n" + "".join(lines))
+    with path.open(newline="") as file:
+        read = peak(read_columns, file)
+    assert 7 * 8 * rows < read < _STEP_ROW * rows + 6_000_000

@@ -212,6 +212,28 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
         load_plugin(plugins[0])
 
 
+@pytest.mark.parametrize(
+    "change",
+    ["z.setflags(write=True); z -= 50", "import ctypes; ctypes.memset(z.ctypes.data, 1, 8)"],
+)
+def test_a_plugin_changes_no_block_of_another_filter(
+    config: Path, change: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(config.parent / "cache"))
+    plugin = config.parent / "half.py"
+    plugin.write_text(plugin.read_text().replace("return state\n", f"{change}; return state\n", 1))
+    options = {"engine": "serial", "quiet": True}
+    beside = api.run(config, allow_plugins=True, out=config.parent / "beside", **options)
+    assert [line.partition(":")[0] for line in beside.failed] == ["Half failed"]
+    config.write_text(config.read_text().replace("plugins: [half.py]\n", "").replace("Half:", "# "))
+    again = api.run(config, out=config.parent / "again", **options)
+    fresh = api.run(config, out=config.parent / "fresh", fresh=True, **options)
+    assert blocks(again.folder) == {"computed": 0, "reused": 4}
+    assert again.per_run.equals(fresh.per_run)
+    of_pf = beside.per_run[beside.per_run["filter"] == "PF"].reset_index(drop=True)
+    assert of_pf.equals(fresh.per_run)
+
+
 @pytest.mark.parametrize("engine", ["serial", "processes"])
 def test_what_a_plugin_prints_is_not_among_the_objects(config: Path, engine: str) -> None:
     loud = PLUGIN.replace("FACTOR", "0.5").replace(

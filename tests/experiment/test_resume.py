@@ -289,24 +289,6 @@ def test_another_version_of_the_code_computes_again(
     assert (size.blocks.number, size.old_blocks.number) == (8, 0)
 
 
-def test_the_code_digest_follows_the_source(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import trackbench
-    from trackbench.experiment.planning.code import code_digest
-
-    copy = tmp_path / "trackbench"
-    shutil.copytree(Path(trackbench.__file__).parent, copy)
-    monkeypatch.setattr(trackbench, "__file__", str(copy / "__init__.py"))
-    digest = code_digest.__wrapped__
-    first = digest()
-    (copy / "report" / "style.py").write_text("# tables and figures are no part of a block\n")
-    assert digest() == first
-    with (copy / "filters" / "bootstrap.py").open("a") as file:
-        file.write("# edited\n")
-    assert digest() != first
-
-
 def test_fresh_ignores_what_is_kept(tmp_path: Path) -> None:
     config = small(tmp_path)
     good = quietly(config).folder.rename(tmp_path / "good")

@@ -59,6 +59,13 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
     assert refusals(tracker, banana(scans=4)) == []
 
 
+def test_the_line_of_sight_is_that_of_the_scans() -> None:
+    radar = banana(scans=4)
+    elsewhere = Assume(sensor=replace(radar.sensor, at=(1e3, 0.0)))
+    (refused,) = refusals(make_filter("los-rbpf"), radar.believing(elsewhere))
+    assert "looks from the origin" in refused.what
+
+
 @pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])
 def test_a_density_is_asked_for_where_the_noise_is_singular(kind: str) -> None:
     scenario = maneuver()

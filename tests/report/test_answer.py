@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from scipy.stats import sem
 
 from tests.conftest import ROOT
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.experiment.storing.given import Given
+from trackbench.experiment.storing.outputs import COLUMNS
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.report import merits
 from trackbench.report.answer import _leader, answer
@@ -25,9 +25,9 @@ M = 200
 
 
 def folder(
-    at: Path, errors: dict, blocks: dict | None = None, nees: dict | None = None, **config: object
+    at: Path, errors: dict, times: dict | None = None, nees: dict | None = None, **config: object
 ) -> Results:
-    """A results folder of errors per run, NaN where lost, CPU seconds per run of blocks, and NEES."""
+    """A results folder of errors per run, NaN where lost, CPU seconds of a run, and NEES."""
     labels, runs = list(errors), len(next(iter(errors.values())))
     whole = {
         "name": "s",
@@ -48,13 +48,10 @@ def folder(
     ]
     frame = pd.DataFrame(rows, columns=["filter", "run", "metric", "value"])
     frame.to_csv(at / "per_run.csv", index=False, na_rep="nan")
-    pd.DataFrame(columns=["filter", "metric"]).to_csv(at / "summary.csv", index=False)
-    times = [
-        (label, np.mean(s), sem(s) if s[1:] else np.nan, ";".join(map(str, s)))
-        for label, s in (blocks or {}).items()
-    ]
-    heads = ["filter", "cpu_s_per_run", "stderr", "blocks"]
-    pd.DataFrame(times, columns=heads).to_csv(at / "timing.csv", index=False, na_rep="nan")
+    pd.DataFrame(columns=COLUMNS["summary.csv"]).to_csv(at / "summary.csv", index=False)
+    timing = pd.DataFrame((times or {}).items(), columns=["filter", "cpu_s_per_run"])
+    timing = timing.reindex(columns=COLUMNS["timing.csv"], fill_value=1)
+    timing.to_csv(at / "timing.csv", index=False, na_rep="nan")
     two = Given({}, {}, {}, [], [], {"": 2}, [])
     return Results(at, facts={"failed": []}, points_given=(two,))
 
@@ -166,18 +163,16 @@ def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
 
 def test_times_that_differ_and_that_do_not(tmp_path, rng, A) -> None:
     errors = {"A": A, "B": A + 0.2 * (rng.random(M) - 0.5), "C": A + 5.0}
-    C = [1e-4, 1.1e-4, 0.9e-4, 1e-4]
-    clear = {"A": [4e-3, 4.1e-3, 3.9e-3, 4e-3], "B": [2e-3, 2.1e-3, 1.9e-3, 2e-3], "C": C}
+    clear = {"A": 4.1e-3, "B": 2e-3, "C": 1e-4}
     line = answer(folder(tmp_path, errors, clear))[1]
     assert line == (
-        "The cheapest of these is B: 2.00 ± 0.04 ms of CPU time a run, against 4.00 ± 0.04 ms of A; "
+        "The cheapest of these is B: 2 ms of CPU time a run, against 4.1 ms of A; "
         "the fastest of the others, C, is 20 times as fast."
     )
-    unclear = clear | {"A": [4e-3, 0.5e-3, 3.9e-3, 4e-3]}
-    line = answer(folder(tmp_path, errors, unclear))[1]
-    assert line == "A run takes 2.00 ± 0.04 ms (B) to 3.10 ± 0.87 ms (A) of CPU time."
-    single = answer(folder(tmp_path, errors, {label: [1e-3] for label in errors}))[1]
-    assert single == "A run takes 1 ms (A) to 1 ms (B) of CPU time."
+    line = answer(folder(tmp_path, errors, clear | {"A": 3.9e-3}))[1]
+    assert line == "A run takes 2 ms (B) to 3.9 ms (A) of CPU time."
+    line = answer(folder(tmp_path, errors, clear | {"C": 1.1e-3}))[1]
+    assert line.endswith("4.1 ms of A.")  # of the others nothing is decided
 
 
 def test_calibration_is_said_where_it_is_decided(tmp_path, rng, A) -> None:

@@ -79,6 +79,27 @@ def test_a_figure_with_other_keys_is_another_one(folder: Path) -> None:
     assert [name for name in before if after[name] != before[name]] == ["time"]
 
 
+def test_the_looks_of_lines_are_those_that_any_figure_gives_them(folder: Path) -> None:
+    """`floor` and `baseline` of one figure are the looks of these filters in every other figure."""
+    before = keys(folder)
+    config = (folder / "config.yaml").read_text()
+    for key, old in (("floor", "Exact"), ("baseline", "No data")):
+        assert config.count(f"{key}: {old}") == 2
+        changed = config.replace(f"{key}: {old}", f"{key}: PF")
+        (folder / "config.yaml").write_text(changed)
+        assert set(keys(folder).values()).isdisjoint(before.values())
+
+
+def test_of_other_figures_and_tables_a_figure_takes_nothing_but_looks(folder: Path) -> None:
+    before = files(folder, processes=1)
+    results = api.load(folder)
+    figures = results.parts("figures")
+    assert results._references
+    for key in ("figures", "tables"):
+        del results.config[key]
+    assert before == {name: drawn(spec, results, ["svg"]) for name, spec in figures.items()}
+
+
 def test_what_no_figure_shows_is_not(folder: Path) -> None:
     before = keys(folder)
     config = (folder / "config.yaml").read_text()

@@ -5,14 +5,20 @@ import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from trackbench import api
+from trackbench.experiment.problems import UserError
 from trackbench.report.results import Results
+from trackbench.report.saving import saved
 from trackbench.report.svg import inline
 
 RESULTS = Path(__file__).parents[2] / "results"
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 class Page(HTMLParser):
@@ -79,6 +85,72 @@ def test_an_svg_that_was_tampered_with_loses_its_scripts():
     assert 'id="one-a"' in text
     assert 'href="#one-a"' in text
     assert 'fill="url(#one-b)"' in text
+
+
+STRANGE = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:h="http://www.w3.org/1999/xhtml"
+ xmlns:xlink="http://www.w3.org/1999/xlink">%s</svg>"""
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '<h:meta http-equiv="refresh" content="0;url=http://x.example"/>',
+        '<meta http-equiv="refresh" content="0;url=//x.example"/>',
+        '<title><h:form action="//x.example"><h:input/></h:form></title>',
+        '<h:img src="//x.example/a.png"/>',
+        '<g><h:iframe src="//x.example"/></g>',
+        '<image href="//x.example/a.png"/>',
+        '<image xlink:href="data:image/svg+xml,//x.example"/>',
+        '<use href="//x.example/a.svg#b"/>',
+        '<a xlink:href="//x.example"><g/></a>',
+        '<animate attributeName="href" to="//x.example"/>',
+        '<g style="background: url(//x.example)"/>',
+        '<g style="fill: red; position: fixed; fill: u\\72l(//x.example)"/>',
+        '<rect fill="URL( //x.example#a )"/>',
+        '<g class="x.example"/>',
+        '<g formaction="//x.example" onbegin="x.example"/>',
+        '<style>@import "//x.example";</style>',
+    ],
+)
+def test_nothing_of_an_svg_reaches_outside(part):
+    text = inline((STRANGE % part).encode(), "one", "t")
+    for word in ("x.example", "meta", "form", "position", "animate"):
+        assert word not in text
+    assert text.count("<title") == 1 + ("<title" in part)
+
+
+def test_a_style_keeps_what_draws():
+    svg = (
+        STRANGE % '<g style="fill: red; position: fixed; clip-path: url(#a)" clip-path="url(#a)"/>'
+    )
+    text = inline(svg.encode(), "one", "t")
+    assert 'style="fill: red; clip-path: url(#one-a)"' in text
+    assert 'clip-path="url(#one-a)"' in text
+
+
+def test_a_page_is_no_figure():
+    with pytest.raises(
+        UserError, match=r"figures/one\.svg: is not an SVG file: it begins with html"
+    ):
+        inline(b"<html/>", "one", "t")
+
+
+def test_all_that_matplotlib_draws_stays():
+    figure = Figure()
+    axes = figure.subplots()
+    axes.bar([1], [1], hatch="/", alpha=0.5)
+    axes.imshow(np.eye(2), extent=(0, 1, 0, 1))
+    axes.tripcolor([0, 1, 0], [0, 0, 1], [1.0, 2.0, 3.0], shading="gouraud")
+    axes.annotate("$x^2$ a", (0, 0), arrowprops={"arrowstyle": "->"}, bbox={"boxstyle": "round"})
+    content = saved(figure, "svg")
+    before, after = ET.fromstring(content), ET.fromstring(inline(content, "one", "t"))
+    gone = {f"{SVG}style", f"{SVG}metadata"}
+    parts = [e for e in before.iter() if e.tag in gone]
+    gone |= {e.tag for part in parts for e in part.iter()}
+    drawn = [e for e in before.iter() if e.tag not in gone][1:]
+    stays = [e for e in after.iter() if e.get("id") != "one-title"][1:]
+    assert [(e.tag, sorted(e.attrib)) for e in drawn] == [(e.tag, sorted(e.attrib)) for e in stays]
+    assert {f"{SVG}pattern", f"{SVG}filter", f"{SVG}image"} <= {e.tag for e in stays}
 
 
 def test_the_line_to_run_it_again_may_be_typed(made, tmp_path, monkeypatch):

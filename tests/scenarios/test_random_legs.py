@@ -1,5 +1,6 @@
 """The lidar problem, held against a scalar program of its own and against what its numbers say."""
 
+from dataclasses import replace
 from math import cos, hypot, pi, sin
 
 import numpy as np
@@ -29,6 +30,14 @@ def _flown(target: RandomLegs, steps: int, seed: int, run: int) -> np.ndarray:
     lengths = [target.leg_steps[0] + int(u * 4) for u in rng.random((6, 1))[:, 0]]
     across = [target.across * (2 * u - 1) for u in rng.random((6, 1))[:, 0]]
     along = [target.sigma_along * e for e in rng.standard_normal((6, 1))[:, 0]]
+    legs = target.legs[0] + int(many * 3)
+    if target.straight_steps is not None:
+        low, high = target.straight_steps
+        straight = [low + int(u * (high - low + 1)) for u in rng.random((6, 1))[:, 0]]
+        lengths = [n for pair in zip(straight, lengths, strict=True) for n in pair]
+        across = [a for turn in across for a in (0.0, turn)]
+        along = [a for push in along for a in (0.0, push)]
+        legs *= 2
     v = 30 + 60 * share
     state = [
         600 * (2 * x - 1),
@@ -37,7 +46,7 @@ def _flown(target: RandomLegs, steps: int, seed: int, run: int) -> np.ndarray:
         v * sin(2 * pi * heading),
     ]
     path = [state]
-    for leg in range(target.legs[0] + int(many * 3)):
+    for leg in range(legs):
         for _ in range(lengths[leg]):
             px, vx, py, vy = path[-1]
             v = hypot(vx, vy)
@@ -49,10 +58,12 @@ def _flown(target: RandomLegs, steps: int, seed: int, run: int) -> np.ndarray:
     return out
 
 
-def test_each_run_is_that_of_a_scalar_program(lidar) -> None:
-    data = simulate(lidar.scenario, 7, 0, 20)
+@pytest.mark.parametrize("straight", [None, (1, 4)])
+def test_each_run_is_that_of_a_scalar_program(lidar, straight) -> None:
+    target = replace(lidar.scenario.target, straight_steps=straight)
+    data = simulate(replace(lidar.scenario, target=target), 7, 0, 20)
     for run in range(20):
-        expected = _flown(lidar.scenario.target, 49, 7, run)
+        expected = _flown(target, 49, 7, run)
         np.testing.assert_allclose(data.truth[..., run], expected, rtol=1e-9)
 
 
@@ -101,6 +112,8 @@ def test_mistakes_are_said() -> None:
     keys |= {"sigma_along": 2, "across": 15}
     with pytest.raises(ValueError, match="legs: 6 is more than 4"):
         RandomLegs(**{**keys, "legs": (6, 4)})
+    with pytest.raises(ValueError, match="straight_steps: 9 is more than 2"):
+        RandomLegs(**keys, straight_steps=(9, 2))
     target = RandomLegs(**keys)
     assert target.no_bound is not None
     timeline = Timeline(np.arange(3), np.arange(3.0), 1.0)

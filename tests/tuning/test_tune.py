@@ -9,7 +9,9 @@ import pytest
 import trackbench
 from trackbench import api, verification
 from trackbench.experiment.problems import UserError
+from trackbench.jobs import jobs_of, with_tuned
 from trackbench.report.results import Results
+from trackbench.tuning.record import Record
 from trackbench.verification.tuned import tuning_again
 
 CONFIG = """
@@ -60,6 +62,21 @@ def test_a_kalman_filter_finds_the_noise_that_drives_the_target(report: api.Repo
     assert low < 0.5 < high
     assert found.trials[0].values["assume.motion.q"] == 0.01
     assert len(found.trials) <= 20
+
+
+def test_the_time_of_training_is_counted_whether_it_was_kept_or_not(
+    report: api.Report, config: Path
+) -> None:
+    trained = sum(record.cpu_s for record in _tuned_by(config).values())
+    results = report.results.timing["cpu_s"].sum()
+    assert trained > results > 0.0  # 20 trials of 80 runs beside 60 runs
+    assert report.results.manifest["cpu_s"] == pytest.approx(trained + results, abs=2e-3)
+
+
+def _tuned_by(config: Path) -> dict[str, Record]:
+    """What is found from the blocks that the run kept."""
+    options = api.Options(engine="serial", quiet=True)
+    return dict(with_tuned(jobs_of([config], options)[0], options).tuning)
 
 
 def test_tuned_filters_stand_beside_the_others(report: api.Report) -> None:

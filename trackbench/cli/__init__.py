@@ -3,8 +3,9 @@
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import wraps
 from io import TextIOWrapper
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,8 +43,21 @@ def options(
     """Options of the program itself."""
 
 
+def _not_aborted(command: Callable[..., None]) -> Callable[..., None]:
+    """Keep an EOFError of a command from click, which takes it for Ctrl-D and prints "Aborted!"."""
+
+    @wraps(command)
+    def called(*words: Any, **options: Any) -> None:
+        try:
+            command(*words, **options)
+        except EOFError as error:
+            raise RuntimeError(f"EOFError: {error}") from error
+
+    return called
+
+
 for _command in _COMMANDS:
-    app.command(_command.__name__.removesuffix("_"))(_command)
+    app.command(_command.__name__.removesuffix("_"))(_not_aborted(_command))
 
 
 def main() -> None:

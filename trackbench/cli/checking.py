@@ -64,9 +64,12 @@ def _check_config(config: Path, options: "Options", json: bool) -> None:
     from trackbench import api
     from trackbench.experiment.planning.plan import check_memory
     from trackbench.experiment.problems import counted
+    from trackbench.tuning.scenario import training_cautions
 
     experiment = api.prepare(config, options)
     check_memory(experiment, workers=1)
+    for caution in training_cautions(experiment):
+        typer.echo(f"note: {caution}", err=True)
     points, filters = len(experiment.points), list(experiment.points[0].filters)
     if json:
         settings = experiment.settings

@@ -117,7 +117,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     fit = []
     if given.get("quick"):
         fit = ["block=fit"]
-        options.setdefault("runs", 20)
+        options |= {"runs": options.get("runs", 20), "times": False}
     return api.Options(**options, set=(*fit, *(given["set_"] or ())))
 
 

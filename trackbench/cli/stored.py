@@ -15,16 +15,18 @@ def compare(folder: Folder, json: Json = False) -> None:
     from trackbench import stored
     from trackbench.report.comparison import claim_rows, markdown, number_rows
     from trackbench.report.results import Results
+    from trackbench.report.times import time_tables, time_verdicts
 
-    found = stored.compare(folder)
+    found, results = stored.compare(folder), Results(folder)
+    times = time_tables(time_verdicts(results))
     if json:
         for row in (*number_rows(found), *claim_rows(found)):
             echo_line(row)
         return
-    if not found.rows and not found.claims:
+    if not found.rows and not found.claims and not times:
         typer.echo(f"{folder}: nothing is published about this experiment", err=True)
         return
-    typer.echo(markdown(Results(folder), found))
+    typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
 
 
 def plot(

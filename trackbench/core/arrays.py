@@ -4,9 +4,10 @@ A state is ``(n_x, *batch)``, a covariance ``(n_x, n_x, *batch)``; ``batch`` is 
 and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is a line of code.
 """
 
-from collections.abc import Iterable
+import ctypes
+from contextlib import suppress
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 T = TypeVar("T")
+A = TypeVar("A", bound=np.ndarray[Any, Any])
 
 
 def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
@@ -30,32 +32,96 @@ def with_axes_of(like: Array, a: Array) -> Array:
     return with_trailing(a, like.ndim, leading=0)
 
 
-def fixed(a: Array) -> Array:
-    """``a`` itself, made read-only, for arrays that are kept and handed out again."""
-    a.flags.writeable = False
-    return a
+def fixed(a: A) -> A:
+    """Return the array in memory that cannot be made writable, to be kept and handed out again.
+
+    numpy refuses ``setflags(write=True)`` for an array over `bytes`, for its base and for its views.
+    """
+    if isinstance(_owner(a), bytes):
+        return a
+    a.flags.writeable = False  # for whoever keeps the old one
+    if type(a) is not np.ndarray or a.dtype.hasobject:
+        return a
+    order: Literal["C", "F"] = "F" if a.flags.fnc else "C"
+    return cast(A, np.ndarray(a.shape, a.dtype, a.tobytes(order), order=order))
+
+
+def _owner(a: Any) -> Any:
+    """Return the object whose memory a view shows."""
+    owner = a
+    while isinstance(owner, np.ndarray) and owner.base is not None:
+        owner = owner.base
+    return owner
 
 
 def frozen(whole: T) -> T:
-    """``whole`` itself, every array in its collections and attributes made read-only."""
-    waiting: list[Any] = [whole]
-    seen: set[int] = set()
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, np.ndarray):
-            fixed(part)
-        elif id(part) not in seen:  # parts may refer to each other
-            seen.add(id(part))
-            waiting += _parts_of(part)
-    return whole
+    """Return ``whole`` with every array in its collections and attributes `fixed`.
+
+    Tuples are made anew; lists, dictionaries and objects keep their identity.
+    """
+    return _frozen(whole, {})
 
 
-def _parts_of(whole: Any) -> Iterable[Any]:
+def _frozen(whole: Any, done: dict[int, Any]) -> Any:
+    """``done`` has each part that is begun, by its identity: parts may refer to each other."""
+    if id(whole) in done:
+        return done[id(whole)][1]
+    done[id(whole)] = whole, whole  # the first keeps the identity from being used again
+    if isinstance(whole, np.ndarray):
+        done[id(whole)] = whole, fixed(whole)
+    elif isinstance(whole, tuple):
+        parts = [_frozen(part, done) for part in whole]
+        if any(part is not old for part, old in zip(parts, whole, strict=True)):
+            done[id(whole)] = whole, getattr(whole, "_make", type(whole))(parts)
+    else:
+        for name, part in _parts_of(whole):
+            replacement = _frozen(part, done)
+            if replacement is not part:
+                _replace(whole, name, replacement)
+    return done[id(whole)][1]
+
+
+def _replace(whole: Any, name: Any, part: Any) -> None:
+    if isinstance(whole, list | dict):
+        whole[name] = part
+    else:
+        with suppress(AttributeError):  # where the class allows none, the old one is read-only
+            object.__setattr__(whole, name, part)  # of frozen dataclasses, too
+
+
+def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
+    """Return the name and value of each item or attribute."""
     if isinstance(whole, tuple | list):
-        return whole
+        return list(enumerate(whole))
     if isinstance(whole, dict):
-        return whole.values()
+        return list(whole.items())
     if isinstance(whole, type | ModuleType):
-        return ()
+        return []
     names = {*getattr(whole, "__dict__", ()), *getattr(whole, "__dataclass_fields__", ())}
-    return [getattr(whole, name, None) for name in names]
+    return [(name, getattr(whole, name, None)) for name in names]
+
+
+class Seal:
+    """Copies of the memory of all `fixed` arrays in some objects, to find and undo changes.
+
+    numpy never writes there; a library that takes the memory's address can.
+    """
+
+    def __init__(self, *wholes: Any) -> None:
+        self._kept: dict[int, tuple[bytes, bytearray]] = {}
+        waiting, seen = [*wholes], set[int]()
+        while waiting:
+            part = waiting.pop()
+            owner = _owner(part)
+            if isinstance(owner, bytes):
+                self._kept[id(owner)] = owner, bytearray(owner)
+            elif id(part) not in seen:
+                seen.add(id(part))
+                waiting += [inner for _, inner in _parts_of(part)]
+
+    def mend(self) -> bool:
+        """Write back what was changed; return whether anything was."""
+        changed = [(memory, copy) for memory, copy in self._kept.values() if memory != copy]
+        for memory, copy in changed:
+            ctypes.memmove(np.frombuffer(memory, np.uint8).ctypes.data, bytes(copy), len(copy))
+        return bool(changed)

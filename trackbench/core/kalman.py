@@ -10,6 +10,7 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Mask, with_axes_of, with_trailing
+from trackbench.core.counting import note
 from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.once import once
@@ -138,6 +139,7 @@ def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> G
 
 
 def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
+    note("covariances", predicted.cov, components=2)
     mean = predicted.mean + linalg.matvec(K, nu)
     return Gaussian(mean, _joseph(predicted.cov, K, H, R))
 

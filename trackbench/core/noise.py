@@ -19,7 +19,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from trackbench.core import elementary
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 
 Words = NDArray[np.uint64]
 Singles = NDArray[np.float32]
@@ -120,9 +120,7 @@ def exponentials() -> Singles:
 
 def _table(entries: Array) -> Singles:
     """In float32, so that it takes half of the cache."""
-    table = entries.astype(np.float32)
-    table.flags.writeable = False
-    return table
+    return fixed(entries.astype(np.float32))
 
 
 def _hadamard(t: Singles, out: Array) -> None:

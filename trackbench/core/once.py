@@ -43,6 +43,11 @@ def once(function: F) -> F:
     return cast(F, call)
 
 
+def remembered() -> list[Any]:
+    """Return all results in memory."""
+    return [made for memory in _memories for made in memory.values()]
+
+
 def forget() -> None:
     """Empty all memories, for measuring what a new process does."""
     for memory in _memories:

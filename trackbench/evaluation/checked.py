@@ -28,7 +28,7 @@ def told_to_copy() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        if "read-only" not in str(error):
+        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
             raise
         what = "what a filter is given is read-only: copy it before you write to it"
         raise ValueError(f"{what} ({error})") from error

@@ -133,19 +133,6 @@ def t_of_normal(z: float, freedom: float) -> float:
     return float(np.copysign(np.sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0)), z))
 
 
-def tail_index(influences: Array) -> float:
-    """Index of the influences' tail: Hill (1975, Ann. Statist. 3, 1163), from the largest sqrt(M) / 2.
-
-    Moments below it exist. Infinite for fewer than some hundred runs, which show no tail.
-    """
-    x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
-    k = round(float(np.sqrt(len(x))) / 2.0)
-    if k < 5 or not x[k] > 0.0:
-        return np.inf
-    slope = total(log(x[:k] / x[k])) / k
-    return float(1.0 / slope) if slope > 0.0 else np.inf
-
-
 def spread(influences: Array, other: float = 0.0) -> Spread:
     """Of the mean of the influences; what is normal beside them dilutes skewness and kurtosis."""
     x = influences[~np.isnan(influences)]

@@ -29,7 +29,7 @@ _GRAMMAR = re.compile(
     r"(?:(?P<relation>gain|ratio|minus|below)\()?"
     rf"(?:(?P<statistic>[a-z-]+)\()?(?P<metric>{_NAME})"
     rf"(?:\[(?P<window>.+?)\]|@(?P<at>{_STEPS}))?(?(statistic)\)(?:@(?P<step>{_STEPS}))?)"
-    r"(?:(?<=\))/(?P<batches>\d+))?(?(relation), (?P<other>.+)\))"
+    r"(?(relation), (?P<other>.+)\))"
 )
 
 
@@ -60,15 +60,12 @@ class Measure(NamedTuple):
     relation: Literal["gain", "ratio", "minus", "below", ""] = ""
     other: str = ""
     """label of the filter that it is related to"""
-    batches: int = 1
-    """of shares of an average over time: the batches that each have an average of their own"""
     filter: str = ""
     """label of the filter that it is of, once that is known"""
 
     def __str__(self) -> str:
         """As it is written, without the filter."""
         text = f"{self.statistic}({self.name})" if self.statistic else self.name
-        text += f"/{self.batches}" if self.batches > 1 else ""
         return f"{self.relation}({text}, {self.other})" if self.relation else text
 
     @property
@@ -183,7 +180,7 @@ def measure(text: str) -> Measure:
     }
     at = found["at"] or found["step"]
     steps = Steps(*at.split("..")) if at else None
-    return Measure(**words, steps=steps, batches=int(found["batches"] or 1))  # type: ignore[arg-type]
+    return Measure(**words, steps=steps)  # type: ignore[arg-type]
 
 
 def measured(name: str) -> Measure:

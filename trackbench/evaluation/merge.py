@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, Tracks
 from trackbench.evaluation.metrics import StepSums
+from trackbench.evaluation.timing import Measured
 
 
 class Timing(NamedTuple):
@@ -25,6 +26,8 @@ class FilterResult(NamedTuple):
     kept: dict[str, Array]
     tracks: Tracks | None
     timing: list[Timing]
+    measured: Measured | None = None
+    """its CPU times beside the other filters'"""
 
 
 def merge(blocks: Iterable[BlockResult]) -> FilterResult:

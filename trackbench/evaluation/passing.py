@@ -1,12 +1,15 @@
 """A filter's way through its block: every step timed, its estimates checked and held to the truth."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, frozen
+from trackbench.core import once
+from trackbench.core.arrays import Array, Seal, frozen
 from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.streams import aside_stream, block_stream
 from trackbench.evaluation.block import BlockTask
@@ -20,6 +23,8 @@ from trackbench.evaluation.checked import (
 )
 from trackbench.evaluation.derived import ConsistencySeries, observed
 from trackbench.evaluation.foretelling import Foretelling, Told, after_first
+from trackbench.filters.base import ReturnedError
+from trackbench.hooks import foreign_within
 from trackbench.models.base import Model, extra_std
 from trackbench.models.extended import extended
 from trackbench.scenarios.base import Simulation
@@ -55,21 +60,40 @@ def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtere
     rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
     telling = Foretelling(tracker, model, data.measurements, task.foretold, task.hold_out, aside)
     prior, kept, clock = prior_of(data, model), _Kept(task, data, model, covariances), _Clock()
-    with clock:
-        state = tracker.init(model, prior, rng)
-        found = tracker.estimate(state)
-    kept.add(state, found)
-    check_axes(found, prior.mean)
-    for i, k in enumerate(task.scenario.steps[1:].tolist()):
-        before = state if telling.is_idle else telling.kept(state)
+    with _sealed(task, data, telling.given, prior, model):
         with clock:
-            state = tracker.step(model, state, telling.given[:, i], k, rng)
+            state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
-        kept.note(tracker.diagnostics(state))
         kept.add(state, found)
-        if not telling.is_idle:
-            telling.add(Told(before, state, found, k), i)
-    return kept.filtered(telling.series(), clock.cpu_s)
+        check_axes(found, prior.mean)
+        for i, k in enumerate(task.scenario.steps[1:].tolist()):
+            before = state if telling.is_idle else telling.kept(state)
+            with clock:
+                state = tracker.step(model, state, telling.given[:, i], k, rng)
+                found = tracker.estimate(state)
+            kept.note(tracker.diagnostics(state))
+            kept.add(state, found)
+            if not telling.is_idle:
+                telling.add(Told(before, state, found, k), i)
+        return kept.filtered(telling.series(), clock.cpu_s)
+
+
+@contextmanager
+def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
+    """Raise ReturnedError if code of a plugin writes to what filters share, and undo it.
+
+    numpy cannot write to it; a library that takes an array's address can.
+    """
+    if not foreign_within((task.filter, task.scenario, task.assume)):
+        yield
+        return
+    seal = Seal(shared, once.remembered())
+    try:
+        yield
+    finally:
+        if seal.mend():
+            what = "writes to measurements, a prior or matrices that all filters of the block share"
+            raise ReturnedError("step", f"{what}: copy an array before you write to it")
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:

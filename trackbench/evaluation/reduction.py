@@ -23,7 +23,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
     The second costs next to nothing, and is what a later batch of more runs needs.
     """
-    _keep_freed_memory()
+    keep_freed_memory()
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
         data = task.data
         result = passed(task.alone, task.shown_of(task.width) if task.keep_covariance else 0)
@@ -81,7 +81,7 @@ def _trimmed(
 
 
 @lru_cache(maxsize=1)
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Let the arrays of one step reuse the memory of the last, which can halve the time of a step.
 
     The GNU allocator gives freed memory back to the system, to fetch it again page by page a moment

@@ -4,15 +4,14 @@
 own, and errors of one run are correlated in time. Its linear part gives each run a share (the
 infinitesimal jackknife, Efron 1982, chapter 6): ``value + influence``. ``rmse@20`` and ``std_x@20``
 need each run's error at a step. A share has the name of its expression, and stands in per_run.csv where
-an experiment asks for it; ``time-mean(rmse)/4`` are shares of the averages of four batches, each of its
-own.
+an experiment asks for it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean, total
 from trackbench.evaluation.measure import TIME_MEAN, Measure
 from trackbench.evaluation.merge import FilterResult
@@ -43,16 +42,12 @@ def with_shares(
     windows: Mapping[str, Mask],
     steps: Sequence[int],
     sizes: Mapping[str, int],
-    batches: int = 1,
 ) -> FilterResult:
     """The result with a metric per run for each measure whose series was kept.
 
     ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
-    many components each NEES has. With ``batches``, averages over time have shares in each of them, too.
+    many components each NEES has.
     """
-    wanted = list(wanted)
-    if batches > 1:
-        wanted += [in_batches(m, batches) for m in wanted if m.statistic == TIME_MEAN]
     shares = {}
     for m in wanted:
         rows = result.kept.get(series_of(m) or "")
@@ -73,7 +68,7 @@ def _share(
     if m.steps is None:
         mask = windows.get(m.window)
         found = result.per_run["lost"] == FOUND
-        return None if mask is None else _shares_of_batches(rows[mask], found, m.batches)
+        return None if mask is None else time_mean_shares(rows[mask], found)
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
         return None
@@ -81,22 +76,6 @@ def _share(
     if metric.over_runs == "rms":
         return np.sqrt(row)
     return row / sizes[quantity] if metric.per_component else row
-
-
-def in_batches(m: Measure, number: int) -> Measure:
-    """The shares that a measure has in each of so many batches of the runs."""
-    return m._replace(batches=number) if m.statistic == TIME_MEAN else m
-
-
-def batch_of(runs: int, number: int) -> Index:
-    """The batch (M,) that each run is in: consecutive runs, as many in each as can be."""
-    return np.asarray(np.arange(runs) * number // max(runs, 1))
-
-
-def _shares_of_batches(squared: Array, found: Mask, number: int) -> Array:
-    batch = batch_of(len(found), number)
-    shares = [time_mean_shares(squared[:, batch == i], found[batch == i]) for i in range(number)]
-    return np.concatenate(shares)
 
 
 @np.errstate(all="ignore")

@@ -56,7 +56,7 @@ def summary_rows(
     for metric, values in result.per_run.items():
         found, of = values[~np.isnan(values)], measured(metric)
         share = of.statistic == TIME_MEAN
-        if share and of.batches == 1 and not result.steps:  # read back: it is all that is known
+        if share and not result.steps:  # read back: it is all that is known
             yield SummaryRow(metric, *mean(found), len(found), lost)
         if share or of.metric == "lost":
             continue

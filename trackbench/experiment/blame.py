@@ -3,7 +3,6 @@
 import inspect
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from traceback import walk_tb
@@ -11,6 +10,7 @@ from typing import Any
 
 from trackbench.experiment.problems import RunError
 from trackbench.filters.base import ReturnedError
+from trackbench.hooks import is_foreign, parts_within
 from trackbench.registry import registered_kinds
 
 _EXTRAS = ("filterpy", "stonesoup")
@@ -23,30 +23,6 @@ class FilterError(Exception):
 
 class BadPluginError(Exception):
     """Why a plugin cannot be used, in lines that name its file and line."""
-
-
-def is_foreign(part: Any) -> bool:
-    """Whether a part of an experiment, or a class of parts, is not the package's own."""
-    cls = part if isinstance(part, type) else type(part)
-    return cls.__module__.partition(".")[0] != "trackbench"
-
-
-def parts_within(part: Any) -> Iterator[Any]:
-    """A part of an experiment and all that it is made of; each of several."""
-    if isinstance(part, tuple | list):
-        for one in part:
-            yield from parts_within(one)
-    elif isinstance(part, type):
-        yield part
-    elif is_dataclass(part):
-        yield part
-        for field in fields(part):
-            yield from parts_within(getattr(part, field.name))
-
-
-def foreign_within(part: Any) -> list[Any]:
-    """Those of them that are not the package's own."""
-    return [inner for inner in parts_within(part) if is_foreign(inner)]
 
 
 def blamed(error: BaseException, *parts: Any) -> str:
@@ -86,6 +62,17 @@ def foreign_line(error: BaseException) -> str | None:
     """``my_target.py:12: ValueError: ...`` if code of any registered kind of one's own was running."""
     where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
     return where + said(error) if where else None
+
+
+def own_line(error: BaseException) -> str:
+    """``columns.py:41: KeyError: 'filter'``: the last line of the package's own that was running."""
+    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
+    own = [
+        f.f_code.co_filename
+        for f in frames
+        if f.f_globals.get("__name__", "").startswith("trackbench")
+    ]
+    return place_within(error, set(own)) + said(error)
 
 
 def place_within(error: BaseException, files: set[str]) -> str:

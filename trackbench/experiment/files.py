@@ -1,12 +1,13 @@
 """Files that are written whole or not at all."""
 
 import csv
+import errno
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from io import StringIO
-from itertools import islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,7 +16,18 @@ from trackbench.experiment.problems import WriteError
 Row = Iterable[Any]
 
 _AT_ONCE = 4096  # rows
+_LONGEST = 76  # characters of a name that gets a number
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
+
+
+def free_name(name: str, taken: Iterable[str]) -> str:
+    """Return the name, or with the first number that makes it differ from all that are taken.
+
+    Names that differ in case only are one file on some systems.
+    """
+    folded = {other.casefold() for other in taken}
+    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
+    return next(free for free in chain([name], numbered) if free.casefold() not in folded)
 
 
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
@@ -52,7 +64,8 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with partial.open("wb") as file:
+        partial.unlink(missing_ok=True)
+        with partial.open("xb") as file:  # never through a link that was put there
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -66,12 +79,23 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def made(folder: Path) -> Path:
-    """The folder, made with those above it if it is not there; raises WriteError if it cannot be."""
+    """Return the folder, created with its parents if needed; raises WriteError if it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(folder, error) from error
     return folder
+
+
+def within(folder: Path, name: str) -> Path:
+    """Return the path of a folder inside a results folder; raises WriteError if it is a link.
+
+    A results folder from elsewhere may hold a link to any folder of its reader.
+    """
+    if (folder / name).is_symlink():
+        what = "is a link, and results stay inside their folder; remove the link"
+        raise WriteError(folder / name, OSError(errno.ELOOP, what))
+    return folder / name
 
 
 def remove(path: Path) -> None:
@@ -98,12 +122,6 @@ def _note(path: Path) -> None:
     paths = _touched.get()
     if paths is not None:
         paths.append(path)
-
-
-def remove_partial(folder: Path) -> None:
-    """Remove what a killed process left half written; nobody else may be writing there."""
-    for partial in folder.rglob(".*.part"):
-        partial.unlink(missing_ok=True)
 
 
 class CsvWriter:

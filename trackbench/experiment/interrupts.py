@@ -1,9 +1,11 @@
 """Ctrl-C, told from a filter that raises the same or leaves by `sys.exit`."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 from trackbench.experiment.problems import RunError
 
@@ -21,9 +23,9 @@ def interrupt(signal_number: int, frame: object) -> None:
 def guarded() -> Iterator[None]:
     """Run code that is not the package's own: it cannot end the program, and Ctrl-C still does.
 
-    SystemExit, or a KeyboardInterrupt that no signal made, becomes a RunError.
+    SystemExit, ``os._exit``, or a KeyboardInterrupt that no signal made, becomes a RunError.
     """
-    with _marked():
+    with _marked(), _staying():
         try:
             yield
         except (Exception, Interrupted):
@@ -47,6 +49,26 @@ def postponed() -> Iterator[None]:
             signal.signal(number, handlers[number])
         if heard:
             signal.raise_signal(heard[0])
+
+
+@contextmanager
+def _staying() -> Iterator[None]:
+    """Let ``os._exit`` raise SystemExit: it would end the program at once, perhaps with exit code 0.
+
+    Processes that are forked meanwhile leave by it as ever.
+    """
+    process, leave = os.getpid(), os._exit
+
+    def stay(status: int) -> NoReturn:
+        if os.getpid() != process:
+            leave(status)
+        raise SystemExit(status)
+
+    os._exit = stay
+    try:
+        yield
+    finally:
+        os._exit = leave
 
 
 def _is_main() -> bool:

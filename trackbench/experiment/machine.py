@@ -1,7 +1,11 @@
-"""What differs between systems: the machine's memory, and how a file is locked."""
+"""What differs between systems: the machine's name and memory, and how a file is locked."""
 
 import os
+import platform
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 if sys.platform == "win32":
     import ctypes
@@ -31,10 +35,31 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def memory() -> int:
-        """Bytes of memory that the machine has."""
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    def memory(root: Path = Path("/")) -> int:
+        """Return the bytes of memory that the machine has, or its container's limit."""
+        return min([os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), *_limits(root)])
+
+    def _limits(root: Path) -> Iterator[int]:
+        """Yield the limits of this process's control groups, version 1 or 2, up to the topmost.
+
+        A container may see its own group as the topmost, under a path that it cannot see.
+        """
+        groups = root / "proc/self/cgroup"
+        for line in groups.read_text().splitlines() if groups.is_file() else ():
+            _, controllers, path = line.split(":", 2)
+            if controllers and "memory" not in controllers.split(","):
+                continue
+            name = "memory.limit_in_bytes" if controllers else "memory.max"
+            group = root / "sys/fs/cgroup" / ("memory" if controllers else "") / path.lstrip("/")
+            for folder in (group, *group.parents):
+                with suppress(OSError, ValueError):  # no such group, or "max"
+                    yield int((folder / name).read_text())
 
     def lock(descriptor: int, wait: bool) -> None:
         """Lock an open file against other processes; raises BlockingIOError unless it may wait."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+
+
+def identity() -> list[str]:
+    """Return what tells this machine from others, as far as CPU times are concerned."""
+    return [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]

@@ -10,9 +10,9 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.filters.base import PLANAR_POSITION, Filter
+from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
 from trackbench.keys import MistakenKeyError, OpenShare, Positive
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.position import PositionSensor
@@ -58,6 +58,10 @@ class AlphaBeta(Filter[Smoothed]):
         if self.alpha is not None and self.beta is not None and self.beta >= 4 - 2 * self.alpha:
             raise MistakenKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its motion is that of `q`."""
+        return OWN_MOTION
+
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
         """alpha and beta, from the tracking index ``sqrt(q) T^2 / sigma`` unless given."""
         if self.alpha is not None and self.beta is not None:
@@ -81,7 +85,8 @@ class AlphaBeta(Filter[Smoothed]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
         """The prior, which stands for two measurements."""
         unknown = np.full(prior.mean.shape[1], np.nan)
-        return Smoothed(Gaussian(prior.mean, prior.cov), unknown, np.array(2))
+        first = Gaussian(prior.mean[:4], prior.cov[:4, :4])  # the motion is its own
+        return Smoothed(first, unknown, np.array(2))
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """``x = F x``, ``x = x + K (z - H x)``; a missing measurement is predicted over."""

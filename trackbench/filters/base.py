@@ -67,6 +67,10 @@ class Filter(Part, Generic[State]):
         """What it cannot do there, by key (``""``: as a whole): mistakes before anything runs."""
         return {}
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Keys that change nothing there, with what makes them idle: refused where they are set."""
+        return {}
+
     def cautions(self, scenario: Scene) -> list[str]:
         """Sentences on what is no mistake there but should be known."""
         return []
@@ -118,5 +122,7 @@ class ReturnedError(ValueError):
         self.method = method
 
 
+OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
+"""Idle keys of a filter that takes from the assumed motion the time between steps only."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 """What a filter needs that knows its motion itself, of a planar target seen by its position."""

@@ -15,7 +15,7 @@ from trackbench.core.regularisation import Kernel, jitter
 from trackbench.core.resampling import select
 from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import Natural, NonNegative
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
 
@@ -121,6 +121,11 @@ class APF(ParticleFilter):
     are zero; default: log with `weights: log`, else float64"""
     stages: Literal[1, 2] = 1
     """times that a step resamples: 1 carries the second-stage weights on; 2 resamples by them as well"""
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Return ``carried`` where the second stage leaves equal weights."""
+        idle = {"carried": "with `stages: 2`"} if self.stages == 2 else {}
+        return super().idle_keys(scenario) | idle
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """First-stage weights w p(z|mu), move the chosen, second-stage weights p(z|x) / p(z|mu)."""

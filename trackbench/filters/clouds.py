@@ -17,7 +17,7 @@ from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.core.streams import Streams
 from trackbench.filters.base import Filter
 from trackbench.keys import Count, Natural
-from trackbench.models.base import Model, log_likelihood
+from trackbench.models.base import Model, Scene, log_likelihood
 
 
 class Cloud(NamedTuple):
@@ -106,6 +106,11 @@ class ParticleFilter(CloudFilter):
     def most_particles(self) -> int:
         """Those of the boost."""
         return self.N * (self.boost if self.boost_scans else 1)
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Half a boost is none."""
+        out = {} if self.boost_scans else {"boost": "with `boost_scans: 0`"}
+        return out | ({"boost_scans": "with `boost: 1`"} if self.boost == 1 else {})
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Draws from the prior in each run, with weights where it covers its tails."""

@@ -13,7 +13,7 @@ from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import GaussianFilter
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian import AS_IT_IS, extended_prediction
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.twopoint import Convertible, TwoPoint
@@ -33,6 +33,12 @@ class CMKF(GaussianFilter):
     start: Conversion | None = None
     """conversion of the two scans that the filter starts from; default: its own"""
     needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Only two scans are converted."""
+        if issubclass(scenario.prior_kind, Convertible):
+            return {}
+        return {"start": "as there are no two scans of range and azimuth to start from"}
 
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """Two-point differencing of converted measurements; the prior's moments if there are none."""
@@ -81,6 +87,14 @@ class Converted(Filter[LastTwo]):
     conversion: Conversion = "ucm"
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
     needs: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Two scans give positions and velocities, and nothing else that a motion may have."""
+        others = ", ".join(scenario.model.motion.components[4:])
+        if others:
+            what = f"conversion estimates position and velocity only; its motion has {others}, too"
+            return {"": f"{what}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
+        return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwo:
         """The first two scans."""

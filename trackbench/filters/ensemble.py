@@ -9,6 +9,7 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Particles, uniform
@@ -91,6 +92,7 @@ class EnKF(EnsembleFilter):
         nu = model.sensor.innovation(z, centre.mean + z_mean)
         missing = np.isnan(nu)
         C, S = kalman.measured(linalg.transpose(_cross(dx, dz)), _cross(dz, dz) + R, missing)
+        note("covariances", S, components=2)
         K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
         each = np.where(missing, 0.0, nu)[..., None] - dz + error

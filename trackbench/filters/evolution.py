@@ -23,8 +23,10 @@ from trackbench.core.sums import mean, total
 from trackbench.filters.clouds import Cloud
 from trackbench.filters.proposal import MERWE_PROPOSAL, Proposed, ProposingFilter, UnscentedProposal
 from trackbench.keys import Natural, Positive, Share
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.registry import register
+
+_OF_GENERATIONS = ("F", "CR", "fitness", "keep_best", "bounds", "T0", "rho", "select")
 
 
 class Evolved(NamedTuple):
@@ -66,6 +68,12 @@ class Evolution:
     estimate_from: Literal["after", "before"] = "after"
     """estimate from the evolved cloud, or from the weighted one before the evolution"""
     _also_noted: ClassVar[frozenset[str]] = frozenset({"acceptance", "spread_ratio"})
+
+    def _idle_evolution(self) -> dict[str, str]:
+        idle = dict.fromkeys(_OF_GENERATIONS, "with `G: 0`") if self.G == 0 else {}
+        if self.estimate_from == "before":
+            idle["final_weights"] = "with `estimate_from: before`"
+        return idle
 
     def renewed(
         self, proposed: Proposed, log_posterior: Callable[[Array], Array], rng: Streams
@@ -163,6 +171,15 @@ class PFDE(Evolution, UnscentedProposal, ProposingFilter):
     proposal: Literal["prior", "ukf"] = "prior"
     """where particles are drawn from before the evolution"""
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Keys of a UKF that does not propose, and of an evolution that does not take place."""
+        idle = {"defensive": self._unused} if self.proposal == "prior" else {}
+        return super().idle_keys(scenario) | idle | self._idle_evolution()
+
+    @property
+    def _unused(self) -> str:
+        return "with `proposal: prior`" if self.proposal == "prior" else super()._unused
+
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Draw from the transition or a UKF per particle; weigh and evolve."""
         log_posterior = self._log_target(model, state.particles.x, z, k)
@@ -215,6 +232,12 @@ class HDEPF(Evolution, UnscentedProposal, ProposingFilter):
             "bounds": "cloud",
         },
     }
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Greedy selection has no temperature."""
+        greedy = ("T0", "rho") if self.select == "greedy" else ()
+        idle = dict.fromkeys(greedy, "with `select: greedy`")
+        return super().idle_keys(scenario) | idle | self._idle_evolution()
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
         """Section III.B: each particle is drawn from a UKF of its own; then weighed and evolved."""

@@ -14,7 +14,7 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Filter
 from trackbench.keys import NonNegative, OpenShare, Positive
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian import Assumed
+from trackbench.models.gaussian import Assumed, idle_noise_mean
 from trackbench.models.twopoint import Convertible
 
 
@@ -117,6 +117,10 @@ class NonlinearFilter(GaussianFilter):
             if getattr(self, key) is not None and len(components.components) > 1:
                 out[key] = "one variance for several components: say what is assumed by `assume`"
         return out
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """A normal process noise has no mean."""
+        return idle_noise_mean(scenario)
 
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """The prior's moments, or the two-point start."""

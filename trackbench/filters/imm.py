@@ -80,6 +80,14 @@ class IMM(JumpMarkov[Models]):
             found |= self.filter.conflicts(_Believed(scenario, own))
         return {f"filter.{key}".rstrip("."): what for key, what in found.items()}
 
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its own, and those of the models' filter that are idle with each of the motions."""
+        first, *others = (
+            self.filter.idle_keys(_Believed(scenario, own)) for own in self.models(scenario.model)
+        )
+        of_all = {f"filter.{k}": why for k, why in first.items() if all(k in o for o in others)}
+        return super().idle_keys(scenario) | of_all
+
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
         """The prior in every model."""
         n, runs = own_components(model.motion), prior.mean.shape[1]

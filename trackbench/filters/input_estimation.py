@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.filters.axes import axis_step, both_axes, choose, over_axes, per_axis, site
-from trackbench.filters.base import PLANAR_POSITION, Filter
+from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
 from trackbench.filters.switching import Detector
 from trackbench.keys import NonNegative, Positive
 from trackbench.models.base import Model, Scene
@@ -64,6 +64,10 @@ class InputEstimation(Filter[Corrected]):
         """Windows that do not fit the scenario's runs."""
         found = self.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
         return {key.removeprefix("detector."): what for key, what in found.items()}
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its motion is `motion`."""
+        return OWN_MOTION
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Corrected:
         """The prior."""

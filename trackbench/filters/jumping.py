@@ -14,7 +14,7 @@ from trackbench.core.regularisation import Kernel, jitter_each
 from trackbench.core.regularisation import Mode as Spread
 from trackbench.core.streams import Streams
 from trackbench.core.sums import total
-from trackbench.filters.base import Filter, State
+from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.clouds import Cloud, ParticleFilter
 from trackbench.keys import MistakenKeyError, NonNegative, PartOf, Share
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
@@ -69,6 +69,10 @@ class JumpMarkov(Filter[State]):
                 of = ", ".join(motion.components) or "positions and velocities"
                 found[f"motions.{i}"] = f"a motion of {of} for {', '.join(own)}"
         return found
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its motions are `motions`."""
+        return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""

@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core import linalg, particles
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.particles import Evidence, Particles
@@ -45,7 +46,7 @@ class LineOfSight(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.azimuths")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
 
     @property
     def notes(self) -> frozenset[str]:
@@ -53,9 +54,11 @@ class LineOfSight(ParticleFilter):
         return super().notes - {"ess"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Weighs in the log domain only."""
+        """Weighs in the log domain only, and looks from where the scans of the start were taken."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
+        if not cast(RangeAzimuth, scenario.model.sensor).at_origin:
+            return {"": "los-rbpf looks from the origin; the sensor it assumes stands elsewhere"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
@@ -87,6 +90,7 @@ class LineOfSight(ParticleFilter):
         half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
         if missing.any():
             nu[missing], half_distance[missing] = 0.0, 0.0
+        note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
         w, dead, mass = particles.normalise(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
@@ -144,7 +148,7 @@ def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     x, P = state.particles.x, state.P
     assert P is not None
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
-    w_p, w_v = linalg.matvec(linalg.cholesky(Q), rng.standard_normal((2, *x.shape[1:])))
+    w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
     nearness = 1.0 / np.sqrt(px * px + py * py)
     w_p *= nearness
@@ -173,6 +177,7 @@ def _stretched(x: Array, K: Array, nu: Array) -> Array:
 
 def _corrected(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
     """Gain (2, M), innovation variance (M,), covariance (2, 2, M) given a range; no gain without one."""
+    note("covariances", P, components=2)
     S = P[0, 0] + variance
     K = np.where(missing, 0.0, P[:, 0] / S)
     return K, S, P - linalg.outer(K, K) * S

@@ -8,6 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.regularisation import Kernel, jitter
@@ -34,7 +35,7 @@ class MPF(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.F", "motion.Q", "prior.positions")
+    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
 
     @property
     def notes(self) -> frozenset[str]:
@@ -46,6 +47,11 @@ class MPF(ParticleFilter):
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Without jitter there is no kernel."""
+        idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
+        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
@@ -90,6 +96,7 @@ def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
     T, Q = motion.F[0, 1], motion.Q
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N
+    note("covariances", C, components=0)
     surprise = np.sqrt(N) * rng.standard_normal((2, *x.shape[1:]))
     out = np.empty_like(x)
     out[0::2] = x[0::2] + T * x[1::2] + surprise

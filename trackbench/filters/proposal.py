@@ -32,8 +32,15 @@ from trackbench.models.base import (
     Scene,
     log_likelihood,
 )
-from trackbench.models.gaussian import Assumed, augmented_size, augmented_step, spread_conflicts
+from trackbench.models.gaussian import (
+    Assumed,
+    augmented_size,
+    augmented_step,
+    idle_noise_mean,
+    spread_conflicts,
+)
 
+_OF_PROPOSAL = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
 TransitionReading = Literal["model", "increment"]
 
 
@@ -129,6 +136,16 @@ class ProposingFilter(Filter[Cloud]):
         return self._weight_conflicts(scenario.model.motion) | self._kalman_conflicts(
             scenario.model
         )
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Keys of a proposal from which nothing is drawn."""
+        idle = dict.fromkeys(_OF_PROPOSAL, self._unused) if self._unused else {}
+        return idle_noise_mean(scenario) | idle
+
+    @property
+    def _unused(self) -> str:
+        """Reason why no particle is drawn from its Kalman filter, or nothing."""
+        return "with `defensive: 1`" if self.defensive == 1.0 else ""
 
     def held(self, model: Model) -> int:
         """Numbers alive at once per run beside the cloud."""

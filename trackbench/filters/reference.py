@@ -1,7 +1,7 @@
 """Baselines and the floor: no data, no model of motion, and the exact posterior."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, cast
+from typing import Annotated, ClassVar, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Ge
@@ -11,7 +11,7 @@ from trackbench.core import elementary, grid
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.posteriors import LinePosterior, Posterior
-from trackbench.filters.base import Filter
+from trackbench.filters.base import Filter, ReturnedError
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
 from trackbench.models.gaussian import AS_IT_IS, extended_prediction
 from trackbench.models.motions.scalar import MerweMotion
@@ -19,6 +19,8 @@ from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.registry import register
 
 _LARGEST_SHAPE = 20
+_MEANS_APART = 0.05  # standard deviations between the means by these and by more nodes
+_VARIANCES_APART = 0.1
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
 
 
@@ -72,12 +74,22 @@ class Inversion(Filter[Gaussian]):
         return state
 
 
+class Resolved(NamedTuple):
+    """The posterior, and the one by more nodes that it is checked against."""
+
+    posterior: grid.Posterior
+    check: grid.Posterior
+
+
 @register("filters", "grid")
 @dataclass(frozen=True, kw_only=True)
-class Grid(Filter[grid.Posterior]):
+class Grid(Filter[Resolved]):
     """Exact posterior of a scalar state by quadrature (hdepf paper, eqs. 3-5): the floor.
 
     Gauss-Legendre nodes around each root of the measurement equation. No filter can beat its RMSE.
+    An experiment stops where the nodes do not resolve the posterior: where an eighth more of them move a
+    mean by a twentieth of a standard deviation or a variance by a tenth, or where two neighbours are
+    farther apart than the motion's noise reaches.
     """
 
     nodes: Annotated[int, Ge(8)] = 128
@@ -94,28 +106,63 @@ class Grid(Filter[grid.Posterior]):
         motion = scenario.model.motion
         if isinstance(motion, GammaMotion) and motion.noise.shape > _LARGEST_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_LARGEST_SHAPE} only"}
+        nowhere = np.zeros((len(motion.components), 1))
+        if not hasattr(motion.transition(nowhere, int(scenario.steps[0])), "prob"):
+            return {"": "grid needs the transition's density as `prob`, and this motion's has none"}
         return {}
 
     def held(self, model: Model) -> int:
         """Numbers alive at once per run: kernels of nodes by nodes."""
         return 7 * self.nodes * self.nodes
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> grid.Posterior:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """All mass on the first state, or nodes over what a Gaussian prior leaves open of it."""
         if not np.any(prior.cov):
-            return grid.known(prior.mean)
+            known = grid.known(prior.mean)
+            return Resolved(known, known)
         assert isinstance(prior, Gaussian)
         mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
         around = mean - reach, mean + reach
-        (panel,) = grid.nodes_between([around], around, self.nodes)
-        return (panel._replace(density=elementary.exp(prior.log_prob(panel.x[None]))),)
+        both = (grid.nodes_between([around], around, n)[0] for n in self._numbers)
+        return Resolved(
+            *((p._replace(density=elementary.exp(prior.log_prob(p.x[None]))),) for p in both)
+        )
 
-    def step(
-        self, model: Model, state: grid.Posterior, z: Array, k: int, rng: Generator
+    @property
+    def _numbers(self) -> tuple[int, int]:
+        return self.nodes, self.nodes + self.nodes // 8
+
+    def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
+        """Lay nodes where z and the prediction allow mass, and condition on z.
+
+        Raises ReturnedError if there are too few nodes.
+        """
+        both = zip(state, self._numbers, strict=True)
+        new = Resolved(*(self._conditioned(model, old, z, k, n) for old, n in both))
+        own, check = map(grid.moments, new)
+        variance, other = own.cov[0, 0], check.cov[0, 0]
+        right = np.abs(check.mean - own.mean)[0] <= _MEANS_APART * np.sqrt(variance)
+        right &= np.abs(other - variance) <= _VARIANCES_APART * variance
+        right |= np.isnan(variance) & np.isnan(other)
+        if not (right.all() and self._reaches_each_node(model, state.posterior, k)):
+            what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
+            raise ReturnedError("step", f"{what}; raise `nodes`, or narrow the start")
+        return new
+
+    def _reaches_each_node(self, model: Model, old: grid.Posterior, k: int) -> bool:
+        """Whether what moves from one node overlaps what moves from the next."""
+        for panel in old:
+            moved = model.motion.transition(panel.x[None], k)
+            gaps = np.abs(np.diff(moved.mean[0], axis=0))
+            if (gaps > np.sqrt(moved.cov[0, 0])).any():
+                return False
+        return True
+
+    def _conditioned(
+        self, model: Model, old: grid.Posterior, z: Array, k: int, n: int
     ) -> grid.Posterior:
-        """Lay nodes where z and the prediction allow mass, and condition on z."""
         motion, sensor = cast("tuple[MerweMotion, SquareThenLine]", model)
-        support = motion.support(*grid.hull(state), k)
+        support = motion.support(*grid.hull(old), k)
         reach = _anywhere_if_missing(z, sensor.preimage(z, self.deviations, k), support)
 
         def transition(x: Array, x_new: Array) -> Array:
@@ -126,26 +173,26 @@ class Grid(Filter[grid.Posterior]):
             return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
 
         return grid.condition(
-            state,
-            grid.nodes_between(reach, support, self.nodes),
+            old,
+            grid.nodes_between(reach, support, n),
             transition,
             lambda x_new: motion.origins(x_new, k),
             likelihood,
         )
 
-    def estimate(self, state: grid.Posterior) -> Gaussian:
+    def estimate(self, state: Resolved) -> Gaussian:
         """Posterior mean and variance."""
-        return grid.moments(state)
+        return grid.moments(state.posterior)
 
-    def posterior(self, state: grid.Posterior) -> Posterior:
+    def posterior(self, state: Resolved) -> Posterior:
         """The density itself."""
-        return LinePosterior(state)
+        return LinePosterior(state.posterior)
 
-    def log_likelihood(self, state: grid.Posterior) -> Array:
+    def log_likelihood(self, state: Resolved) -> Array:
         """log p(z_k | z_1..k-1) (M,), exact."""
-        density = state[0].evidence
-        unknown = np.full(state[0].low.shape, np.nan)
-        return unknown if density is None else elementary.log(density)
+        first = state.posterior[0]
+        unknown = np.full(first.low.shape, np.nan)
+        return unknown if first.evidence is None else elementary.log(first.evidence)
 
 
 def _anywhere_if_missing(

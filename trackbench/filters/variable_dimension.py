@@ -27,7 +27,7 @@ from trackbench.filters.axes import (
     per_axis,
     site,
 )
-from trackbench.filters.base import Filter
+from trackbench.filters.base import OWN_MOTION, Filter
 from trackbench.filters.refiltering import History, history, refiltered
 from trackbench.filters.switching import Detector, Exit, SecondDecision, exit_cautions
 from trackbench.models.base import Model, Scene
@@ -118,6 +118,10 @@ class VariableDimension(Filter[Switched]):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Windows that do not fit the scenario's runs."""
         return self.logic.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Its motions are `nmf` and `mf`."""
+        return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
         """What the exit test will do on the scenario's smallest turn."""

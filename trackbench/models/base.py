@@ -13,6 +13,7 @@ import numpy as np
 
 from trackbench.core import kalman
 from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.hooks import Part
 
@@ -167,6 +168,7 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
 
     Of the components that were measured, if some are missing (NaN); zero where all are.
     """
+    note("likelihoods", x, components=1)
     if x.ndim == 3 and _is_near(type(sensor)):
         seen = cast(NearSensor, sensor).residual(z, x, k)
         nu, R = seen.mean, seen.cov

@@ -9,10 +9,17 @@ import numpy as np
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.counting import note
 from trackbench.core.distributions import Gaussian, of_each_run
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
-from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
+from trackbench.models.base import (
+    DifferentiableMotion,
+    DifferentiableSensor,
+    Model,
+    NormalMotion,
+    Scene,
+)
 
 
 class Assumed(NamedTuple):
@@ -38,6 +45,13 @@ class Assumed(NamedTuple):
         """Mean and covariance of z_k given x_k = x."""
         exact = model.sensor.measurement(x, k)
         return exact if self.R is None else Gaussian(exact.mean, _either(self.R, exact.cov))
+
+
+def idle_noise_mean(scene: Scene) -> dict[str, str]:
+    """Reason, by key, why ``noise_mean`` changes nothing, if it does not."""
+    if isinstance(scene.model.motion, NormalMotion):
+        return {"noise_mean": "as the process noise has no mean here"}
+    return {}
 
 
 AS_IT_IS = Assumed()
@@ -166,6 +180,7 @@ def _conditioned(
     if missing.any():
         rows, S = kalman.measured(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
+    note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))
     mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
     return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)

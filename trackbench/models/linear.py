@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
@@ -27,3 +29,15 @@ class Linear:
     def jacobian(self, x: Array, k: int) -> Array:
         """F."""
         return self.F
+
+    @property
+    def alike_axes(self) -> tuple[Array, Array]:
+        """F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy), the same along x and y.
+
+        Raises AttributeError for any other motion.
+        """
+        F, Q = np.array([[1.0, self.T], [0.0, 1.0]]), self.Q[:2, :2]
+        whole = (np.kron(np.eye(2), block) for block in (F, Q))
+        if not all(map(np.array_equal, (self.F, self.Q), whole)):
+            raise AttributeError("no constant velocity, alike along x and y")
+        return F, Q

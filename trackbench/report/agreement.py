@@ -7,7 +7,7 @@ docs/statistics.md has the error rates and the power.
 """
 
 from collections.abc import Iterator, Sequence
-from math import hypot, inf, isfinite, isnan, log, nan, sqrt
+from math import inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.experiment.reading.published import PublishedNumber
@@ -22,11 +22,9 @@ ANOTHER_SEED = 1.6449 * sqrt(2.0)
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 NOT_MEASURED, UNDECIDED = "not measured", "not decided"
-NUMBER_WORDS = ("agrees", "compatible", "near", "differs", "chosen", UNDECIDED, NOT_MEASURED)
-"""Verdicts on a number, the best first."""
+NUMBER_WORDS = ("agrees", "compatible", "near", UNDECIDED, "differs", "chosen", NOT_MEASURED)
+"""Verdicts on a number, the best first: it differs only if it does so under every reading."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
-NEXT_TIME = 0.1
-"""Share by which a ratio of CPU times may well be another when the same is executed again."""
 _DIFFERENT = ("near", "differs")
 _SHOWN = {"near": _DIFFERENT, "differs": _DIFFERENT} | {
     w: (w,) for w in ("holds", "fails", "biased")
@@ -49,7 +47,7 @@ def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Ve
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
     found = [judge(number, part, SURE) for part in parts]
-    turns = any(judge(number, other, DECIDED)[0] != word for other in _others(number, whole))
+    turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
     word = settled(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
@@ -59,12 +57,10 @@ def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Ve
     return Verdict(word, z, tuple(z for _, z in found), turns and decides)
 
 
-def _others(number: PublishedNumber, whole: Term) -> Iterator[Term]:
-    """Generate what other runs, or another execution of the CPU times, could well have measured."""
+def _others(whole: Term) -> Iterator[Term]:
+    """Generate what other runs could well have measured."""
     yield from whole.stressed()
     room = ANOTHER_SEED * whole.stderr
-    if number.expression is not None and number.expression.is_cpu_time:
-        room = hypot(room, NEXT_TIME * whole.value)
     for end in (-room, room) if isfinite(room) else ():
         yield whole._replace(value=whole.value + end)
 

@@ -11,6 +11,8 @@ from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
+from trackbench.report.times import FILE as TIMES
+from trackbench.report.times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts import Compared, Comparison, Ranked
 
 NUMBER_HEADER = [
@@ -28,6 +30,7 @@ FILES = ("comparison.csv", "comparison.md", "claims.csv")
 def write_comparison(results: Results, comparison: Comparison) -> None:
     """Write the verdicts, or take away old ones if nothing is published about the experiment."""
     folder = results.target
+    write_time_verdicts(results)
     if not comparison.rows and not comparison.claims:
         for name in FILES:
             remove(folder / name)
@@ -76,7 +79,7 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Comparison) -> list[str]:
-    """One line on the numbers, each counted once, one on the claims."""
+    """Return a line on the numbers, each counted once, one on words on a bias, one on the claims."""
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:
@@ -92,7 +95,8 @@ def markdown(results: Results, comparison: Comparison) -> str:
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    return "\n\n".join([*parts, LEGEND]) + "\n"
+    times = f"Verdicts on CPU times stand in {TIMES}: they are of one machine."
+    return "\n\n".join([*parts, LEGEND, *([times] if time_verdicts(results) else [])]) + "\n"
 
 
 LEGEND = (
@@ -102,7 +106,7 @@ LEGEND = (
     "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
     "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
     "batch of runs, else it is `not decided`. `fragile`: as many runs of another seed, one run "
-    "fewer or three far ones more, or CPU times of another execution, could well say otherwise. "
+    "fewer or three far ones more could well say otherwise. "
     "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
     "none of M runs had and that is rarer than 3 / M."
 )

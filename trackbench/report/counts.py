@@ -41,7 +41,7 @@ def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    words = dict.fromkeys((*NUMBER_WORDS[:-2], *CLAIM_WORDS))
+    words = (*(word for word in NUMBER_WORDS if word not in CLAIM_WORDS), *CLAIM_WORDS)
     return [
         Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
         for word in words
@@ -50,10 +50,16 @@ def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
 
 
 def bars(comparison: Comparison) -> list[Bar]:
-    """A bar of the numbers, each counted once, and one of the claims; none of what there is none."""
-    numbers, claims = comparison.numbers, comparison.claims
+    """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
+    best, claims = [number.best for number in comparison.numbers], comparison.claims
+    words = [row for row in best if isinstance(row.published.value, str)]
+    numbers = [row for row in best if not isinstance(row.published.value, str)]
     found = (
-        (counted(len(numbers), "published number"), parts(number.best for number in numbers)),
+        (counted(len(numbers), "published number"), parts(numbers)),
+        (
+            counted(len(words), "published word") + " on a bias, by a margin chosen here",
+            parts(words),
+        ),
         (counted(len(claims), "claim"), parts(claims)),
     )
     return [Bar(title, there) for title, there in found if there]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -72,7 +72,9 @@ def drawing(
         if sent:
             begin = (_open, results.folder, results.facts)
             drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
-            begun |= {name: drawers.submit(_draw, spec, formats) for name, spec in sent.items()}
+            with suppress(BrokenExecutor):  # a drawer was killed as it began
+                for name, spec in sent.items():
+                    begun[name] = drawers.submit(_draw, spec, formats)
         yield draw
 
 

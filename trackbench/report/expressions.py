@@ -1,7 +1,7 @@
 """Measures of a results folder: `mean(rmse)`, `rmse@20`, `gain(rms(rmse), PF)`, evaluated.
 
 A measure's error comes as one influence per run where it can, so that a difference between two
-filters on common runs is paired and the runs without a batch have a number. Times have one per block.
+filters on common runs is paired and the runs without a batch have a number. Times have none.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.measure import Measure, measured
 from trackbench.evaluation.shares import statistic_of
-from trackbench.evaluation.statistics import OVER_RUNS, influence, mean
+from trackbench.evaluation.statistics import OVER_RUNS, influence, median
 from trackbench.keys import is_number
 from trackbench.report.results import Results
 from trackbench.report.terms import (
@@ -101,6 +101,8 @@ class Expressions:
             return MISSING
         common = self._found(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
+        if m.is_cpu_time:
+            ratio = self._paired_times(mine, other) or ratio
         return ratio if m.relation == "ratio" else gain(ratio)
 
     @cached_property
@@ -117,8 +119,16 @@ class Expressions:
             for r in rows
         }
         for r in self.results.columns("timing", self.point).records():
-            found[r["filter"], "cpu_s_per_run"] = _time(r)
+            of_run = Term(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
+            found[r["filter"], "cpu_s_per_run"] = of_run
         return found
+
+    def _paired_times(self, mine: Measure, other: Measure) -> Term | None:
+        """Ratio of two filters' measured times, repeat by repeat; None if either has none."""
+        rows = self.results.columns("timing", self.point).records()
+        found = {row["filter"]: repeats_of(row) for row in rows}
+        a, b = (found.get(m.filter, np.empty(0)) for m in (mine, other))
+        return Term(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
         """The statistic that a measure is; None for a time, or if no run has a part in it."""
@@ -230,11 +240,6 @@ class Expressions:
         return None if values is None else values[~np.isnan(values)]
 
 
-def _time(row: dict[str, Any]) -> Term:
-    """A time per run, whose error is that of its blocks of runs, if there are two."""
-    each = str(row.get("blocks", "")).split(";")
-    seconds = np.array([float(s) for s in each if s])
-    term = Term(row["cpu_s_per_run"], row["stderr"], None, row["runs"])
-    if len(seconds) < 2:
-        return term
-    return term._replace(blocks=seconds - mean(seconds).value, freedom=len(seconds) - 1.0)
+def repeats_of(row: dict[str, Any]) -> Array:
+    """Measured CPU seconds of a run in each repeat, from a row of timing.csv; none of older files."""
+    return np.array([float(s) for s in str(row.get("repeats", "")).split(";") if s])

@@ -1,7 +1,8 @@
 """A results folder, read back: its data frames and arrays."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from io import TextIOWrapper
@@ -12,15 +13,19 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.experiment.blame import said
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.storing.given import FILE, Given, points_in, prefix_of
+from trackbench.experiment.storing.outputs import COLUMNS
 from trackbench.experiment.storing.packing import opened, there
 from trackbench.report.asked import Asked
-from trackbench.report.columns import Columns, read_columns
+from trackbench.report.columns import Columns, check_heads, read_columns
 from trackbench.report.runs import Runs, read_runs
 
 if TYPE_CHECKING:
     import pandas as pd
+
+AGAIN = "run the experiment again"
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,9 +42,11 @@ class Frames(Asked):
         """Versions, platform, times."""
         if self.facts is not None:
             return self.facts
-        manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
-        assert isinstance(manifest, dict)
-        return manifest
+        with self.reading("manifest.json") as path:
+            manifest = json.loads(path.read_text(encoding="utf-8"))
+            if not isinstance(manifest, dict):
+                raise TypeError("is not a mapping")
+            return manifest
 
     @property
     def one_by_one(self) -> list[str]:
@@ -55,18 +62,15 @@ class Frames(Asked):
         """What is known of a point besides its numbers: scenario, filters, components, shading."""
         found = next((g for g in self._given if is_same(g.values, point)), None)
         if found is None:
-            raise UserError(f"{self.folder / FILE}: {point} is not in it: run the experiment again")
+            raise UserError(f"{self.folder / FILE}: {point} is not in it: {AGAIN}")
         return found
 
     @cached_property
     def _given(self) -> tuple[Given, ...]:
         if self.points_given is not None:
             return self.points_given
-        try:
-            return tuple(points_in(self._path(FILE).read_text(encoding="utf-8")))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            what = "cannot be read: run the experiment again"
-            raise UserError(f"{self.folder / FILE}: {what}") from None
+        with self.reading(FILE) as path:
+            return tuple(points_in(path.read_text(encoding="utf-8")))
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
@@ -85,7 +89,7 @@ class Frames(Asked):
 
     @cached_property
     def timing(self) -> "pd.DataFrame":
-        """``filter,runs,cpu_s,cpu_s_per_run,stderr``."""
+        """``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,likelihoods,covariances``."""
         return self._frame("timing.csv")
 
     @cached_property
@@ -95,10 +99,9 @@ class Frames(Asked):
 
     def arrays(self, name: str) -> dict[str, Array]:
         """A file of arrays; empty if it is not there."""
-        path = self.folder / name
-        if not path.is_file():
+        if not (self.folder / name).is_file():
             return {}
-        with np.load(path) as arrays:
+        with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
     def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
@@ -119,8 +122,8 @@ class Frames(Asked):
         found, place = self.manifest.get("steps"), self.place(point) or 0
         number = found[place] if isinstance(found, list) and place < len(found) else found
         if not isinstance(number, int) or number < 1:
-            what = "does not say how many steps a run has: run the experiment again"
-            raise UserError(f"{self.folder / 'manifest.json'}: {what}")
+            what = "does not say how many steps a run has"
+            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {AGAIN}")
         return number
 
     def runs(self, point: dict[str, Any]) -> Runs:
@@ -130,14 +133,27 @@ class Frames(Asked):
     @cached_property
     def _runs(self) -> dict[tuple[Any, ...], Runs]:
         parses = self.columns("summary").parses
-        with self.open("per_run.csv") as file:
+        with self.opened("per_run.csv") as file:
             return read_runs(file, {path: parses[path] for path in self.grid}, self.filters)
 
-    def open(self, name: str) -> TextIO:
-        """One of the CSV files as text."""
-        return TextIOWrapper(
-            cast(IO[bytes], opened(self._path(name))), encoding="utf-8", newline=""
-        )
+    @contextmanager
+    def opened(self, name: str) -> Iterator[TextIO]:
+        """Open one of the CSV files as text; raises UserError if it cannot be read."""
+        with self.reading(name) as path:
+            content = cast(IO[bytes], opened(path))
+            with TextIOWrapper(content, encoding="utf-8", newline="") as file:
+                yield file
+
+    @contextmanager
+    def reading(self, name: str) -> Iterator[Path]:
+        """Give a file's path, packed or not; whatever a damaged file raises becomes one line."""
+        path = there(self.folder / name)
+        if path is None:
+            raise UserError(f"{self.folder / name}: is missing: {AGAIN}")
+        try:
+            yield path
+        except Exception as error:
+            raise UserError(f"{path}: cannot be read, {said(error)}: {AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""
@@ -154,8 +170,8 @@ class Frames(Asked):
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
         if name not in self._columns:
-            with self.open(f"{name}.csv") as file:
-                self._columns[name] = read_columns(file)
+            with self.opened(f"{name}.csv") as file:
+                self._columns[name] = read_columns(file, COLUMNS[f"{name}.csv"])
         return self._columns[name].at(point)
 
     @cached_property
@@ -172,14 +188,10 @@ class Frames(Asked):
         import pandas as pd
 
         missing = {key: ["nan"] for key in _NUMBERS}  # no others: a filter may be called nan
-        return pd.read_csv(self._path(name), dtype=_TYPES, keep_default_na=False, na_values=missing)
-
-    def _path(self, name: str) -> Path:
-        """The file, or what it was packed into to keep large results in git."""
-        path = there(self.folder / name)
-        if path is None:
-            raise UserError(f"{self.folder / name}: is missing: run the experiment again")
-        return path
+        with self.reading(name) as path:
+            frame = pd.read_csv(path, dtype=_TYPES, keep_default_na=False, na_values=missing)
+            check_heads(frame.columns, COLUMNS[name])
+            return frame
 
 
 def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:

@@ -45,8 +45,6 @@ def judge(claim: Claim, evidence: Expressions | None) -> Judged:
         verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
     elif verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
-    elif verdict.word != UNDECIDED and any(score.off.is_timing(claim) for score in found):
-        verdict = verdict._replace(fragile=True)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = noted(*losing, _why(evidence, weakest), steps, claim.note)
     return Judged(claim, verdict, weakest.off.term.splits, note)
@@ -88,11 +86,6 @@ class _Off(NamedTuple):
             return z_score(Estimate(self.margin(claim), self.term.stderr))
         z = self.term.z(self.edge)
         return -z if claim.relation == "<" else z
-
-    def is_timing(self, claim: Claim) -> bool:
-        """Return whether CPU times of another execution may turn the claim."""
-        timed = claim.expression is not None and claim.expression.is_cpu_time
-        return timed and abs(self.margin(claim)) < agreement.NEXT_TIME * abs(self.target)
 
 
 class _Score(NamedTuple):

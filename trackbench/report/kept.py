@@ -22,7 +22,7 @@ from trackbench.report.results import Results
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
 _PARTS = ("tables", "figures")
-"""Of which each is made by its own keys alone."""
+"""Each is made by its own keys alone, and a figure by the lines' looks."""
 _FACTS = ("steps", "one_by_one", "failed")
 """What figures take from the manifest."""
 
@@ -42,7 +42,8 @@ class KeptFigures:
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
         words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
-        made_by = [libraries, words, facts, _sources()]
+        looks = {label: results.look(label) for label in results.labels}  # of all figures' keys
+        made_by = [libraries, words, facts, looks, _sources()]
         digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
         names = (*RAW, "tuning.csv", *results.config.get("published", ()))
         _add(digest, (results.folder / name for name in names))

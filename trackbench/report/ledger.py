@@ -10,17 +10,20 @@ from trackbench.experiment.problems import Problem, UserError
 from trackbench.report.comparison import LEGEND, summary_lines, verdict_tables
 from trackbench.report.counts import Bar, bars
 from trackbench.report.drawings import key_picture
-from trackbench.report.opening import open_with_notes
+from trackbench.report.opening import open_with_notes, using
 from trackbench.report.results import Results
 from trackbench.report.templating import write_page
+from trackbench.report.text import TextTable
 from trackbench.report.thumbnail import thumbnail
+from trackbench.report.times import time_tables, time_verdicts
 from trackbench.report.verdicts import Comparison, compare
 
 Overview: TypeAlias = list[tuple[Results, Comparison]]
 
-_HEAD = """# What reproduces
+_HEAD = """# Published and measured
 
-Every number and claim of the papers that an experiment here measures, with its verdict. Written by
+Every number, word and claim of the papers that an experiment here measures, with its verdict. Of a
+number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
 `trackbench report results`; `make check-results` fails if a verdict does not come out again.
 """
 
@@ -40,7 +43,7 @@ class Card:
 
 def write_overview(folder: Path) -> list[Path]:
     """Write index.html and README.md over the results folders in ``folder``."""
-    found = [(results, compare(results)) for results in _opened(folder)]
+    found = _opened(folder)
     everything = _together([comparison for _, comparison in found])
     index = _write_index(folder, found, everything)
     ledger = folder / "README.md"
@@ -57,7 +60,7 @@ def _write_index(folder: Path, found: Overview, everything: Comparison) -> Path:
         experiments=[_card(folder, *item) for item in found],
         counted=bars(everything),
         verdict_lines=summary_lines(everything),
-        ledger=verdict_tables(everything),
+        ledger=[*verdict_tables(everything), *_times(found)],
         legend=LEGEND.replace("`", ""),
     )
 
@@ -87,17 +90,19 @@ def _together(comparisons: list[Comparison]) -> Comparison:
     )
 
 
-def _opened(folder: Path) -> list[Results]:
+def _opened(folder: Path) -> Overview:
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(p.parent for p in folder.glob("*/config.yaml"))
     if not candidates:
         raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
-    opened: list[Results] = []
+    opened: Overview = []
     problems: list[Problem | str] = []
     for candidate in candidates:
         try:
-            opened.append(open_with_notes(candidate))
+            with using(candidate):
+                results = open_with_notes(candidate)
+                opened.append((results, compare(results)))
         except UserError as error:
             problems += error.problems
     if problems:
@@ -113,4 +118,10 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    return "\n\n".join([*parts, LEGEND]) + "\n"
+    parts += [LEGEND, *(table.markdown().rstrip() for table in _times(found))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _times(found: Overview) -> list[TextTable]:
+    """The verdicts on CPU times of all experiments, apart from the others and not counted with them."""
+    return time_tables(verdict for results, _ in found for verdict in time_verdicts(results))

@@ -1,24 +1,24 @@
 """What the best filters cost, and how calibrated they are, in words.
 
-Times differ if they do beyond the 99 % interval of their blocks. A filter is calibrated if the 95 %
-interval of its ANEES (without a truth of its ANIS) lies within ten percent of 1, as published numbers
-agree; it is not if the interval lies beyond 1. Nothing is said of what is neither.
+Times differ beyond the factor by which they scatter between executions (`times.SCATTER`). A filter is
+calibrated if the 95 % interval of its ANEES (without a truth of its ANIS) lies within ten percent of 1,
+as published numbers agree; it is not if the interval lies beyond 1. Nothing is said of what is neither.
 """
 
 from collections.abc import Sequence
 from itertools import islice
-from math import hypot, inf, isfinite, isnan
+from math import inf, isfinite
 from operator import attrgetter
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.evaluation.intervals import quantile
 from trackbench.evaluation.statistics import Estimate, interval, mean
 from trackbench.report.agreement import NEAR
 from trackbench.report.results import Results
 from trackbench.report.standing import Candidate, Standing
 from trackbench.report.table import rounded
+from trackbench.report.times import SCATTER
 from trackbench.report.wording import listed, named, two_digits, verb
 
 Credibility: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
@@ -26,11 +26,9 @@ _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 
 
 class Time(NamedTuple):
-    """CPU seconds of a run, their standard error and its degrees of freedom."""
+    """CPU seconds of a run."""
 
     value: float
-    stderr: float
-    freedom: int
     candidate: Candidate
     looped: str
     """a word of those that are looped over in Python, whose time is not the method's"""
@@ -42,16 +40,11 @@ class Time(NamedTuple):
 
     def __str__(self) -> str:
         scale, unit = next(((s, u) for s, u in _SECONDS if self.value * s >= 1.0), _SECONDS[-1])
-        if isnan(self.stderr):
-            return f"{two_digits(self.value * scale)} {unit}"
-        return f"{rounded(self.value * scale, self.stderr * scale, 3)} {unit}"
+        return f"{two_digits(self.value * scale)} {unit}"
 
     def above(self, other: "Time") -> bool:
-        """Whether it is longer beyond what the blocks scatter; of a single block it is not known."""
-        freedom = min(self.freedom, other.freedom)
-        if freedom < 1 or isnan(self.stderr + other.stderr):
-            return False
-        return self.value - other.value > hypot(self.stderr, other.stderr) * quantile(0.99, freedom)
+        """Whether it is longer beyond what times scatter."""
+        return self.value > SCATTER * other.value
 
 
 def cost(results: Results, standing: Standing) -> str:
@@ -147,7 +140,5 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
         looped = " (looped over in Python)" if candidate.label in results.one_by_one else ""
         rows = results.columns("timing", candidate.point).where(filter=candidate.label)
         for row in islice(rows.records(), 1):
-            freedom = row.get("blocks", "").count(";")
-            value, stderr = float(row["cpu_s_per_run"]), float(row["stderr"])
-            found.append(Time(value, stderr, freedom, candidate, looped))
+            found.append(Time(float(row["cpu_s_per_run"]), candidate, looped))
     return sorted(found, key=attrgetter("value"))

@@ -3,24 +3,49 @@
 import os
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.experiment.problems import UserError
+from trackbench.experiment.blame import foreign_line, own_line
+from trackbench.experiment.problems import RunError, UserError, reason
 from trackbench.experiment.reading.definition import Settings
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
 from trackbench.experiment.reading.validate import build
 from trackbench.experiment.storing.outputs import FORMAT, RAW, Damage, damage
 from trackbench.registry import Group
+from trackbench.report.frames import AGAIN
 from trackbench.report.results import Results
 
-_KINDS: dict[str, type] = {"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list}
+_KINDS: dict[str, type] = {
+    **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
+    "training_holds_out": str,
+}
 """Of what kind the manifest's entries are that a report shows."""
 _CHANGED = "changed after the run"
-_AGAIN = "run the experiment again"
 
 
 class NotWholeError(UserError):
     """A results folder whose run did not finish, or whose runs were changed or lost since."""
+
+
+@contextmanager
+def using(folder: Path | str) -> Iterator[None]:
+    """Turn any error over a folder's content into one line: a stranger may have written the content.
+
+    The line names the place in this program, since it may be a mistake in the program after all. Errors
+    of plugins, and those that are lines already, stay as they are.
+    """
+    try:
+        yield
+    except (UserError, RunError):
+        raise
+    except OSError as error:
+        raise RunError(f"{error.filename or folder}: {reason(error)}") from error
+    except Exception as error:
+        if foreign_line(error):
+            raise
+        what = f"holds something that no run writes, {own_line(error)}"
+        raise UserError(f"{folder}: {what}: {AGAIN}") from error
 
 
 def open_results(folder: Path) -> Results:
@@ -29,10 +54,20 @@ def open_results(folder: Path) -> Results:
     Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
     config of something else.
     """
+    with using(folder):
+        return _open(folder)
+
+
+def check_folder(folder: Path) -> None:
+    """Raise UserError for what is no results folder."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, quiet about a name that is too long
         raise UserError(f"{folder}: there is no such folder")
     if not (folder / "config.yaml").is_file():
         raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
+
+
+def _open(folder: Path) -> Results:
+    check_folder(folder)
     results = Results(folder)
     _check_manifest(results)
     source = results.source
@@ -93,16 +128,16 @@ def changed_since(results: Results) -> list[str]:
 def _check_manifest(results: Results) -> None:
     folder = results.folder
     if not (folder / "manifest.json").is_file():
-        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {_AGAIN}")
+        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {AGAIN}")
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
         whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
         whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
-    except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
+    except (UserError, ValueError, KeyError, TypeError):
         whole = False
     if not whole:
-        raise NotWholeError(f"{folder}: manifest.json cannot be read: {_AGAIN}")
+        raise NotWholeError(f"{folder}: manifest.json cannot be read: {AGAIN}")
     if version > FORMAT:
         what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
@@ -116,7 +151,7 @@ def _lines(folder: Path, found: Damage) -> list[str]:
     """A line on the files that are missing, and one on those that were changed, if there are any."""
     ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
     return [
-        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {_AGAIN}"
+        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {AGAIN}"
         for names, verbs, what in ends
         if names
     ]

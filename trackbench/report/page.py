@@ -15,6 +15,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.templating import write_page
 from trackbench.report.text import Text, TextTable
+from trackbench.report.times import time_tables, time_verdicts
 from trackbench.report.verdicts import Comparison, compare
 
 
@@ -26,10 +27,11 @@ def write_report(
     tables = [table.texts() for table in results.tables.values()]
     pairs, undecided = _pairs(results)
     verdicts = verdict_tables(comparison)
-    figures = drawings(results)
+    figures, times = drawings(results), time_tables(time_verdicts(results))
     sections = (
         ("figures", "Figures", figures[1:]),
         ("verdicts", "Verdicts", verdicts),
+        ("times", "CPU times", times),
         ("tables", "Tables", tables),
         ("pairs", "Pairs", pairs.rows),
         ("again", "Run it again", True),
@@ -49,6 +51,7 @@ def write_report(
         failed={row["filter"]: row["reason"] for row in results.failed} | results.unmade,
         verdict_lines=summary_lines(comparison),
         verdict_tables=verdicts,
+        times=times,
         legend=LEGEND.replace("`", ""),
         tables=tables,
         pairs=pairs if pairs.rows else None,

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from itertools import product
 from pathlib import Path
 
-from trackbench.experiment.files import made, remove, write_bytes, write_csv, write_text
+from trackbench.experiment.files import made, remove, within, write_bytes, write_csv, write_text
 from trackbench.experiment.problems import Mark, Problem, UserError
 from trackbench.experiment.reading.validate import unknown
 from trackbench.experiment.storing.outputs import FIGURE_FORMS, TABLE_FORMS
@@ -37,14 +37,14 @@ def render(
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
     tables = results.tables
-    folder = made(results.target / "tables") if tables else results.target
+    folder = made(within(results.target, "tables")) if tables else results.target
     for name, table in tables.items():
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
         if tex:
             write_text(folder / f"{name}.tex", table.texts().tex(name))
     for name in results.parts("tables").keys() - tables.keys():
-        _remove(results.target / "tables", name, TABLE_FORMS)
+        _remove(within(results.target, "tables"), name, TABLE_FORMS)
     return tables
 
 
@@ -80,9 +80,9 @@ def write_figures(
             spec = figures[name]
             contents = draw(name, spec) if draw else drawn(spec, results, forms)
         for form, content in contents:
-            path = made(results.folder / "figures") / f"{name}{page.ending}.{form}"
+            path = made(within(results.folder, "figures")) / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
         if f"figure {name}" in results.unmade:
-            _remove(results.folder / "figures", f"{name}{page.ending}", FIGURE_FORMS)
+            _remove(within(results.folder, "figures"), f"{name}{page.ending}", FIGURE_FORMS)
     return written

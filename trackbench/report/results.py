@@ -134,7 +134,7 @@ class Results(Frames):
         """Every trial of the filters that were tuned, by label; none if there is no tuning.csv."""
         if not (self.folder / "tuning.csv").is_file():
             return {}
-        with self.open("tuning.csv") as file:
+        with self.opened("tuning.csv") as file:
             return read_tuning(file, self.config.get("tune", {}), self._taken)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any, TextIO, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
-from trackbench.report.columns import Parse
+from trackbench.report.columns import Parse, check_heads
 
 Runs: TypeAlias = dict[tuple[str, str], Array]
 """Values (M,) in the order of the runs, NaN where lost, by (filter, metric), read-only."""
@@ -20,7 +20,8 @@ def read_runs(
 ) -> dict[tuple[Any, ...], Runs]:
     """The filters' runs by the values of the grid's columns, whose texts stand for what is given."""
     rows = csv.reader(file)
-    head = next(rows)
+    head = next(rows, [])
+    check_heads(head, ["filter", "metric", "value"])
     value, found = (
         itemgetter(head.index("value")),
         dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]](),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.evaluation.measure import measured
-from trackbench.experiment.files import write_csv
+from trackbench.experiment.files import free_name, write_csv
 from trackbench.experiment.reading.combining import filters_of, separate, single_paths
 from trackbench.experiment.reading.definition import DrawnExhibit, Experiment, Settings
 from trackbench.experiment.reading.published import Published
@@ -30,11 +30,12 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
     What is published is of the experiment as it is, so no point is held against it.
     """
+    others = [name for name, t in experiment.tables.items() if not isinstance(t, BestSettings)]
     return replace(
         experiment,
         settings=replace(experiment.settings, published=[]),
         published=Published(),
-        tables={_TABLE: BestSettings()} | experiment.tables,
+        tables={free_name(_TABLE, others): BestSettings()} | experiment.tables,
         figures=_figures(experiment.settings),
     )
 
@@ -49,9 +50,8 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
         shown = [path for path in grid if path in paths or path in together]
         if len(shown) <= _AXES:
             name = "-".join(["sweep", *map(_file_name, shown)])[:70]
-            number = sum(other.startswith(name) for other in found)
             figure = SweepFigure(paths=tuple(shown), title=_title(shown, settings))
-            found[f"{name}-{number + 1}" if number else name] = figure
+            found[free_name(name, found)] = figure
     return found
 
 

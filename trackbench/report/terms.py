@@ -16,7 +16,6 @@ from trackbench.evaluation.differences import (
 )
 from trackbench.evaluation.intervals import (
     interval_of,
-    normal_of_t,
     quantile,
     studentised,
 )
@@ -35,10 +34,6 @@ class Term(NamedTuple):
     influences: Array | None
     runs: int
     lost: int = 0
-    blocks: Array | None = None
-    """influence (B,) of each block of runs on a time"""
-    freedom: float = np.inf
-    """degrees of freedom of a standard error that no influences give"""
     pair: "tuple[Term, Term, float] | None" = None
     """a, b and f of a difference a - f b that is tested by the limits of both"""
 
@@ -49,11 +44,8 @@ class Term(NamedTuple):
 
     def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "Term":
         """Of another value that moves by so much of this one's changes."""
-        of_runs, of_blocks = (
-            None if x is None else x * by / over for x in (self.influences, self.blocks)
-        )
-        stderr = self.stderr * abs(by) / over
-        return self._replace(value=value, stderr=stderr, influences=of_runs, blocks=of_blocks)
+        of_runs = None if self.influences is None else self.influences * by / over
+        return self._replace(value=value, stderr=self.stderr * abs(by) / over, influences=of_runs)
 
     @property
     def splits(self) -> bool:
@@ -127,8 +119,7 @@ class Term(NamedTuple):
         """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
         with np.errstate(all="ignore"):
             if self.influences is None:
-                t = z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
-                return normal_of_t(t, self.freedom)
+                return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
             sides = self.sides
             if sides is not None:
                 return studentised_difference(self.value - target, sides, other)
@@ -138,7 +129,7 @@ class Term(NamedTuple):
         """Confidence interval, of all targets that `z` does not exclude; NaN of what has no error."""
         with np.errstate(all="ignore"):
             if self.influences is None:
-                width = quantile(level, self.freedom) * float(np.hypot(self.stderr, other))
+                width = quantile(level, np.inf) * float(np.hypot(self.stderr, other))
                 return self.value - width, self.value + width
             sides = self.sides
             if sides is not None:
@@ -192,16 +183,13 @@ def gain(ratio: Term) -> Term:
 
 @quietly
 def together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
-    """What moves by ``of_a`` times a's change and ``of_b`` times b's; paired by runs, or by blocks."""
+    """What moves by ``of_a`` times a's change and ``of_b`` times b's; paired by runs."""
     runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
     if of_runs is not None:
         there = of_runs[~np.isnan(of_runs)]
         return Term(value, mean(there).stderr, of_runs, len(there), a.lost)
-    term = Term(value, np.nan, None, runs, a.lost, freedom=min(a.freedom, b.freedom))
-    blocks = _combined(a, b, a.blocks, b.blocks, of_a, of_b)
-    if blocks is not None and a.runs == b.runs:  # of the same runs, computed one after the other
-        return term._replace(stderr=mean(blocks).stderr, blocks=blocks)
-    return term._replace(stderr=float(np.hypot(of_a * a.stderr, of_b * b.stderr)))
+    stderr = float(np.hypot(of_a * a.stderr, of_b * b.stderr))
+    return Term(value, stderr, None, runs, a.lost)
 
 
 def _combined(

@@ -5,9 +5,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trackbench.experiment.blame import blamed, is_foreign, said
+from trackbench.experiment.blame import blamed, said
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.problems import RunError
+from trackbench.hooks import is_foreign
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:

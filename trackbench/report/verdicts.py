@@ -21,6 +21,7 @@ from trackbench.report.expressions import Expressions
 from trackbench.report.judging import Judged, judge, no_results, noted
 from trackbench.report.results import Results
 from trackbench.report.terms import MISSING, Term
+from trackbench.report.times import without_times
 
 
 class Compared(NamedTuple):
@@ -31,12 +32,6 @@ class Compared(NamedTuple):
     measured: Term
     verdict: Verdict
     note: str
-
-    @property
-    def printed_at(self) -> tuple[str, ...]:
-        """Where it stands: readings of one number have this in common."""
-        p = self.published
-        return p.paper, p.table, p.row, p.filter, p.metric
 
 
 class Ranked(NamedTuple):
@@ -82,7 +77,7 @@ class Comparison:
         """A verdict for each published number, however many readings of it were tried."""
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         for row in self.rows:
-            found[row.printed_at].append(row)
+            found[row.published.printed_at].append(row)
         return [Reproduced(rows) for rows in found.values()]
 
 
@@ -95,7 +90,7 @@ def _rank(row: Compared) -> tuple[int, float]:
 
 def compare(results: Results) -> Comparison:
     """Hold the results against what is published about the experiment."""
-    published, at = results.published, cache(partial(evidence_at, results))
+    published, at = without_times(results.published), cache(partial(evidence_at, results))
     rows = [row for number in published.numbers for row in _readings(number, at(number.point))]
     claims = [judge(claim, at(claim.point)) for claim in published.claims]
     return Comparison(rows, claims, list(rank_agreement(rows)))
@@ -128,11 +123,11 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 def _readings(number: PublishedNumber, evidence: Expressions | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
-        note = noted(no_results(number, evidence), number.note)
+        note = noted(no_results(number, evidence), number.reading, number.note)
         yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
         verdict = agreement.of_number(number, measured, measured.parts(evidence.batches))
-        note = noted(measured.losses, number.chosen, number.note)
+        note = noted(measured.losses, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)

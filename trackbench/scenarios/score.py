@@ -28,6 +28,16 @@ class Window:
     last: Natural | None = None
     """last step; default: to the end"""
 
+    def __post_init__(self) -> None:
+        if self.first is not None and self.last is not None and self.first > self.last:
+            what = f"ends at step {self.last}, before its first, {self.first}: exchange them"
+            raise MistakenKeyError(what, "last")
+
+    def overlaps(self, first: int, last: int) -> bool:
+        """Return whether a step of the window is one of ``first`` to ``last``."""
+        end = last if self.last is None else min(last, self.last)
+        return max(first, self.first or 0) <= end
+
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
@@ -50,9 +60,14 @@ class Score:
     def __post_init__(self) -> None:
         if self.lost_beyond is not None and self.lost_sigmas is not None:
             raise ValueError("give one of lost_beyond and lost_sigmas")
+        names = [window.name for window in self.windows]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                what = f"there are two windows {name!r}: give each a name of its own"
+                raise MistakenKeyError(what, "windows", i, "name")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
-        """Raise MistakenKeyError if steps are scored that there are not, or parts of a scalar."""
+        """Raise MistakenKeyError for steps outside the run, and for parts of a scalar."""
         first, last = (
             there if asked is None else asked
             for asked, there in zip(self.steps, (steps[0], steps[-1]), strict=True)
@@ -76,7 +91,9 @@ class Score:
         if first is not None and first > last:
             what = f"training sees steps up to {last}, and none is scored before {first}"
             raise MistakenKeyError(what, "score", "steps")
-        return replace(self, train=None, steps=(first, end if end is None else min(end, last)))
+        end = last if end is None else min(end, last)
+        windows = tuple(w for w in self.windows if w.overlaps(first or 0, end))
+        return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored(self, steps: Index, trained: int | None = None) -> Mask:
         """The steps (K,) that are scored: none up to the last one of training."""

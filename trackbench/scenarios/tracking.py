@@ -65,6 +65,7 @@ class Tracking(Scenario):
         self.target.check(self._timeline)
         self.score.check(self.components, self.steps)
         self._check_training()
+        self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
@@ -79,6 +80,19 @@ class Tracking(Scenario):
             what = "leaves no step to train on" if self.windows else "leaves no step to be scored"
             raise MistakenKeyError(what, "score", "train")
         self.score.of_training(self._trained)
+
+    def _check_windows(self) -> None:
+        """Raise MistakenKeyError for a window without scored steps, or with the name of a turn."""
+        scored = self.score.scored(self.steps, self._trained)
+        taken = self.target.windows(self.times, scored)
+        for i, (name, mask) in enumerate(self.score.named(self.steps, scored).items()):
+            if not mask.any():
+                first, last = self.steps[scored][[0, -1]]
+                what = f"holds no scored step; steps {first} to {last} are scored"
+                raise MistakenKeyError(what, "score", "windows", i)
+            if name in taken:
+                what = f"the target itself has a window {name!r}: choose another name"
+                raise MistakenKeyError(what, "score", "windows", i, "name")
 
     @cached_property
     def _own_timeline(self) -> Timeline | None:

@@ -13,6 +13,8 @@ _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 RANGE = rf"(log:)?({_NUMBER})\.\.({_NUMBER})"
 """Pattern of the ends of an axis, linear or logarithmic."""
 _DIGITS = 4
+_FARTHEST = 1e100
+"""Largest end of a range, and inverse of the smallest of a logarithmic one, for the figures' sake."""
 
 
 @dataclass(frozen=True)
@@ -82,4 +84,6 @@ def read_axis(key: str, written: Any) -> Axis:
         raise ValueError(f"{written!r} does not rise from a number to a larger one")
     if log and low <= 0.0:
         raise ValueError(f"{written!r}: a logarithmic range has ends above zero")
+    if max(-low, high) > _FARTHEST or (log and low < 1.0 / _FARTHEST):
+        raise ValueError(f"{written!r} is too wide; ends of up to 1e100, or log:1e-100..1e100")
     return Axis(key, low, high, log)

@@ -9,34 +9,42 @@ from trackbench.experiment.reading.definition import Point, Settings
 from trackbench.experiment.reading.source import Source
 from trackbench.tuning.axes import Axis, read_axis
 from trackbench.tuning.objective import bad_terms, default_metric
+from trackbench.tuning.scenario import KEYS, same_recordings
 from trackbench.tuning.settings import tuned
 from trackbench.tuning.trials import Tried, make_trial
 
 _MOST_KEYS = 5
 
 
-def with_defaults(source: Source, settings: Settings, points: list[Point]) -> Settings:
+def with_defaults(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> Settings:
     """Metric and runs written out, if anything is tuned by them."""
-    if not settings.tune or not points:
+    if training is None:
         return settings
-    tuning, scenario = settings.tuning, points[0].scenario
+    tuning, scenario = settings.tuning, training.scenario
     if tuning.metric is None:
-        tuning = replace(tuning, metric=default_metric(scenario))
+        # Without a truth in either scenario, the metric is one that needs none.
+        least = min(points[0], training, key=lambda point: point.scenario.has_truth)
+        tuning = replace(tuning, metric=default_metric(least.scenario))
     if scenario.training is not None and "runs" not in (source.data.get("tuning") or {}):
         tuning = replace(tuning, runs=scenario.recorded_runs or tuning.runs)
     return replace(settings, tuning=tuning)
 
 
 def tuned_axes(
-    source: Source, settings: Settings, points: list[Point]
+    source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> dict[str, tuple[Axis, ...]]:
     """The axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
     before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
-    _check(source, settings, points)
+    _check(source, settings, points, training)
     for label, keys in settings.tune.items():
-        if label not in settings.filters:
+        if label == KEYS[1] and label not in settings.filters:
+            what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
+            source.blame_key(("tune", label), what)
+        elif label not in settings.filters:
             blame_label(source, settings, ("tune", label), label)
         elif not 1 <= len(keys) <= _MOST_KEYS:
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
@@ -46,14 +54,14 @@ def tuned_axes(
         else:
             axes = [_axis(source, label, key, keys[key]) for key in keys]
             good = len(source.problems) == before
-            if None not in axes and points and good:
-                whole = _tried(source, points[0], label, [a for a in axes if a is not None])
+            if None not in axes and training is not None and good:
+                whole = _tried(source, training, label, [a for a in axes if a is not None])
                 if not settings.only or tuned(label) in settings.only:
                     out[label] = whole
     return out
 
 
-def _check(source: Source, settings: Settings, points: list[Point]) -> None:
+def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
     tuning = settings.tuning
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
@@ -61,9 +69,10 @@ def _check(source: Source, settings: Settings, points: list[Point]) -> None:
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
         source.blame(keys, what)
-    scenarios = [p.scenario for p in points]
-    most = min((scenario.recorded_runs or 0 for scenario in scenarios), default=0)
-    beside = 0 if any(scenario.training for scenario in scenarios) else settings.runs
+    most = 0 if training is None else training.scenario.recorded_runs or 0
+    in_time = training is not None and training.scenario.training is not None
+    shared = training is not None and not in_time and same_recordings(points[0], training)
+    beside = settings.runs if shared else 0
     if most and beside + tuning.runs > most:
         what = (
             f"{tuning.runs} training runs beside {settings.runs} of the results are more than the "

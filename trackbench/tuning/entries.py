@@ -4,6 +4,7 @@ import copy
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from trackbench.experiment.files import free_name
 from trackbench.experiment.problems import Mark
 from trackbench.experiment.reading.compose import override, split_path
 from trackbench.experiment.reading.source import Keys, Source
@@ -24,6 +25,7 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
     if not wanted:
         return
     for label in wanted:
+        _check_own(source, label)
         if label in found or not _is_entry(source, tuned(label)):
             _copy(source, ("filters", label), ("filters", tuned(label)))
         _set(source, tuned(label), label, found.get(label, {}))
@@ -32,6 +34,18 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
     for label in run:
         _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
+
+
+def _check_own(source: Source, label: str) -> None:
+    """Blame an entry that has the tuned filter's label, but is not this filter with other values."""
+    keys = _mapping(source, ("tune",))[label]
+    if not isinstance(keys, dict) or not _is_entry(source, tuned(label)):
+        return
+    both = [label, tuned(label)]
+    one, other = (with_values(source, of, dict.fromkeys(keys)).data["filters"][of] for of in both)
+    if one != other:
+        what = f"tuning gives this label to the tuned {label}: give this filter another label"
+        source.blame_key(("filters", tuned(label)), what)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
@@ -97,7 +111,7 @@ def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> No
     if any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
         return
     mark = source.key_mark(("tune",))
-    override(source, (group, name), part, mark if mark.line else Mark("tune"))
+    override(source, (group, free_name(name, parts)), part, mark if mark.line else Mark("tune"))
 
 
 def _file_name(label: str) -> str:

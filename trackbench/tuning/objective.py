@@ -108,7 +108,7 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
     """Terms that are no statistic over runs, and why."""
     for word in [metric] if isinstance(metric, str) else metric or ():
         m = _read(word)
-        if not m.is_over_runs or m.batches > 1:
+        if not m.is_over_runs:
             yield (
                 word,
                 f"{word!r} is no statistic over runs, such as rms(rmse_position), anees, log_score",

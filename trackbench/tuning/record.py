@@ -55,6 +55,8 @@ class Record:
     trials: list[Trial] = field(default_factory=list)
     taken: Mapping[str, Any] | None = None
     """values of the tuned filter in the config, where that is known"""
+    cpu_s: float = field(default=0.0, compare=False)
+    """CPU time of the training runs, s; zero if read back"""
 
     @property
     def best(self) -> Trial:

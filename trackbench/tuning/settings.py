@@ -1,7 +1,7 @@
 """What an experiment says of its tuning beside the keys: the metric, the runs, the budget."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Interval
 
@@ -28,3 +28,6 @@ class Tuning:
     """training runs, the same for every filter, none of which is a run of the results"""
     evaluations: Annotated[int, Interval(ge=2, le=10_000)] = 40
     """how many values of its keys each filter may try"""
+    scenario: dict[str, Any] | None = None
+    """what training simulates in place of the scenario: keys laid over it, {target: {kind: random-legs,
+    ...}}, a path, or {use: path, key: value}; default: the scenario itself"""

@@ -24,7 +24,8 @@ class Training:
     def __init__(self, experiment: Experiment, label: str) -> None:
         self.axes: tuple[Axis, ...] = experiment.tuned[label]
         self._experiment, self._label = experiment, label
-        self._point = experiment.points[0]
+        assert experiment.training is not None
+        self._point = experiment.training
         self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None

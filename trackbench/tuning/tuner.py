@@ -92,6 +92,8 @@ class _Tuner:
         while self._asked and not self.missing:
             found = {values: self._trial(values, tasks) for values, tasks in self._asked.items()}
             self.record.trials += found.values()
+            blocks = filter(None, self._there.values())
+            self.record.cpu_s += sum(block.cpu_s for block in blocks)
             self._there.clear()
             try:
                 ranks = {values: trial.rank for values, trial in found.items()}

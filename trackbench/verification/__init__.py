@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 from trackbench import api
 from trackbench.experiment.storing.given import FILE, points_in, points_text, same_points
-from trackbench.report.opening import NotWholeError, changed_since, open_results
+from trackbench.report.opening import NotWholeError, changed_since, open_results, using
 from trackbench.verification.again import computed_again
 from trackbench.verification.findings import CHANGED, Finding, changed, verdict
 from trackbench.verification.made import made_again
@@ -36,7 +36,8 @@ def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[Finding
     Raises UserError if it is no results folder, or its config is mistaken.
     """
     try:
-        return list(_found(folder, runs, allow_plugins))
+        with using(folder):
+            return list(_found(folder, runs, allow_plugins))
     except NotWholeError as error:
         return [changed(str(line)) for line in error.problems]
 

@@ -63,6 +63,8 @@ class Column(NamedTuple):
 def computed_again(results: Results, experiment: Experiment, runs: int) -> Iterator[Finding]:
     """What differs in the first runs; in everything else, too, if those are all there are."""
     runs = min(runs, experiment.settings.runs)
+    if _stored_runs(results) != experiment.settings.runs:
+        return  # a finding already, and as many runs as the config says may take for ever
     with tempfile.TemporaryDirectory() as temporary:
         again = Results(Path(temporary))
         if min(experiment.shown_runs, experiment.settings.runs) > runs:
@@ -86,6 +88,11 @@ def computed_again(results: Results, experiment: Experiment, runs: int) -> Itera
         if runs < experiment.settings.runs:
             steady = set()
         yield from same_rows(results, again, {*steady, experiment.settings.bound})
+
+
+def _stored_runs(results: Results) -> int:
+    every = (len(x) for point in results.points() for x in results.runs(point).values())
+    return max(every, default=results.config["runs"])
 
 
 def _compute(experiment: Experiment, out: Path, runs: int, tracks: bool) -> None:

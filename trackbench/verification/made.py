@@ -11,6 +11,7 @@ from trackbench.report.comparison import FILES, write_comparison, write_paired
 from trackbench.report.render import write_tables
 from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
+from trackbench.report.times import FILE as TIMES
 from trackbench.report.verdicts import compare
 from trackbench.verification.findings import Finding, changed, rounding
 from trackbench.verification.rounding import relative
@@ -36,7 +37,7 @@ def made_again(results: Results) -> Iterator[Finding]:
             yield changed(f"{name}: is not there")
         elif stored.is_file() and stored.read_bytes() != found.read_bytes():
             yield _difference(name, stored, found)
-    for name in map(Path, FILES):
+    for name in map(Path, (*FILES, TIMES)):
         if (results.folder / name).is_file() and name not in again:
             yield changed(f"{name}: nothing is published about this experiment")
 

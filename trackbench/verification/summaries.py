@@ -102,9 +102,6 @@ def follow_from_runs(
         if {len(values) for values in results.runs(point).values()} - {results.config["runs"]}:
             what = "has not as many runs of every metric as the config asks for"
             yield changed(f"per_run.csv: {what}")
-    timing = results.timing
-    if not np.allclose(timing["cpu_s_per_run"], timing["cpu_s"] / timing["runs"], 1e-9, 0.0):
-        yield changed("timing.csv: cpu_s_per_run is not cpu_s over runs")
     if wrong:
         first = ", ".join(map(str, wrong[0]))
         what = "do not follow from per_run.csv; the first is that of"

@@ -3,7 +3,7 @@
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory holds
 ``blocks/<code>/<key>.block``: content-addressed, so two runs that write the same block write the same
 bytes, and checksummed, so a damaged one is computed again and never used. ``figures/`` beside it holds
-figures that were drawn.
+figures that were drawn, ``times/`` CPU times that were measured.
 """
 
 import os
@@ -30,6 +30,11 @@ def cache_folder() -> Path:
 def figure_folder() -> Path:
     """Where figures are kept that were drawn; they go whenever blocks are cleared."""
     return cache_folder() / "figures"
+
+
+def times_folder() -> Path:
+    """Where measured CPU times are kept; they go whenever blocks are cleared."""
+    return cache_folder() / "times"
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,8 @@ def cache_size(root: Path) -> CacheSize:
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
     """Remove every block, or only those that other versions of the code made."""
-    shutil.rmtree(root / "figures", ignore_errors=True)
+    for name in ("figures", "times"):
+        shutil.rmtree(root / name, ignore_errors=True)
     for folder in _versions(root):
         if not (old_only and folder.name == code_digest()[:_CODE_DIGITS]):
             shutil.rmtree(folder, ignore_errors=True)

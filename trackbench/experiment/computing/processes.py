@@ -6,11 +6,13 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from trackbench.experiment.interrupts import postponed
 
+_leave = os._exit  # as it was before any plugin ran
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _FORKED = "trackbench.experiment.computing.forked"
 T = TypeVar("T")
@@ -56,9 +58,12 @@ class _Pool(ProcessPoolExecutor):
     """One whose processes are all known to it: Ctrl-C waits until one that is being started is."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """The same."""
-        with postponed():
-            return super().submit(fn, *args, **kwargs)
+        """Submit a call; raises BrokenProcessPool also where a process is killed as it starts."""
+        try:
+            with postponed():
+                return super().submit(fn, *args, **kwargs)
+        except (EOFError, ConnectionError) as error:
+            raise BrokenProcessPool("a worker died as it was started") from error
 
 
 def is_beginning() -> bool:
@@ -98,4 +103,4 @@ def _start(begun: Callable[..., None] | None = None, *arguments: Any) -> None:
 def _follow(parent: "multiprocessing.process.BaseProcess") -> None:
     # The pool's pipes do not tell: every worker holds both of their ends.
     parent.join()
-    os._exit(1)
+    _leave(1)

@@ -87,7 +87,10 @@ class Queue:
         return 1 if suspect else _AHEAD * self._workers
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        for task in self._running.values():
+        suspects = [*self._running.values()] or [
+            self._waiting.popleft()
+        ]  # of a pool that never began
+        for task in suspects:
             self.deaths[task] += 1
             if self.deaths[task] < _MOST_DEATHS:
                 self._waiting.appendleft(task)

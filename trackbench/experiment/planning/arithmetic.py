@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from trackbench.core import elementary, linalg, noise, sums
 from trackbench.core.arrays import Array
 from trackbench.core.streams import RunStreams, block_stream
-from trackbench.experiment.blame import parts_within
+from trackbench.hooks import parts_within
 from trackbench.keys import MistakenKeyError
 from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario

@@ -3,24 +3,42 @@
 import hashlib
 import platform
 import sys
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
 import trackbench
 
-_SOURCES = ("core", "models", "scenarios", "filters", "adapters", "evaluation")
-_AFTER_BLOCKS = {
-    "differences.py",
-    "efficiency.py",
-    "intervals.py",
-    "merge.py",
-    "shares.py",
-    "statistics.py",
-    "summary.py",
-    "uniformity.py",
+_SOURCES = (
+    *("core", "models", "scenarios", "filters", "adapters", "evaluation"),
+    *("hooks.py", "keys.py", "metrics.py", "registry.py", "experiment/computing/worker.py"),
+)
+_AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
+_ERRORS = "decides how a failure is reported; a failed block is not stored"
+_KEYS = "its result is part of the key"
+NO_PART_OF_BLOCKS = {
+    "__init__.py": "names the version and the functions of the API",
+    "evaluation/binomial.py": _AFTER_BLOCKS,
+    "evaluation/differences.py": _AFTER_BLOCKS,
+    "evaluation/efficiency.py": _AFTER_BLOCKS,
+    "evaluation/intervals.py": _AFTER_BLOCKS,
+    "evaluation/measure.py": _AFTER_BLOCKS,
+    "evaluation/merge.py": _AFTER_BLOCKS,
+    "evaluation/precision.py": _AFTER_BLOCKS,
+    "evaluation/shares.py": _AFTER_BLOCKS,
+    "evaluation/statistics.py": _AFTER_BLOCKS,
+    "evaluation/summary.py": _AFTER_BLOCKS,
+    "evaluation/uniformity.py": _AFTER_BLOCKS,
+    "experiment/blame.py": _ERRORS,
+    "experiment/interrupts.py": _ERRORS,
+    "experiment/problems.py": _ERRORS,
+    "experiment/planning/arithmetic.py": _KEYS,
+    "experiment/planning/code.py": _KEYS,
+    "experiment/reading/plugins.py": "runs a plugin's source, whose digest is part of the key",
+    "experiment/reading/source.py": "reads configs; a worker imports it with the plugins' reader",
 }
-"""Files of evaluation/ that only see finished blocks."""
+"""Files that the digest leaves out although a worker imports them or their folder is digested."""
 
 
 @cache
@@ -29,16 +47,25 @@ def code_digest() -> str:
     home = Path(trackbench.__file__).parent
     platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
     digest = hashlib.sha256(repr(platform_).encode())
-    for source in _SOURCES:
-        add_sources(digest, home, home / source)
+    add_sources(digest, home, block_sources(home))
     return digest.hexdigest()
 
 
-def add_sources(digest: "hashlib._Hash", home: Path, source: Path) -> None:
-    """Take a source file, or every one in a folder, into the digest, with its name from ``home``."""
-    files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+def block_sources(home: Path) -> Iterator[Path]:
+    """Yield the source files of the package at ``home`` that can change a block's numbers."""
+    for source in _SOURCES:
+        for file in python_files(home / source):
+            if file.relative_to(home).as_posix() not in NO_PART_OF_BLOCKS:
+                yield file
+
+
+def python_files(source: Path) -> list[Path]:
+    """Return a source file, or all in a folder in the order of their names."""
+    return sorted(source.rglob("*.py")) if source.is_dir() else [source]
+
+
+def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> None:
+    """Add source files to the digest, each with its name from ``home``."""
     for file in files:
-        if file.parent == home / "evaluation" and file.name in _AFTER_BLOCKS:
-            continue
         digest.update(f"\n{file.relative_to(home).as_posix()}\n".encode())
         digest.update(file.read_bytes())

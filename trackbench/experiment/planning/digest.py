@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.blame import parts_within
 from trackbench.experiment.planning import arithmetic
-from trackbench.experiment.planning.code import add_sources, code_digest
+from trackbench.experiment.planning.code import add_sources, code_digest, python_files
 from trackbench.experiment.reading.resolved import as_config
-from trackbench.hooks import Part
+from trackbench.hooks import Part, parts_within
 
 
 def block_key(task: BlockTask, used: int) -> str:
@@ -71,5 +70,6 @@ def _package_digest(name: str) -> str:
     except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
         return os.urandom(16).hex()
     digest = hashlib.sha256()
-    add_sources(digest, file.parent, file.parent if file.name == "__init__.py" else file)
+    sources = python_files(file.parent if file.name == "__init__.py" else file)
+    add_sources(digest, file.parent, sources)
     return digest.hexdigest()

@@ -11,7 +11,7 @@ from trackbench.experiment.machine import memory
 from trackbench.experiment.problems import Problem, UserError, counted
 from trackbench.experiment.reading.asked import foretold, shared
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
-from trackbench.experiment.reading.metric_names import number_per_run
+from trackbench.experiment.reading.metric_names import number_per_run, number_per_step
 from trackbench.experiment.reading.plugins import Plugin
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
@@ -24,6 +24,10 @@ _ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute 
 _PROCESS = 150_000_000  # bytes of a worker process before it computes anything
 _TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
 _PIECE = 50_000_000  # bytes of a piece of per_run.csv while it is read
+_STEP_OBJECTS = 1000  # bytes of Python's own for what is kept of a step, however few its runs
+_STEP_ROW = (
+    2 * 8 * 8
+)  # bytes of a row of per_step.csv: eight columns, twice while they are put together
 
 
 Key: TypeAlias = tuple[int, str]
@@ -137,7 +141,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
             most = max(most, needed)
             if needed > 0.9 * there:
                 what = (
-                    f"needs about {needed / 1e9:.1f} GB of memory and the machine has "
+                    f"needs about {needed / 1e9:.1f} GB of memory and this machine or container has "
                     f"{there / 1e9:.1f} GB: use fewer particles, runs or workers, or a smaller block"
                 )
                 where = ("filters", label, "N")
@@ -176,13 +180,14 @@ def cautions(points: Iterable[Point]) -> list[str]:
 
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
-    n_x = len(scenario.components)
+    n_x, steps = len(scenario.components), len(scenario.steps)
     cloud = tracker.most_particles * n_x * _TEMPORARIES
-    return 8 * width * (cloud + tracker.held(scenario.model) + len(scenario.steps) * (6 * n_x + 20))
+    per_run = cloud + tracker.held(scenario.model) + steps * (6 * n_x + 20)
+    return 8 * width * per_run + _STEP_OBJECTS * steps
 
 
 def _read_bytes(experiment: Experiment) -> int:
-    """All values per run, which tables and verdicts are made from, and a piece of their file."""
+    """All values per run and step, which tables and figures are made from, and a piece of their file."""
     settings, point = experiment.settings, experiment.points[0]
     metrics = sum(
         number_per_run(settings, point.scenario, label, tracker)
@@ -190,7 +195,12 @@ def _read_bytes(experiment: Experiment) -> int:
     )
     asked, steps = shared(experiment), point.scenario.steps.tolist()
     metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
-    return 8 * settings.runs * metrics * len(experiment.points) + _PIECE
+    rows = sum(
+        number_per_step(settings, p.scenario, label, tracker) * len(p.scenario.steps)
+        for p in experiment.points
+        for label, tracker in p.filters.items()
+    )
+    return 8 * settings.runs * metrics * len(experiment.points) + _STEP_ROW * rows + _PIECE
 
 
 def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:

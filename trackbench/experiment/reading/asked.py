@@ -51,6 +51,11 @@ def _measures(experiment: Experiment) -> Iterator[Measure]:
     yield from experiment.published.expressions
 
 
+def takes_times(experiment: Experiment) -> bool:
+    """Whether a table, a figure, a published number or a claim names CPU times."""
+    return any(m.is_cpu_time for m in _measures(experiment))
+
+
 @dataclass(frozen=True)
 class Shared:
     """Measures that per_run.csv has each run's share in, since anything asks for them.

@@ -1,9 +1,10 @@
 """What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
 
-from trackbench.experiment.blame import blamed, foreign_within
+from trackbench.experiment.blame import blamed
 from trackbench.experiment.reading.definition import Point
 from trackbench.experiment.reading.parts import build_plain
 from trackbench.experiment.reading.source import Source
+from trackbench.hooks import foreign_within
 from trackbench.keys import MistakenKeyError
 from trackbench.models.assumed import Assume
 from trackbench.scenarios.base import Scenario

@@ -1,7 +1,8 @@
 """What must hold between the parts of an experiment; every mistake is added to ``problems``."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
+from itertools import repeat
 from typing import Any, cast
 
 from trackbench.evaluation.measure import Measure
@@ -25,6 +26,8 @@ from trackbench.scenarios.base import Scenario
 _NEEDS = {
     "state.planar": "a target in the plane",
     "motion.jacobian": "a motion with a Jacobian",
+    "motion.alike_axes": "a motion of constant velocity, alike along x and y (cv, cwna; of any other "
+    "motion try rpf or gpf), and steps of equal length",
     "motion.F": "a linear motion and steps of equal length",
     "motion.F|linear": "a linear motion",
     "motion.Q": "a linear motion",
@@ -79,6 +82,43 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
     if not unmet:
         _blame_each(source, keys, foreign.conflicts(tracker, scenario))
+
+
+def check_idle(source: Source, points: list[Point]) -> None:
+    """A key that is set must change something at one point, unless it is as by default or preset."""
+    for label in points[0].filters if points else ():
+        trackers = [point.filters[label] for point in points]
+        every = [
+            foreign.asked(tracker.idle_keys, dict, point.seen_by(label))
+            for tracker, point in zip(trackers, points, strict=True)
+        ]
+        for key, why in every[0].items():
+            path = key.split(".")
+            if not all(key in idle for idle in every) or not _is_given(source, label, path):
+                continue
+            if not all(map(_is_usual, trackers, repeat(path))):
+                keys = ("filters", label, *path)
+                source.blame(keys, f"has no effect {why}; leave it out")
+
+
+def _is_given(source: Source, label: str, path: list[str]) -> bool:
+    found = source.data["filters"][label]
+    for name in path:
+        found = found.get(name) if isinstance(found, dict) else None
+    return found is not None
+
+
+def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
+    """Whether a key has its default, or what a preset gives it."""
+    part: Any = tracker
+    usual = list(tracker.presets.values())
+    for name in path[:-1]:
+        part = getattr(part, name, None)
+        usual = [preset.get(name, {}) for preset in usual]
+    if not is_dataclass(part):  # `assume` is no key of the class
+        return False
+    defaults = [key.default for key in fields(part) if key.name == path[-1]]
+    return getattr(part, path[-1]) in (*defaults, *(preset.get(path[-1]) for preset in usual))
 
 
 def check_bound(source: Source, scenario: Scenario) -> None:

@@ -19,6 +19,9 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     A part that cannot be read becomes an empty mapping; why is returned under its path.
     """
     places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
+    tuning = source.data.get("tuning")
+    if isinstance(tuning, dict) and tuning.get("scenario") is not None:
+        places.append(("tuning", "scenario"))
     for group in _PARTS:
         if isinstance(source.data.get(group), dict):
             places += [(group, label) for label in source.data[group]]

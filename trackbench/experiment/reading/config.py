@@ -22,6 +22,7 @@ from trackbench.experiment.reading.checks import (
     check_drawable,
     check_figures,
     check_fit,
+    check_idle,
     check_key_figure,
     check_named_filters,
     chosen_labels,
@@ -30,7 +31,7 @@ from trackbench.experiment.reading.checks import (
 from trackbench.experiment.reading.compose import assignment, inline_parts, override
 from trackbench.experiment.reading.definition import Experiment, Point, Settings
 from trackbench.experiment.reading.foreign_scenarios import mistake_of
-from trackbench.experiment.reading.metric_checks import check_metrics
+from trackbench.experiment.reading.metric_checks import check_metrics, check_trained_metrics
 from trackbench.experiment.reading.parts import build_kind
 from trackbench.experiment.reading.plain import source_of
 from trackbench.experiment.reading.plugins import Plugin, load_plugins
@@ -43,6 +44,7 @@ from trackbench.experiment.reading.validate import build
 from trackbench.registry import Group
 from trackbench.tuning.checks import tuned_axes, with_defaults
 from trackbench.tuning.entries import Chosen, add_tuned
+from trackbench.tuning.scenario import training_point
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
@@ -172,12 +174,15 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         tried.append(_point(source, labels, values))
     points = [point for point in tried if point is not None]
     whole_grid = points if len(points) == len(tried) else []
+    if not source.problems:
+        check_idle(source, whole_grid)
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others)
     if whole:
         settings = with_recorded_runs(source, settings, points)
-    settings = with_defaults(source, settings, points)
-    axes = tuned_axes(source, settings, points)
+    training = training_point(source, points[0]) if settings.tune and points else None
+    settings = with_defaults(source, settings, points, training)
+    axes = tuned_axes(source, settings, points, training)
     if whole:
         fill_in(source, settings, points)
     tables = _parts("tables", source)
@@ -191,8 +196,10 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         check_figures(source, settings, figures, points)
     sound = not source.problems
     check_metrics(source, settings, whole_grid, parts, left_out)
+    check_trained_metrics(source, settings, training)
     published = _published(source, settings, folder, whole_grid)
-    made = Experiment(settings, points, left_out, tables, figures, source, published, plugins, axes)
+    parsed = (tables, figures, source, published, plugins, axes, training)
+    made = Experiment(settings, points, left_out, *parsed)
     if sound and source.problems:
         raise MistakenNamesError(made, *sorted(set(source.problems)))
     source.check()
@@ -256,8 +263,9 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
     paths = [("grid",), *(("grid", path) for path in settings.grid)]
     own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
     values = [point.values for point in points] if own else None
+    also = [str(table.get("of")) for table in settings.tables.values()]
     try:
-        return read_published(folder, settings.published, settings.name, labels, mark, values)
+        return read_published(folder, settings.published, settings.name, labels, mark, values, also)
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()

@@ -196,6 +196,8 @@ class Experiment:
     plugins: tuple[Plugin, ...] = ()
     tuned: dict[str, tuple[Axis, ...]] = field(default_factory=dict)
     """keys that are tuned, by label of the filter"""
+    training: Point | None = None
+    """the first point, with the scenario that filters are tuned on"""
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:

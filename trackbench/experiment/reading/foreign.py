@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, cast
 
-from trackbench.experiment.blame import BadPluginError, blamed, is_foreign, place
+from trackbench.experiment.blame import BadPluginError, blamed, place
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.validate import adapter
 from trackbench.filters.base import AnyFilter, Filter, ReturnedError
-from trackbench.hooks import Part
+from trackbench.hooks import Part, is_foreign
 from trackbench.registry import base_of
 from trackbench.scenarios.base import Scenario
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 
-from trackbench.experiment.blame import blamed, is_foreign
+from trackbench.experiment.blame import blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.definition import DrawnExhibit, Exhibit, Point
 from trackbench.experiment.reading.foreign import asked, check_words
 from trackbench.filters.base import ReturnedError
+from trackbench.hooks import is_foreign
 
 
 def conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:

@@ -9,9 +9,10 @@ import numpy as np
 from trackbench.core.distributions import Gaussian
 from trackbench.core.streams import RunStreams
 from trackbench.evaluation.metrics import per_run_metrics, series
-from trackbench.experiment.blame import blamed, foreign_within, is_foreign, parts_within
+from trackbench.experiment.blame import blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.filters.base import ReturnedError
+from trackbench.hooks import foreign_within, is_foreign, parts_within
 from trackbench.models.sensing import Measuring
 from trackbench.scenarios.base import Scenario
 

@@ -57,6 +57,17 @@ def check_metrics(
             source.blame(a.keys, what)
 
 
+def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
+    """The metric of tuning must be one of the scenario that filters are tuned on."""
+    if training is None or settings.tuning.scenario is None:
+        return
+    names = names_of(settings, [training], {}, noted=True)
+    for a in _asked_by_tuning(settings):
+        what = _unknown(a, names, settings)
+        if what is not None:
+            source.blame(("tuning", "scenario"), f"tuning.metric: {what}")
+
+
 def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
     for key, role, words in (
         ("medians", "series", settings.medians),
@@ -67,6 +78,10 @@ def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
             yield AskedMeasure((key, i), measured(word), role)
     for word in settings.until:
         yield AskedMeasure(("until", word), measured(word), "row")
+    yield from _asked_by_tuning(settings)
+
+
+def _asked_by_tuning(settings: Settings) -> Iterator[AskedMeasure]:
     metric = settings.tuning.metric if settings.tune else None
     known = {word for word, _ in bad_terms(metric)}
     for word in [metric] if isinstance(metric, str) else metric or ():

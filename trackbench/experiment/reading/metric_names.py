@@ -47,8 +47,19 @@ def number_per_run(settings: Settings, scenario: Scenario, label: str, tracker: 
     wanted = kept_metrics(settings, "per_run.csv")
     if wanted is not None:
         return len(wanted) * len(scenario.windows)
-    series = len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
+    series = number_of_series(settings, scenario, label, tracker)
     return series * len(scenario.windows) + _MOST_OF_RUNS
+
+
+def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+    """Bound from above how many metrics of a filter per_step.csv holds at each step."""
+    wanted = kept_metrics(settings, "per_step.csv")
+    return number_of_series(settings, scenario, label, tracker) if wanted is None else len(wanted)
+
+
+def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+    """Bound from above how many series a filter has."""
+    return len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
 
 
 @dataclass

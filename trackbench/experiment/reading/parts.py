@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast, get_args
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin
 
-from trackbench.experiment.blame import blamed, foreign_within
+from trackbench.experiment.blame import blamed
 from trackbench.experiment.interrupts import guarded
 from trackbench.experiment.reading.compose import laid_over
 from trackbench.experiment.reading.foreign_scenarios import mistaken_sensor
 from trackbench.experiment.reading.source import Keys, Source, dotted
 from trackbench.experiment.reading.validate import at, build, file_keys, hints_of, unknown
+from trackbench.hooks import foreign_within
 from trackbench.keys import part_group
 from trackbench.registry import Group, kinds, of_kind
 
@@ -94,17 +95,19 @@ class _Inner(NamedTuple):
 
     def _made(self, hint: Any, value: Any, keys: Keys) -> Any:
         group = part_group(hint)
-        if group is not None and value is not None:
-            return self._number(cast(Group, group), value, keys)
+        if group is not None and not (value is None and _may_be(hint, type(None))):
+            return self._number(cast(Group, group), hint, value, keys)
         inner = [h for h in (hint, *get_args(hint)) if isinstance(h, type) and is_dataclass(h)]
         if len(inner) == 1 and isinstance(value, dict):
             return self.numbered(inner[0], value, keys)
         return value
 
-    def _number(self, group: Group, value: Any, keys: Keys) -> int:
-        if isinstance(value, list):
+    def _number(self, group: Group, hint: Any, value: Any, keys: Keys) -> int:
+        if isinstance(value, list) and _may_be(hint, tuple):
+            if not value:
+                self.source.blame(keys, f"is empty: name at least one of {group}")
             parts = [self._part(group, (*keys, i)) for i in range(len(value))]
-            self.made.append(None if None in parts else tuple(parts))
+            self.made.append(None if None in parts or not parts else tuple(parts))
         else:
             self.made.append(self._part(group, keys))
         return len(self.made) - 1
@@ -118,6 +121,12 @@ class _Inner(NamedTuple):
         parent[keys[-1]] = {"kind": value}
         self.source.marks[(*keys, "kind")] = mark
         return build_kind(group, self.source, keys)
+
+
+def _may_be(hint: Any, cls: type[Any]) -> bool:
+    """Return whether a key of this type may hold an instance of the class."""
+    options = (hint, *get_args(hint), *(o for inner in get_args(hint) for o in get_args(inner)))
+    return any(cls in (option, get_origin(option)) for option in options)
 
 
 def _with_absolute_files(

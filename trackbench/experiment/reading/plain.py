@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from trackbench.experiment.problems import Mark, UserError
-from trackbench.experiment.reading.source import DEEPEST, Keys, Source, unseen
+from trackbench.experiment.reading.source import DEEPEST, Keys, Source, formula, unseen
 
 Config: TypeAlias = Path | str | Mapping[str, Any]
 """A file, the name of a shipped experiment, or what a file would say as a mapping."""
@@ -42,7 +42,9 @@ def _mistakes(value: Any, keys: Keys) -> Iterator[str]:
     elif isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             yield "a key must be a word"
-        yield from filter(None, (unseen(key) for key in value if isinstance(key, str)))
+        yield from filter(
+            None, (unseen(key) or formula(key) for key in value if isinstance(key, str))
+        )
     elif isinstance(value, str) and unseen(value):
         yield str(unseen(value))
     elif isinstance(value, bytes) or not (

@@ -60,6 +60,9 @@ class PublishedNumber:
     """experiments that measure it, separated by semicolons"""
     label: str = ""
     """labels of the filter there, separated by semicolons"""
+    reading: str = ""
+    """how this row interprets the number, in a few words: needed where several rows measure one number,
+    whose verdict is that of the best"""
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
     `below(rmse, PF)`: the share of the runs in which it is less than PF's"""
@@ -69,6 +72,11 @@ class PublishedNumber:
     """page, table or equation"""
     note: str = ""
     """why it may differ, from the reading of the paper"""
+
+    @property
+    def printed_at(self) -> tuple[str, ...]:
+        """Where it stands, and at which point: readings of one number have this in common."""
+        return self.paper, self.table, self.row, self.filter, self.metric, self.point
 
     @property
     def labels(self) -> list[str]:

@@ -2,13 +2,18 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, fields
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, fields, replace
+from difflib import get_close_matches
+from glob import escape, glob
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.measure import Measure
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
+from trackbench.experiment.reading import shipped
 from trackbench.experiment.reading.published import (
     Claim,
     Published,
@@ -16,8 +21,10 @@ from trackbench.experiment.reading.published import (
     picks,
     split,
 )
-from trackbench.experiment.reading.source import Source, scalar, text_of, unseen
+from trackbench.experiment.reading.source import Source, formula, scalar, text_of, unseen
 from trackbench.experiment.reading.validate import build, unknown
+
+_NUMBERS = re.compile("[-_.]*[0-9]+")
 
 
 def read_published(
@@ -27,13 +34,15 @@ def read_published(
     labels: list[str] | None = None,
     mark: Mark | None = None,
     points: Sequence[Mapping[str, Any]] | None = None,
+    also: Sequence[str] = (),
 ) -> Published:
     """The rows for one experiment; raises UserError with every mistake in the files.
 
     Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
-    leaves labels out, one with ``--grid`` points.
+    leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
+    or for one of ``also``, and rows for others must not look misspelt.
     """
-    found, problems, known = Published(), [], _Known(experiment, labels, points)
+    found, problems, known = Published(), [], _Known(experiment, labels, points, {})
     for path in paths:
         try:
             text = text_of(folder / path)
@@ -47,6 +56,14 @@ def read_published(
             problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
         found.files[name] = text
         _read(str(folder / path), text, known, found, problems)
+    # A run's own folder holds a copy of files that were checked among their neighbors.
+    if labels is not None and not (folder / "manifest.json").is_file():
+        problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
+    own = found.numbers or found.claims or known.others.keys() & {*also}
+    if paths and labels is not None and not (problems or own):
+        others = ", ".join(sorted(known.others)) or "none"
+        what = f"no row is for experiment {experiment!r}; the rows are for {others}"
+        problems.append(Problem(mark or Mark("config"), "published", what))
     if problems:
         raise UserError(*problems)
     return found
@@ -58,6 +75,36 @@ class _Known(NamedTuple):
     experiment: str
     labels: list[str] | None
     points: Sequence[Mapping[str, Any]] | None
+    others: dict[str, Problem]
+    """the first row for each other experiment, as the place of a mistake"""
+
+
+def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
+    """Find rows for unknown experiments of nearly the name of a known one.
+
+    Known are the shipped experiments and the configs in, above and beside the folders. Names that differ
+    in their numbers only may be of experiments elsewhere.
+    """
+    unknown_names = known.others.keys() - set(shipped.names())
+    if not unknown_names:
+        return
+    near = [
+        f for folder in {*folders} for place in (folder, folder.parent) for f in _configs(place)
+    ]
+    names = {known.experiment, *shipped.names(), *near}
+    for name in sorted(unknown_names - names):
+        for match in get_close_matches(name, sorted(names), 1, 0.75):
+            if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
+                what = f"there is no experiment {name!r}; did you mean {match}?"
+                yield replace(known.others[name], what=what)
+
+
+def _configs(folder: Path) -> Iterator[str]:
+    """Names of the experiments in a folder and in those within it."""
+    for path in (*glob(f"{escape(str(folder))}/*.yaml"), *glob(f"{escape(str(folder))}/*/*.yaml")):
+        with suppress(OSError):
+            found = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
+            yield found[1] if found else Path(path).stem
 
 
 def _read(name: str, text: str, known: _Known, found: Published, problems: list[Problem]) -> None:
@@ -68,6 +115,7 @@ def _read(name: str, text: str, known: _Known, found: Published, problems: list[
         problems.append(Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}"))
         return
     line, header = rows[0] if rows else (1, [])
+    header = [key.strip() for key in header]
     if not header:
         problems.append(Problem(Mark(name, 1, 1), "", "there are no headings"))
         return
@@ -80,17 +128,25 @@ def _read(name: str, text: str, known: _Known, found: Published, problems: list[
         source = _source(name, line, cls, header, cells)
         row = build(cls, source, ())
         wanted = split(source.data.get("experiment", ""))
+        for other in wanted:
+            if other != known.experiment:
+                known.others.setdefault(other, source.problem(("experiment",), ""))
         if row is not None and (not wanted or known.experiment in wanted):
             _check(row, source, known.labels)
             _check_point(row, source, known.points)
             if isinstance(row, Claim):
                 _check_claim(row, source)
+            elif known.labels is not None:
+                _check_reading(row, source, found.numbers)
             (found.claims if cls is Claim else found.numbers).append(row)
         problems += source.problems
 
 
 def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list[str]) -> Source:
-    """One row as a mapping with positions; empty cells are left out, numbers are read as in YAML."""
+    """One row as a mapping with positions, without the spaces around cells.
+
+    Empty cells are left out, numbers are read as in YAML.
+    """
     start = Mark(name, line, 1)
     source = Source({}, {(): start}, {(): start})
     if len(cells) != len(header):
@@ -98,13 +154,14 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
     required = {f.name for f in fields(cls) if f.default is MISSING}
     column = 1
-    for key, cell in zip(header, cells, strict=False):
+    for key, written in zip(header, cells, strict=False):
+        cell = written.strip()
         if cell != "" or key in words & required:
             source.data[key] = cell if key in words else _number(cell)
             source.marks[key,] = source.key_marks[key,] = Mark(name, line, column)
-            if unseen(cell):
-                source.blame((key,), str(unseen(cell)))
-        column += len(_as_written(cell)) + 1
+            if what := unseen(cell) or (formula(cell) if key in words else None):
+                source.blame((key,), what)
+        column += len(_as_written(written)) + 1
     return source
 
 
@@ -147,6 +204,22 @@ def _check_point(
         source.blame(("point",), f"{row.point!r} is no point of the grid")
 
 
+def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
+    """Rows of one number say the same number, and each how it interprets it."""
+    for other in before:
+        if other.printed_at != row.printed_at:
+            continue
+        same = "an earlier row has this paper, table, row, filter, metric and point, too"
+        if other.value != row.value:
+            source.blame(("value",), f"is {row.value} here and {other.value} there: {same}")
+        elif row.reading == other.reading or not (row.reading and other.reading):
+            what = f"{same}: give each a `reading` of its own, or leave one out"
+            source.blame(("reading",), what)
+        else:
+            continue
+        return
+
+
 def _check_claim(row: Claim, source: Source) -> None:
     """Something is said, and if it is to be measured, of a filter and beside something."""
     if not row.claim.strip():
@@ -155,3 +228,10 @@ def _check_claim(row: Claim, source: Source) -> None:
         source.blame(("left",), "is empty: name the filter that is spoken of")
     if row.expressions and not row.rights and "factor" not in source.data:
         source.blame(("factor",), "is empty, as right is: there is nothing to compare with")
+    if row.rights and row.factor <= 0.0:
+        what = f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
+        source.blame(("factor",), what)
+    elif row.expressions and row.relation == "~" and not (row.factor and row.tolerance):
+        key = "factor" if row.factor == 0.0 else "tolerance"
+        what = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
+        source.blame((key,), what)

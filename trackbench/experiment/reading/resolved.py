@@ -43,6 +43,10 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
     out["scenario"] = written(first.scenario, ("scenario",))
+    trained = out["tuning"].pop("scenario")  # what was given: the rest is the scenario's
+    if trained is not None and experiment.training is not None:
+        whole = as_config(experiment.training.scenario, relative)
+        out["tuning"]["scenario"] = _only_given(whole, trained)
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
     groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)

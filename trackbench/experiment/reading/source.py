@@ -18,14 +18,16 @@ import yaml
 from yaml.reader import Reader
 
 from trackbench.experiment.problems import Mark, Problem, UserError, reason
-from trackbench.keys import regular
+from trackbench.keys import FORMULA, regular
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Where a value stands: the keys and list indices that lead to it."""
 
 _LARGEST_FILE = 1_000_000  # bytes
 _UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
-_MOST_NODES = 20_000  # after aliases are expanded
+_MOST_NODES = (
+    100_000  # after aliases are expanded: 1 MB of ten bytes each, as lines of configs have
+)
 _TOO_MANY = f"more than {_MOST_NODES} values"
 DEEPEST = 50  # levels
 _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
@@ -143,6 +145,13 @@ def unseen(text: str) -> str | None:
     return f"{text!r} holds the character U+{ord(found.group()):04X}, which is none of text"
 
 
+def formula(text: str) -> str | None:
+    """Return what to say of a word that begins as a formula: a spreadsheet would run it in a CSV."""
+    if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
+        return None
+    return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
+
+
 def parse(text: str, name: str) -> Source:
     """Parse YAML text."""
     try:
@@ -238,6 +247,8 @@ class _Builder:
             key = str(key_node.value)
             at = (*keys, key)
             self._check_text(key, mark, keys)
+            if what := formula(key):
+                self.problems.append(Problem(mark, dotted(keys), what))
             if key in out:
                 first = self.key_marks[at].line
                 what = f"duplicate key, first given on line {first}"

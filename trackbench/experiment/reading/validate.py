@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast, get_args, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.experiment.problems import Mark, Problem
-from trackbench.experiment.reading.source import Keys, Source, dotted
+from trackbench.experiment.reading.source import Keys, Source, dotted, formula
 from trackbench.keys import IS_FILE, ONE_LINE, DataError, MistakenKeyError
 
 T = TypeVar("T")
@@ -228,7 +228,7 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
     if kind == "union_tag_not_found":
         return f"needs a {ctx['discriminator'].strip(chr(39))}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
-        return f"{shown} is not one line of visible characters"
+        return formula(str(value)) or f"{shown} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")

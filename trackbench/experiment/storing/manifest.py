@@ -46,15 +46,21 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
 
 
 def _commit() -> str | None:
-    """The git commit of the package's own source, if it is a checkout."""
+    """Return the git commit of the package's own source, if it is a checkout.
+
+    A repository that the package is merely installed in is another program's: at the top of its own
+    stands the folder ``trackbench``, and the commit has its files.
+    """
     here = Path(trackbench.__file__).parent
+    asked = ["--show-prefix", "HEAD", "HEAD:./__init__.py"]
     try:
         found = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"],
+            ["git", "-C", str(here), "rev-parse", *asked],
             capture_output=True,
             text=True,
             check=True,
         )
     except (OSError, subprocess.CalledProcessError):
         return None
-    return found.stdout.strip()
+    prefix, commit, _ = found.stdout.splitlines()
+    return commit if prefix == f"{here.name}/" else None

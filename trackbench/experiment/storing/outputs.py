@@ -2,13 +2,14 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from lzma import LZMAError
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from trackbench.experiment.files import remove, remove_partial, write_text
+from trackbench.experiment.files import remove, write_text
 from trackbench.experiment.problems import UserError
 from trackbench.experiment.reading.source import read
 from trackbench.experiment.storing.packing import PACKED, left_out, opened, packed, there
@@ -18,8 +19,19 @@ FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""
 RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
+COLUMNS = {
+    "per_run.csv": ["filter", "run", "metric", "value"],
+    "per_step.csv": ["filter", "step", "time", "metric", "value", "stderr", "runs"],
+    "summary.csv": ["filter", "metric", "value", "stderr", "runs", "lost"],
+    "timing.csv": [
+        *("filter", "runs", "cpu_s", "cpu_s_per_run", "stderr"),
+        *("repeats", "likelihoods", "covariances"),
+    ],
+}
+"""Headings of the CSV files of a run, after those of the grid."""
 _MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
+    "time_verdicts.csv",
     *("sweep.csv", "tuning.csv", "report.html"),
 )
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
@@ -27,7 +39,9 @@ _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
 DEFAULT = "results"
 """Name of the table and of the figure where the config asks for none."""
-_FOLDERS = (*_NAMED, "published")
+_FORMS = {**_NAMED, "published": ("csv",)}
+_PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
+"""Name of a file that is being written: that of the whole one, and the process id."""
 _DAMAGED = "damaged"  # in place of a digest: no file has it
 
 
@@ -44,15 +58,32 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     Their files are named by the manifest; those of a run that was killed before it wrote one, and of
     older versions, by the config. ``keep`` are names of files that the next run is made from.
     """
-    remove_partial(folder)
     named = set(_recorded(folder))
     if "config.yaml" not in named:
         named |= set(_by_config(folder))
     names = {*named, *RAW, *_MADE}.difference(keep)
     paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
-    for path in (*paths, folder / "manifest.json"):
-        if path.is_file():
+    for path in (*_leftovers(folder), *paths, folder / "manifest.json"):
+        is_elsewhere = path.parent != folder and path.parent.is_symlink()
+        if path.is_file() and not is_elsewhere:
             remove(path)
+
+
+def _leftovers(folder: Path) -> Iterator[Path]:
+    """Half-written files of a killed process; nobody else may be writing there."""
+    for inner in ("", *_FORMS):
+        for path in (folder / inner).glob(".*.part"):
+            whole = _PARTIAL.fullmatch(path.name)
+            if whole and _is_output(PurePosixPath(inner, whole[1])):
+                yield path
+
+
+def _is_output(path: PurePosixPath) -> bool:
+    """Return whether this version writes files of such a name into a results folder."""
+    if len(path.parts) == 1:
+        return path.name.removesuffix(".xz") in (*RAW, *_MADE, "config.yaml", "manifest.json")
+    inner = path.parent.as_posix()
+    return path.suffix.removeprefix(".") in _FORMS.get(inner, ()) and ".." not in path.parts
 
 
 def seal(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> None:
@@ -82,11 +113,10 @@ def _digest(path: Path) -> str:
 
 
 def _recorded(folder: Path) -> Iterator[str]:
-    """What the manifest names, as far as a run can have written it: manifests may be edited."""
+    """Names in the manifest that a run can have written: a manifest may be edited or forged."""
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         for name in json.loads(regular(folder / "manifest.json").read_bytes())["files"]:
-            path = PurePosixPath(name)
-            if path.parts[:-1] in ((), *((inner,) for inner in _FOLDERS)):
+            if _is_output(PurePosixPath(name)):
                 yield name
 
 

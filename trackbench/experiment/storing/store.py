@@ -1,8 +1,9 @@
 """The files of a results folder, each written whole or not at all."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from trackbench.evaluation.measure import measured
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metrics import LOST_BECAUSE, NOT_FINITE
 from trackbench.evaluation.shares import with_shares
-from trackbench.evaluation.statistics import mean
+from trackbench.evaluation.statistics import Estimate, median
 from trackbench.evaluation.summary import (
     StepRow,
     bound_steps,
@@ -22,6 +23,7 @@ from trackbench.evaluation.summary import (
     step_rows,
     summary_rows,
 )
+from trackbench.evaluation.timing import Measured
 from trackbench.experiment.computing.runner import Outcome
 from trackbench.experiment.files import (
     CsvWriter,
@@ -30,6 +32,7 @@ from trackbench.experiment.files import (
     made,
     replacing,
     shortened,
+    within,
     write_text,
 )
 from trackbench.experiment.planning.plan import Key
@@ -39,7 +42,7 @@ from trackbench.experiment.reading.metric_names import kept_metrics
 from trackbench.experiment.reading.resolved import as_yaml, resolved
 from trackbench.experiment.storing.given import FILE, points_text
 from trackbench.experiment.storing.manifest import manifest_of
-from trackbench.experiment.storing.outputs import remove_outputs
+from trackbench.experiment.storing.outputs import COLUMNS, remove_outputs
 from trackbench.experiment.storing.tracks import Kept, Shown
 from trackbench.scenarios.base import Scenario
 
@@ -92,16 +95,23 @@ class Written(NamedTuple):
     facts: dict[str, Any]
 
 
-def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks: bool) -> Written:
+def write_results(
+    folder: Path,
+    experiment: Experiment,
+    outcome: Outcome,
+    tracks: bool,
+    times: Mapping[Key, Measured] = MappingProxyType({}),
+) -> Written:
     """Everything that follows from the results alone, in place of what earlier runs left there.
 
-    Tables and figures come from these files; the manifest is for the caller to write, after all others.
+    ``times`` are measured CPU times. Tables and figures come from these files; the manifest is for the
+    caller to write, after all others.
     """
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    _write_published(folder / "published", published)
+    _write_published(folder, published)
     write_text(folder / FILE, points_text(experiment.points, folder))
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
@@ -109,13 +119,13 @@ def write_results(folder: Path, experiment: Experiment, outcome: Outcome, tracks
     losses, asked = {}, shared(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
-        writers = {name: _open(files, folder / name, experiment) for name in _FRAMES}
+        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
         for key, result in outcome.results():
-            result = _with_shares(experiment, key, result, asked)
+            result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.alone for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
-            for name in _FRAMES:
+            for name in COLUMNS:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
             _write_runs(writers["per_run.csv"], experiment, key, result)
             for collection in kept.values():
@@ -135,20 +145,20 @@ def _with_shares(
     scenario, settings = experiment.points[key[0]].scenario, experiment.settings
     windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
     names = asked.of(key[1], steps)
-    result = with_shares(result, names, windows, steps, parts, settings.verdict_seeds)
+    result = with_shares(result, names, windows, steps, parts)
     kept = {name: rows for name, rows in result.kept.items() if name in settings.medians}
     return result._replace(kept=kept)
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
     writer = CsvWriter(files.enter_context(replacing(path)))
-    writer.writerow([*experiment.settings.grid, *_FRAMES[path.name][0]])
+    writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
     return writer
 
 
 def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
-    columns, rows = _FRAMES[name]
+    columns, rows = COLUMNS[name], _ROWS[name]
     wanted = kept_metrics(experiment.settings, name)
     if rows is None or (wanted is not None and not wanted):
         return
@@ -179,10 +189,8 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
-    if files:
-        made(folder)
     for name, text in files.items():
-        write_text(folder / name, text)
+        write_text(made(within(folder, "published")) / name, text)
 
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
@@ -216,11 +224,13 @@ def _summary(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
 
 
 def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
+    """CPU time of all blocks, and of a run: the median of its measured times, if it has any."""
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
-    blocks = np.array([t.cpu_s / t.runs for t in result.timing])
-    each = ";".join(f"{seconds:.6g}" for seconds in blocks)
-    yield runs, cpu_s, cpu_s / runs, mean(blocks).stderr, each
+    seconds, *operations = result.measured or ([], None, None)
+    of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
+    each = ";".join(f"{s:.6g}" for s in seconds)
+    yield runs, cpu_s, *of_run, each, *("-" if n is None else f"{n:.6g}" for n in operations)
 
 
 def _plain(row: Row, digits: int | None) -> list[Any]:
@@ -231,9 +241,9 @@ def _plain(row: Row, digits: int | None) -> list[Any]:
     return [float(f"{x:.{digits}g}") if isinstance(x, float) else x for x in plain]
 
 
-_FRAMES: dict[str, tuple[list[str], Any]] = {
-    "per_run.csv": (["filter", "run", "metric", "value"], None),
-    "per_step.csv": (["filter", "step", "time", "metric", "value", "stderr", "runs"], _per_step),
-    "summary.csv": (["filter", "metric", "value", "stderr", "runs", "lost"], _summary),
-    "timing.csv": (["filter", "runs", "cpu_s", "cpu_s_per_run", "stderr", "blocks"], _timing),
+_ROWS: dict[str, Any] = {
+    "per_run.csv": None,
+    "per_step.csv": _per_step,
+    "summary.csv": _summary,
+    "timing.csv": _timing,
 }

@@ -43,6 +43,7 @@ class AccuracyVsCost(FigureKind):
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("floor",)
+    needs: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
 
     metric: Expression = measure("mean(rmse)")
     """what is compared: an RMSE, a distance or an efficiency"""

@@ -135,6 +135,7 @@ class EqualCost(TableKind):
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("of",)
+    needs: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
 
     of: str
     """label of the filter at whose times the others are looked at"""

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,12 @@ from trackbench.tuning.settings import tuned
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
 _SEEN = 2.0  # standard errors
+_BESIDE = {
+    "noise": " on the path of the results, with other noise",
+    "noise and path": " on other paths than those of the results",
+    "recordings": ", recordings that are not of the results",
+}
+"""What training runs are beside those of the results, by what the manifest says is held out."""
 
 
 @register("tables", "tuning")
@@ -40,7 +45,7 @@ class TuningTable(TableKind):
         """The table from a results folder."""
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], results.given({}).sizes)
-        by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results.config)}"
+        by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
             found, given = (_score(objective, runs, of) for of in (tuned(label), label))
@@ -51,12 +56,14 @@ class TuningTable(TableKind):
         return table
 
 
-def _trained_on(config: dict[str, Any]) -> str:
-    """The training runs, or the part of recorded ones."""
+def _trained_on(results: Results) -> str:
+    """The training runs, or the part of recorded ones, and what of the results they have not seen."""
+    config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
-    return f"{config['tuning']['runs']} training runs"
+    runs = f"{config['tuning']['runs']} training runs"
+    return runs + _BESIDE.get(results.manifest.get("training_holds_out", ""), "")
 
 
 def words_of(metric: str | dict[str, float]) -> str:

@@ -37,14 +37,26 @@ def seconds(cell: str) -> float:
     return value
 
 
-def instant(cell: str) -> float:
-    """Microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC."""
+def instant(cell: str, zoned: bool | None = None) -> float:
+    """Microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC.
+
+    ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
+    """
     try:
         at = datetime.fromisoformat(cell)
     except ValueError:
         raise ValueError("a time in ISO 8601") from None
+    if zoned is not None and zoned != (at.tzinfo is not None):
+        raise ValueError(
+            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
+        )
     at = at if at.tzinfo else at.replace(tzinfo=UTC)
     return float((at - _EPOCH) // _MICROSECOND)
+
+
+def has_zone(cell: str) -> bool:
+    """Return whether a date names its time zone."""
+    return datetime.fromisoformat(cell.strip()).tzinfo is not None
 
 
 def whole(cell: str) -> float:

@@ -1,6 +1,7 @@
 """What the columns of a user's table are called and measured in, and the quantities they give."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
 
@@ -10,15 +11,25 @@ from trackbench.core.arrays import Array
 from trackbench.core.earth import Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
 from trackbench.keys import DataError, Finite, MistakenKeyError, Place
+from trackbench.scenarios.recordings.ranges import blank_codes, impossible, is_ais
 from trackbench.scenarios.recordings.tables import Content, Table, header, read_table
 
-UNITS = {
-    **{"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
-    **{"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
-    **{"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0, "deg/s": pi / 180.0, "rad/s": 1.0},
-    **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+_DIMENSIONS = {
+    "length": {"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
+    "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0},
+    "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
 }
-"""How much of SI a unit is."""
+UNITS = {unit: scale for units in _DIMENSIONS.values() for unit, scale in units.items()}
+"""SI value of each unit."""
+_DIMENSION_OF = {
+    "time": "time",
+    **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
+    **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
+    **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
+}
+"""Dimension of each quantity; that of a plugin's own quantities may be any."""
 KEYS = ("run", "time", "step", "sensor")
 """What a row may say beside its quantities."""
 GEODETIC = ("latitude", "longitude", "altitude")
@@ -49,14 +60,18 @@ class Naming:
         if self.origin and len(self.origin) not in (2, 3):
             raise MistakenKeyError("is latitude, longitude and perhaps height", "origin")
 
-    def check_names(self, components: Iterable[str], *within: str) -> None:
-        """Raise MistakenKeyError for a name that stands for nothing there is."""
+    def check_names(self, components: Sequence[str], *within: str) -> None:
+        """Raise MistakenKeyError for an unknown name, and for a unit of another dimension."""
         known = [*KEYS, *GEODETIC, *COURSE, *components]
         for part, given in (("columns", self.columns), ("units", self.units)):
             for key in given:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise MistakenKeyError(what, *within, part, key)
+        for key, unit in self.units.items():
+            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            if mistake is not None:
+                raise MistakenKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """The column of a quantity among ``names``; of 2.x, the second sensor's, also that of x."""
@@ -72,6 +87,17 @@ class Naming:
         return 1.0 if unit is None else UNITS[unit]
 
 
+def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
+    """Return why a quantity cannot have this unit. A scalar's x and z may have any."""
+    if key in KEYS and key != "time":
+        return f"a {key} has no unit: leave it out"
+    dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(_plain(key))
+    if dimension is None or unit in _DIMENSIONS[dimension]:
+        return None
+    allowed = ", ".join(_DIMENSIONS[dimension])
+    return f"{unit!r} is not a unit of {dimension}, which {key} has; allowed: {allowed}"
+
+
 class Columns:
     """Where the quantities of one table come from: columns of their own, or others that give them."""
 
@@ -79,22 +105,31 @@ class Columns:
         """Columns of a file for these quantities. Raises DataError if it has fewer than ``least``."""
         self.path, self.naming, self.names = path, naming, header(path)
         self.contents: dict[str, Content] = {}
+        self.unavailable: Counter[str] = Counter()
+        self._used: dict[str, str] = {}
         self._of = {name: self._sources(name) for name in wanted}
         missing = [name for name, sources in self._of.items() if not sources]
         if len(wanted) - len(missing) < least:
             there = ", ".join(self.names)[:200]
             raise self.mistake(f"no column {missing[0]}; there are {there} (see `columns`)")
-        for sources in self._of.values():
-            self.contents |= dict.fromkeys(filter(None, map(self.column, sources)), "number")
+        for source in (source for sources in self._of.values() for source in sources):
+            self.take(source, "number")
 
     def column(self, name: str) -> str | None:
         """What a quantity's own column is called here."""
         return self.naming.called(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """The column of a key such as ``run``, which then is read, too."""
+        """The column of a quantity or of a key such as ``run``, which then is read.
+
+        Raises DataError if it is the column of another quantity, too.
+        """
         column = self.column(name)
         if column is not None:
+            other = self._used.setdefault(column, _plain(name))
+            if other != _plain(name):
+                what = f"column {column} is both {other} and {_plain(name)}; a quantity has a column of"
+                raise self.mistake(f"{what} its own (see `columns`)")
             self.contents[column] = content
         return column
 
@@ -103,8 +138,21 @@ class Columns:
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
-        """The table."""
-        return read_table(self.path, self.contents)
+        """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
+        table = read_table(self.path, self.contents)
+        of_ais = is_ais(self.names)
+        mistakes = []
+        for column, quantity in self._used.items():
+            if self.contents[column] == "number":
+                values = table.columns[column]
+                self.unavailable += blank_codes(quantity, values, of_ais)
+                found = impossible(quantity, values * self.naming.scale(quantity))
+                if found is not None:
+                    line = int(table.lines[found.row])
+                    mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
+        if mistakes:
+            raise DataError(*mistakes)
+        return table
 
     def first_place(self, table: Table) -> tuple[float, ...] | None:
         """Latitude, longitude (deg) and height of the first row that has them."""

@@ -65,13 +65,23 @@ def one_clock(
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     spacing = 1.0 if found.stepped else resample
     if spacing is not None:
-        steps = np.arange(int(np.floor((last - begin) / spacing + 0.5)) + 1)
+        steps = np.arange(_counted(found, np.floor((last - begin) / spacing + 0.5) + 1.0))
         times = np.asarray(steps * (T if found.stepped else spacing), dtype=float)
         if found.stepped:
             return _checked(found, Clock(steps + int(begin), times, shift, T))
         return _checked(found, Clock(steps, times + begin, shift, spacing))
     times = _union(sensors, shift, begin)
     return _checked(found, Clock(np.arange(len(times)), times, shift, _distance(times)))
+
+
+def _counted(found: Gathered, number: float) -> int:
+    """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
+    if number > MOST_STEPS:
+        what = (
+            f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
+        )
+        raise DataError(Place(found.files[0], 1, 1, what))
+    return int(number)
 
 
 def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
@@ -107,9 +117,7 @@ def _distance(times: Array) -> float | None:
 def _checked(found: Gathered, clock: Clock) -> Clock:
     if len(clock.steps) < 2:
         raise DataError(Place(found.files[0], 1, 1, "leaves nothing to measure after the start"))
-    if len(clock.steps) > MOST_STEPS:
-        what = f"gives {len(clock.steps)} steps, more than {MOST_STEPS}: choose runs, or `resample`"
-        raise DataError(Place(found.files[0], 1, 1, what))
+    _counted(found, len(clock.steps))
     return clock
 
 

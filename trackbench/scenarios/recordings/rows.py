@@ -1,5 +1,6 @@
 """The rows of all files by sensor: whose they are, when they were, what they say."""
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from glob import glob
@@ -46,13 +47,16 @@ class Gathered:
     """What the files have in common, found as they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
+    The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
     """
 
     naming: Naming
     origin: tuple[float, ...] | None = None
     since: float | None = None
     stepped: bool = False
-    dated: bool = False
+    dated: str = ""
+    clock_of: str = ""
+    unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
@@ -65,10 +69,18 @@ class Gathered:
         """Times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
         if self.since is None:
-            self.stepped, self.dated = stepped, table.dated
+            self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
             self.since = float(table.columns[clock].min()) if table.dated else 0.0
         if (stepped, table.dated) != (self.stepped, self.dated):
-            raise columns.mistake(f"its clock is not of the kind that {self.files[0]} has")
+            mine, first = _clock(stepped, table.dated), _clock(self.stepped, self.dated)
+            what = (
+                f"its column {clock} has {mine}, and that of {self.clock_of} {first}: use one kind"
+            )
+            raise columns.mistake(what)
+        if (stepped or table.dated) and "time" in self.naming.units:
+            has, unit = _clock(stepped, table.dated), self.naming.units["time"]
+            what = f"{clock} has {has}, which have no unit: leave `time: {unit}` out of `units`"
+            raise columns.mistake(what)
         time = table.columns[clock]
         if self.dated:
             return (time - self.since) / 1e6
@@ -86,6 +98,11 @@ class Gathered:
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
+
+
+def _clock(stepped: bool, dated: str) -> str:
+    """Name what a clock's column holds."""
+    return "numbers of steps" if stepped else dated.replace("date", "dates") or "seconds"
 
 
 def files_of(pattern: str) -> list[str]:
@@ -117,6 +134,10 @@ def read_rows(
             rows = _rows_of_file(found, path, measured, least, str(number))
             for m, of_sensor in enumerate(rows, 0 if shared else n):
                 pieces[m].append(of_sensor)
+    if found.unavailable:
+        codes = ", ".join(f"{code} ({n})" for code, n in sorted(found.unavailable.items()))
+        what = 'cells hold a code for "not available" and count as missing'
+        found.told.append(f"{found.unavailable.total()} {what}: {codes}")
     out = []
     while pieces:
         parts = pieces.pop(0)
@@ -138,6 +159,7 @@ def _rows_of_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "label") if len(sensors) > 1 else None
     table = columns.read()
+    found.unavailable += columns.unavailable
     time = found.timed(columns, table, clock)
     found.origin = found.origin or columns.first_place(table)
     given = columns.quantities(table, found.origin)

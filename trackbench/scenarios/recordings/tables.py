@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -13,6 +14,7 @@ from trackbench.core.arrays import Index
 from trackbench.keys import DataError, Place, regular
 from trackbench.scenarios.recordings.cells import (
     Parse,
+    has_zone,
     instant,
     is_instant,
     number,
@@ -32,14 +34,15 @@ _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": who
 class Table(NamedTuple):
     """Columns (R,) by name, the words that labels stand for, the lines of the rows.
 
-    A time is in microseconds since 1970 if ``dated``, else as it is written.
+    A time is in microseconds since 1970 if it is ``dated`` ("date" or "date with a zone"), else ("")
+    as it is written.
     """
 
     path: str
     columns: dict[str, Column]
     words: dict[str, list[str]]
     lines: Index
-    dated: bool
+    dated: str
 
 
 def header(path: str) -> list[str]:
@@ -82,7 +85,7 @@ class _Reading:
     def __init__(self, path: str, contents: Mapping[str, Content]) -> None:
         self.path, self.contents = path, contents
         self.mistakes: list[Place] = []
-        self.dated: bool | None = None
+        self.dated: str | None = None
         self._pieces: dict[str, list[Column]] = {name: [] for name in contents}
         self._codes: dict[str, dict[str, int]] = {
             name: {} for name, content in contents.items() if content == "label"
@@ -124,15 +127,16 @@ class _Reading:
         # Pieces go as their column comes, so that no more than one is held twice.
         columns = {name: np.concatenate(self._pieces.pop(name)) for name in self.contents}
         words = {name: list(codes) for name, codes in self._codes.items()}
-        return Table(self.path, columns, words, np.concatenate(self._lines), bool(self.dated))
+        return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
 
     def _parser(self, content: Content, cells: Sequence[str]) -> Parse:
-        """What reads the cells: the first time says whether all are dates."""
+        """What reads the cells: the first time says whether all are dates, and have a zone."""
         if content != "time":
             return _PARSERS[content]
         if self.dated is None and cells:
-            self.dated = is_instant(cells[0])
-        return instant if self.dated else seconds
+            zoned = " with a zone" if is_instant(cells[0]) and has_zone(cells[0]) else ""
+            self.dated = f"date{zoned}" if is_instant(cells[0]) else ""
+        return partial(instant, zoned=self.dated != "date") if self.dated else seconds
 
     def _labelled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
         codes = self._codes[name]

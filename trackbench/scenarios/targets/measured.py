@@ -1,5 +1,6 @@
 """A target of which measurements were recorded, and perhaps the truth: nothing of it is simulated."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -162,10 +163,12 @@ class Measured(FromFiles, Naming, Target):
         """The truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or self
-        of_truth = replace(found, naming=naming, runs=[], files=[], told=[])
+        of_truth = replace(found, naming=naming, runs=[], files=[], told=[], unavailable=Counter())
         (rows,) = read_rows(of_truth, [self.truth], [self.components], least=1)
         (rows,) = chosen_runs(of_truth, [rows], ())
-        return truth_at(of_truth, in_order(of_truth, rows), clock, found.runs, self.truth_gap)
+        rows = in_order(of_truth, rows)
+        found.told += [f"truth: {what}" for what in of_truth.told]
+        return truth_at(of_truth, rows, clock, found.runs, self.truth_gap)
 
     def start(self, timeline: Timeline) -> Array:
         """No more than where the first scan stands: there is no true state at hand."""

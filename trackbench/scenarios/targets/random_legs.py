@@ -1,12 +1,12 @@
 """A target that flies another path in every run: legs of random length and acceleration."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from annotated_types import Interval
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
 from trackbench.core.streams import Streams
 from trackbench.keys import NonNegative, Positive, Steps
@@ -14,6 +14,7 @@ from trackbench.models.several import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Target, Timeline, measured_along
 
+_Rows = TypeVar("_Rows", Array, Index)
 Number = Annotated[int, Interval(ge=1, le=1000)]
 
 
@@ -38,12 +39,14 @@ class RandomLegs(Target):
     """standard deviation of a leg's acceleration along the velocity, m/s^2"""
     across: NonNegative
     """largest acceleration of a leg across the velocity, to either side, m/s^2"""
+    straight_steps: tuple[Steps, Steps] | None = None
+    """least and largest number of steps of straight flight before each leg; default: none"""
 
     axes = 2
 
     def __post_init__(self) -> None:
-        for name in ("speed", "legs", "leg_steps"):
-            low, high = getattr(self, name)
+        for name in ("speed", "legs", "leg_steps", "straight_steps"):
+            low, high = getattr(self, name) or (0, 0)
             if low > high:
                 raise ValueError(f"{name}: {low:g} is more than {high:g}")
 
@@ -71,12 +74,16 @@ class RandomLegs(Target):
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """States (4, K, M)."""
         x, y, share, heading, many = rng.random((5, runs))
-        most = self.legs[1]
+        most, number = self.legs[1], _whole(self.legs, many)
         lengths = _whole(self.leg_steps, rng.random((most, runs)))
         across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
         along = self.sigma_along * rng.standard_normal((most, runs))
+        if self.straight_steps is not None:
+            straight = _whole(self.straight_steps, rng.random((most, runs)))
+            lengths, most, number = _alternating(straight, lengths), 2 * most, 2 * number
+            across, along = (_alternating(np.zeros_like(a), a) for a in (across, along))
         ends = np.cumsum(lengths, axis=0)
-        last = np.take_along_axis(ends, _whole(self.legs, many)[None] - 1, axis=0)[0]
+        last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
         speed = self.speed[0] + (self.speed[1] - self.speed[0]) * share
         c, s = cos_sin(2.0 * np.pi * heading)
         state = np.stack(
@@ -92,11 +99,14 @@ class RandomLegs(Target):
         return out
 
 
-def _whole(
-    ends: tuple[int, int], shares: Array
-) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+def _whole(ends: tuple[int, int], shares: Array) -> Index:
     """Whole numbers from the least to the largest, each as probable."""
-    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.int64)
+    return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.intp)
+
+
+def _alternating(first: _Rows, second: _Rows) -> _Rows:
+    """Rows (2 L, M) of both (L, M), one after the other."""
+    return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
 
 def _moved(state: Array, along: Array, across: Array, T: float) -> Array:

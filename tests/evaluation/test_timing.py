@@ -1,0 +1,184 @@
+"""CPU times side by side: filters of known cost; operations that are known by hand."""
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from tests.papers import banana, maneuver, merwe
+from trackbench.core.distributions import Gaussian
+from trackbench.evaluation import timing
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.timing import Measured, measure, operations
+from trackbench.filters.base import Filter
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.registry import kinds
+
+T = 40
+WIDTH = 5
+
+
+@dataclass(frozen=True)
+class Busy(Filter[Any]):
+    """A filter that keeps the processor busy for a known time, a longer one within some steps."""
+
+    seconds: float = 1e-4
+    dear: tuple[int, int] = (0, 0)
+    times: float = 1.0
+    fails_at: int = 10**9
+    calls: list[int] = field(default_factory=list, compare=False)
+
+    def init(self, model: Any, prior: Any, rng: Any) -> Any:
+        return [0]
+
+    def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:
+        self.calls.append(k)
+        if len(self.calls) > self.fails_at:
+            raise SystemExit("enough")
+        first, last = self.dear
+        wanted = self.seconds * (self.times if first <= k <= last else 1.0)
+        end = time.process_time() + wanted
+        while time.process_time() < end:
+            pass
+        return [state[0] + 1]
+
+    def estimate(self, state: Any) -> Gaussian:
+        return Gaussian(np.zeros((1, WIDTH)), np.ones((1, 1)))
+
+
+@dataclass(frozen=True)
+class Object(Busy):
+    """One whose state is an object that changes with each step."""
+
+    one_by_one: ClassVar[bool] = True
+    seen: list[tuple[int, int]] = field(default_factory=list, compare=False)
+
+    def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:
+        self.seen.append((k, state[0]))
+        state[0] += 1
+        return state
+
+
+def task(tracker: Any, scenario: Any = None) -> BlockTask:
+    return BlockTask(scenario or merwe(T=T + 1), tracker, 1, 0, WIDTH, 0)
+
+
+def medians(found: list[Any]) -> list[float]:
+    return [float(np.median(m.seconds)) for m in found]
+
+
+def test_filters_of_known_cost() -> None:
+    """A run's time is that of its steps over the runs of the block: 10 % for what is around them."""
+    plain = Busy(1e-4)
+    turns = Busy(1e-4, dear=(10, 19), times=6.0)
+    first = Busy(1e-4, dear=(1, 4), times=20.0)
+    assert medians(measure([*map(task, (plain, turns, first))])) == pytest.approx(
+        [1e-4 * n / WIDTH for n in (T, T + 10 * 5, _steps_dear(first))], rel=0.15
+    )
+
+
+def _steps_dear(tracker: Busy) -> float:
+    steps = merwe(T=T + 1).steps[1:]
+    dear = ((steps >= tracker.dear[0]) & (steps <= tracker.dear[1])).sum()
+    return len(steps) + (tracker.times - 1.0) * dear
+
+
+def test_a_pass_that_is_too_long_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of 10 ms: the pass ends after 50 ms, a repeat is one step, and a run is 40 of them."""
+    monkeypatch.setattr(timing, "_PASS_S", 0.05)
+    monkeypatch.setattr(timing, "REPEATS", 6)
+    dear = Busy(1e-2)
+    assert medians(measure([task(dear)])) == pytest.approx([1e-2 * T / WIDTH], rel=0.1)
+    assert len(dear.calls) < T + 40
+
+
+def test_filters_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[float] = []
+    repeated = timing._Sample.repeated
+
+    def noted(sample: Any) -> Any:
+        order.append(sample._task.filter.seconds)
+        return repeated(sample)
+
+    monkeypatch.setattr(timing._Sample, "repeated", noted)
+    monkeypatch.setattr(timing, "REPEATS", 4)
+    measure([task(Busy(s)) for s in (1e-5, 2e-5, 3e-5)])
+    assert [round(1e5 * s) for s in order] == [1, 2, 3, 3, 2, 1, 1, 2, 3, 3, 2, 1]
+
+
+def test_what_fails_costs_only_its_own_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "REPEATS", 3)
+
+    @contextmanager
+    def guard() -> Any:
+        try:
+            yield
+        except SystemExit as error:
+            raise RuntimeError("left") from error
+
+    always, later = Busy(1e-5, fails_at=3), Busy(1e-5, fails_at=T + 300)
+    good, first, second = measure([task(Busy(2e-5)), task(always), task(later)], guard)
+    assert isinstance(good, Measured)
+    assert len(good.seconds) == 3
+    assert [str(first), str(second)] == ["left", "left"]
+
+
+def test_objects_are_copied_before_each_step() -> None:
+    tracker = Object()
+    (found,) = measure([task(tracker)])
+    assert isinstance(found, Measured)
+    start = int(merwe(T=T + 1).steps[1])
+    assert all(before == k - start for k, before in tracker.seen)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "expected"),
+    [
+        ("pf", {"N": 10}, (10, 0)),
+        ("apf", {"N": 10}, (20, 0)),
+        ("ukf", {}, (0, 1)),
+        ("upf", {"N": 10}, (10, 10)),
+        ("hdepf", {"N": 10, "G": 5}, (10 * 7, 10)),
+    ],
+)
+def test_operations_of_a_step(kind: str, keys: Any, expected: tuple[int, int]) -> None:
+    """A likelihood per particle, two of an APF, of HDEPF one more a generation and for the first."""
+    counts = operations(task(kinds("filters")[kind](**keys)))
+    assert counts.shape == (2, T)
+    assert counts.mean(axis=1).tolist() == list(expected)
+
+
+def test_operations_of_shared_covariances() -> None:
+    """All particles of an MPF share one covariance; an IMM has one per model, a KF one for all runs."""
+    found = {
+        kind: operations(task(kinds("filters")[kind](**keys), scenario)).mean(axis=1).tolist()
+        for kind, keys, scenario in (
+            ("mpf", {"N": 20}, banana(scans=12)),
+            ("los-rbpf", {"N": 20}, banana(scans=12)),
+            ("imm", _two_models(), maneuver(T=10.0)),
+        )
+    }
+    assert found == {"mpf": [20, 1], "los-rbpf": [20, 1], "imm": [0, 2]}
+
+
+def _two_models() -> dict[str, Any]:
+    motions = (WhiteAcceleration(q=0.1), WhiteAcceleration(q=1.0))
+    return {"motions": motions, "transition": ((0.9, 0.1), (0.1, 0.9))}
+
+
+def test_operations_do_not_depend_on_what_was_remembered() -> None:
+    scenario = maneuver(T=10.0)
+    first, second = (
+        operations(task(kinds("filters")["imm"](**_two_models()), scenario)) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_filter_that_notes_nothing_has_no_operations(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "REPEATS", 2)
+    (found,) = measure([task(Busy(1e-5))])
+    assert isinstance(found, Measured)
+    assert (found.likelihoods, found.covariances) == (None, None)

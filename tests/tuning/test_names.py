@@ -1,0 +1,94 @@
+"""Names that tuning gives to filters, tables and figures: none takes the place of the user's own."""
+
+from pathlib import Path
+
+import pytest
+
+from trackbench.experiment.files import free_name
+from trackbench.experiment.problems import UserError
+from trackbench.experiment.reading.config import load
+from trackbench.experiment.reading.resolved import as_yaml, resolved
+from trackbench.report.sweep import as_sweep
+
+CONFIG = """
+name: names
+runs: 20
+scenario:
+  kind: tracking
+  last: 12
+  target: {kind: driven, motion: {kind: cwna, q: 0.5}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+filters:
+  A-B: &kf {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}
+  A B: *kf
+  a+b: *kf
+tune: {A-B: &q {assume.motion.q: log:1e-3..10}, A B: *q, a+b: *q}
+figures: {tuning-A-B: {kind: rmse-vs-time, metric: rmse_position}}
+tables: {Tuning: {kind: metrics, columns: {RMSE: rms(rmse_position)}}}
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "names.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def test_no_figure_or_table_takes_the_place_of_another(config: Path) -> None:
+    experiment = load(config)
+    kinds = {name: figure.kind for name, figure in experiment.figures.items()}
+    assert kinds == {
+        "tuning-A-B": "rmse-vs-time",
+        **dict.fromkeys(("tuning-A-B-2", "tuning-A-B-3", "tuning-a-b-4"), "tuning"),
+    }
+    shown = [getattr(figure, "filter", None) for figure in experiment.figures.values()]
+    assert shown == [None, "A-B", "A B", "a+b"]
+    kinds = {name: table.kind for name, table in experiment.tables.items()}
+    assert kinds == {"Tuning": "metrics", "tuning-2": "tuning"}
+    written = config.with_name("config.yaml")
+    written.write_text(as_yaml(resolved(experiment, config.parent)))
+    again = load(written)
+    assert (again.figures, again.tables) == (experiment.figures, experiment.tables)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    ["{kind: ukf, assume: {motion: {kind: cwna, q: 0.3}}}", "{kind: kf, gate: 0.9}"],
+)
+def test_a_filter_of_the_tuned_ones_label_is_refused(config: Path, entry: str) -> None:
+    text = CONFIG.replace("tune:", f"  A B (tuned): {entry}\ntune:")
+    config.write_text(text)
+    line = text[: text.index("A B (tuned)")].count("\n") + 1
+    with pytest.raises(UserError) as error:
+        load(config)
+    assert str(error.value) == (
+        f"{config}:{line}:3: filters.A B (tuned): tuning gives this label to the tuned A B: "
+        "give this filter another label"
+    )
+
+
+def test_the_tuned_filter_of_an_earlier_run_is_not(config: Path) -> None:
+    found = {"A B": {"assume.motion.q": 0.3}}
+    written = config.with_name("config.yaml")
+    written.write_text(as_yaml(resolved(load(config, found=found), config.parent)))
+    motion = load(written).points[0].assumed["A B (tuned)"].motion
+    assert motion.q == 0.3  # type: ignore[union-attr]
+
+
+def test_a_sweep_keeps_a_table_of_the_users(config: Path) -> None:
+    rows = [row for row in CONFIG.splitlines() if not row.startswith(("tune", "figures"))]
+    config.write_text("\n".join(rows).replace("Tuning:", "best-settings:"))
+    grid = [f"filters.{label}.assume.motion.q=0.1,1" for label in ("A-B", "A B")]
+    experiment = as_sweep(load(config, grid=grid))
+    kinds = {name: table.kind for name, table in experiment.tables.items()}
+    assert kinds == {"best-settings": "metrics", "best-settings-2": "best-settings"}
+    assert len(experiment.figures) == 2  # of labels that a file's name does not tell apart
+
+
+def test_a_free_name() -> None:
+    assert free_name("a", []) == "a"
+    assert free_name("a", ["A", "b"]) == "a-2"
+    assert free_name("a", ["a", "a-2"]) == "a-3"
+    assert len(free_name("x" * 80, ["x" * 80])) <= 80
