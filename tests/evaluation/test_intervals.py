@@ -11,7 +11,6 @@ from trackbench.evaluation.intervals import (
     p_value,
     spread,
     studentised,
-    tail_index,
 )
 
 REPETITIONS = 200
@@ -172,15 +171,6 @@ def test_an_error_beside_which_ones_own_is_nothing_is_normal():
     influences = np.random.default_rng(3).standard_exponential(50) - 1.0
     assert studentised(1.0, influences, 1e100) == pytest.approx(1e-100)
     assert interval_of(0.0, influences, other=1e100)[1] == pytest.approx(1.959964e100)
-
-
-def test_the_index_of_a_tail_has_no_unit_and_is_hills():
-    x = np.random.default_rng(3).pareto(1.5, 400) + 1.0
-    top = np.sort(x)[::-1][:11]
-    hill = 1.0 / np.mean(np.log(top[:10] / top[10]))
-    for unit in (1e-3, 1.0, 1e3):
-        assert tail_index(unit * x) == pytest.approx(hill)
-        assert tail_index(-unit * x) == pytest.approx(hill)
 
 
 def test_the_median_takes_196_standard_errors_of_a_rank():

@@ -102,10 +102,10 @@ def test_a_share_beside_an_error_or_of_no_run_is_normal():
 
 
 def test_a_term_that_is_divided_has_the_error_divided():
-    term = Term(3.0, 0.3, np.array([1.0, -1.0]), 2, blocks=np.array([2.0, -2.0]))
+    term = Term(3.0, 0.3, np.array([1.0, -1.0]), 2)
     found = term.scaled(1.5, by=-2.0, over=4.0)
     assert (found.value, found.stderr) == (1.5, pytest.approx(0.15))
-    assert (found.influences.tolist(), found.blocks.tolist()) == ([-0.5, 0.5], [-1.0, 1.0])
+    assert found.influences.tolist() == [-0.5, 0.5]
 
 
 def test_a_difference_of_variances_under_stress_is_that_of_its_influences(rng):
