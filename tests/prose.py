@@ -161,7 +161,9 @@ VERDICTS = re.compile(
 SHARES = re.compile(
     r"\b(half|twice|thirds?|quarters?|fifths?|tenths?|dozen|times (as|more|less|that))\b"
 )
-_EXEMPT = ("Errata", "Open points", "Published numbers")
+_NO_RESULT = re.compile(r"`[^`]*`|\[[^]]*\]\([^)]*\)|\([^()]*(printed|paper)[^()]*\)")
+"""Code, other links, and what parentheses say of the paper."""
+_EXEMPT = ("# Experiments", "Errata", "Open points", "Published numbers")
 _BARE = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 
 
