@@ -4,6 +4,7 @@ import os
 import stat
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +19,10 @@ from trackbench.experiment.problems import Mark, Problem, UserError, reason
 from trackbench.experiment.reading import config as configurations
 from trackbench.experiment.reading.definition import Experiment
 from trackbench.experiment.reading.plain import Config
+from trackbench.experiment.reading.resolved import as_yaml
 from trackbench.experiment.reading.shipped import located
+from trackbench.experiment.reading.source import read
+from trackbench.experiment.storing.outputs import MADE, RAW
 from trackbench.report.sweep import as_sweep
 from trackbench.tuning.entries import Chosen
 from trackbench.tuning.record import Record
@@ -190,9 +194,34 @@ def _check_out(folder: Path) -> None:
             bad = f"{path}: {reason(error)}"
         if bad:
             raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
+    if (foreign := _foreign_file(folder)) is not None:
+        what = "is there, and no run's: it would be replaced; another folder: --out DIR"
+        raise UserError(Problem(Mark(str(foreign)), "", what))
     if not _may_write(folder):
         what = "may not be written in; another folder: --out DIR"
         raise UserError(Problem(Mark(f"{folder}/"), "", what))
+
+
+def _foreign_file(folder: Path) -> Path | None:
+    """Return a file that a run would replace in a folder that no run has written; None if there is none.
+
+    A run that was killed has left a manifest, its points, or a config alone, as it is written.
+    """
+    if any((folder / name).exists() for name in ("manifest.json", "points.json")):
+        return None
+    for name in ("config.yaml", *RAW, *MADE):
+        path = folder / name
+        if path.is_file() and not (name == "config.yaml" and _is_written(path)):
+            return path
+    return None
+
+
+def _is_written(config: Path) -> bool:
+    """Return whether a config has the form in which runs write theirs."""
+    with suppress(OSError, UserError, ValueError, LookupError):
+        text = config.read_text(encoding="utf-8")
+        return as_yaml(read(config).data) == text
+    return False
 
 
 def _may_write(folder: Path) -> bool:

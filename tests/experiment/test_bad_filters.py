@@ -109,6 +109,10 @@ BAD: dict[str, tuple[str, int, str, str]] = {
         method("step(self, model, state, z, k, rng)",
                "import ctypes; ctypes.memset(z.ctypes.data, 0, z.nbytes); return state"), RUN,
         "def step", "writes to measurements, a prior or matrices that all filters"),
+    "replaces a matrix of the model": (
+        method("step(self, model, state, z, k, rng)",
+               "object.__setattr__(model.motion, 'Q', 9 * model.motion.Q); return state"), RUN,
+        "def step", "writes to measurements, a prior or matrices that all filters"),
     "a kind twice": (CLASS + KIND + "class Again(Base):\n    'Again.'\n", INPUT, "@register",
                      "the kind 'bad' is registered twice in this file"),
     "a kind that is taken": (CLASS.replace('"bad"', '"kf"'), INPUT, "@register", "already taken"),

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 import yaml
 
-from tests.conftest import EXPERIMENTS, shipped
+from tests.commands import trackbench
+from tests.conftest import EXPERIMENTS, PLANE, shipped
 from tests.papers import maneuver_text, merwe_text
 from trackbench import api
 from trackbench.experiment.reading.config import load
@@ -147,3 +148,17 @@ def test_a_word_stays_a_word(word: str) -> None:
     data = {"title": word, word or "x": [word, 1e5, 1e-5, float("inf"), None, True, 10**20]}
     assert parse(as_yaml(data), "a.yaml").data == data
     assert yaml.safe_load(as_yaml({"title": word})) == {"title": word}
+
+
+def test_a_config_of_the_users_own_is_not_replaced(tmp_path: Path) -> None:
+    """`--out .` in the folder of configs; but a run that was killed after its config goes on."""
+    text = f"name: c\nruns: 4  # a comment\n{PLANE}filters:\n  UKF: {{kind: ukf}}\n"
+    (tmp_path / "config.yaml").write_text(text)
+    done = trackbench("run", "config.yaml", "--out", ".", cwd=tmp_path)
+    assert (done.returncode, (tmp_path / "config.yaml").read_text()) == (2, text)
+    assert "config.yaml: is there, and no run's: it would be replaced" in done.stderr
+    assert trackbench("run", "config.yaml", "--out", "o", cwd=tmp_path).returncode == 0
+    for path in (tmp_path / "o").rglob("*"):
+        if path.is_file() and path.name != "config.yaml":
+            path.unlink()
+    assert trackbench("run", "config.yaml", "--out", "o", cwd=tmp_path).returncode == 0

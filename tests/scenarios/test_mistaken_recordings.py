@@ -171,6 +171,12 @@ def test_codes_for_not_available_are_missing(tmp_path: Path, heads: str, note: s
     assert np.isnan(vx[1])
 
 
+def test_a_recording_of_codes_alone_has_no_origin(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("time,latitude,longitude\n0,91,181\n1,91,181\n")
+    with pytest.raises(UserError):
+        load(config(tmp_path, {"measurements": "m.csv"}))
+
+
 def test_what_is_no_code_is_a_value(tmp_path: Path) -> None:
     """A position of 511 m, an angle of a scalar, and a course of 360 in a table that is not of AIS."""
     (tmp_path / "m.csv").write_text("time,x,y\n0,511,91\n1,181,102.3\n2,360,511\n")

@@ -104,11 +104,13 @@ def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
 class Seal:
     """Copies of the memory of all `fixed` arrays in some objects, to find and undo changes.
 
-    numpy never writes there; a library that takes the memory's address can.
+    numpy never writes there; a library that takes the memory's address can. The attributes of the
+    package's own objects are kept as well: ``object.__setattr__`` replaces those of a frozen dataclass.
     """
 
     def __init__(self, *wholes: Any) -> None:
         self._kept: dict[int, tuple[bytes, bytearray]] = {}
+        self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         waiting, seen = [*wholes], set[int]()
         while waiting:
             part = waiting.pop()
@@ -117,6 +119,8 @@ class Seal:
                 self._kept[id(owner)] = owner, bytearray(owner)
             elif id(part) not in seen:
                 seen.add(id(part))
+                if type(part).__module__.startswith("trackbench.") and hasattr(part, "__dict__"):
+                    self._attributes.append((vars(part), dict(vars(part))))
                 waiting += [inner for _, inner in _parts_of(part)]
 
     def mend(self) -> bool:
@@ -124,4 +128,9 @@ class Seal:
         changed = [(memory, copy) for memory, copy in self._kept.values() if memory != copy]
         for memory, copy in changed:
             ctypes.memmove(np.frombuffer(memory, np.uint8).ctypes.data, bytes(copy), len(copy))
-        return bool(changed)
+        replaced = False
+        for attributes, old in self._attributes:
+            replaced |= any(attributes.get(name) is not value for name, value in old.items())
+            attributes.clear()  # what was cached meanwhile as well: nobody can tell whose it is
+            attributes.update(old)
+        return bool(changed) or replaced

@@ -55,7 +55,8 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
     specs, asked = results.parts("figures"), results.asked_figures
     for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
         spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
-        contents = [path.read_bytes()] if path.is_file() else []
+        is_own = path.is_file() and not (path.is_symlink() or path.parent.is_symlink())
+        contents = [path.read_bytes()] if is_own else []
         failed = f"figure {name}" in results.unmade
         if not contents and spec is not None and name in asked and not failed:
             with results.without(f"figure {name}"):

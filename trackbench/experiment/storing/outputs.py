@@ -29,11 +29,12 @@ COLUMNS = {
     ],
 }
 """Headings of the CSV files of a run, after those of the grid."""
-_MADE = (
+MADE = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
     "time_verdicts.csv",
     *("sweep.csv", "tuning.csv", "report.html"),
 )
+"""Files that are made from these, but for tables and figures."""
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
@@ -61,7 +62,7 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     named = set(_recorded(folder))
     if "config.yaml" not in named:
         named |= set(_by_config(folder))
-    names = {*named, *RAW, *_MADE}.difference(keep)
+    names = {*named, *RAW, *MADE}.difference(keep)
     paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
     for path in (*_leftovers(folder), *paths, folder / "manifest.json"):
         is_elsewhere = path.parent != folder and path.parent.is_symlink()
@@ -81,7 +82,7 @@ def _leftovers(folder: Path) -> Iterator[Path]:
 def _is_output(path: PurePosixPath) -> bool:
     """Return whether this version writes files of such a name into a results folder."""
     if len(path.parts) == 1:
-        return path.name.removesuffix(".xz") in (*RAW, *_MADE, "config.yaml", "manifest.json")
+        return path.name.removesuffix(".xz") in (*RAW, *MADE, "config.yaml", "manifest.json")
     inner = path.parent.as_posix()
     return path.suffix.removeprefix(".") in _FORMS.get(inner, ()) and ".." not in path.parts
 

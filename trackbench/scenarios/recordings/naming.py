@@ -182,7 +182,7 @@ class Columns:
                 out[name] = self._value(table, name)
             elif sources == COURSE:
                 out[name] = self._along(table, name)
-            elif sources:
+            elif sources and plane:
                 out[name] = plane[_plain(name)]
             else:
                 out[name] = np.full(len(table.lines), np.nan)
