@@ -69,7 +69,7 @@ check-machines: $(VENV)/.dev
 
 # What git keeps of the large files: the commands read them packed as well.
 pack-results: $(VENV)/.run
-	$(BIN)/python -m trackbench.experiment.storing.packing results/*/
+	$(BIN)/python -m trackbench.results.xz results/*/
 
 # The types beside the tests, whose last file leaves a core idle.
 test: lint

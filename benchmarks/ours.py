@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, BlockTask, simulate
-from trackbench.evaluation.passing import passed
-from trackbench.evaluation.reduction import run_block
-from trackbench.experiment.planning.plan import block_width
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.run_filter import passed
+from trackbench.execution.plan import block_width
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
 
@@ -33,8 +33,8 @@ def shipped(name: str, **keys: Any) -> Any:
     """A scenario of experiments/scenarios with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
-    from trackbench.experiment.reading.parts import build_kind
-    from trackbench.experiment.reading.source import read
+    from trackbench.config.build_kinds import build_kind
+    from trackbench.yaml_source import read
 
     source = read(SCENARIOS / f"{name}.yaml")
     source.data.update(keys)
@@ -44,7 +44,7 @@ def shipped(name: str, **keys: Any) -> Any:
 def believing(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
     """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
     try:
-        from trackbench.models.assumed import Assume
+        from trackbench.models.assumed_sensor import Assume
     except ImportError:  # old versions
         return scenario, {"motion": motion}
     return scenario.believing(Assume(motion=motion)), {}

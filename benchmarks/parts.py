@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks.harness import Skip
 from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
-from trackbench.core.regularisation import jitter
-from trackbench.core.streams import block_stream
-from trackbench.evaluation.reduction import keep_freed_memory
+from trackbench.core.kernel_smoothing import jitter
+from trackbench.core.random_streams import block_stream
+from trackbench.evaluation.block_metrics import keep_freed_memory
 from trackbench.models.base import log_likelihood
 
 CASES = (

@@ -7,8 +7,8 @@ from typing import Any
 from benchmarks.floors import floor
 from benchmarks.harness import Bar, Entrant, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps
-from trackbench.core.streams import block_stream
-from trackbench.filters.bootstrap import PF
+from trackbench.core.random_streams import block_stream
+from trackbench.filters.particle_filters import PF
 
 RUNS, N = 6, 10_000
 FEW = 2  # runs that a loop over runs is timed on

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
 from benchmarks.ours import believing, data, make, ours, shipped, steps
-from trackbench.core.once import forget
+from trackbench.core.memoize import forget
 
 q = 0.01  # m^2/s^3
 FEW = 2  # runs that a loop over runs is timed on

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from trackbench import registry
+from trackbench.config.experiment import Experiment
+from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.passing import Filtered, estimate
-from trackbench.evaluation.reduction import run_block
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.definition import Experiment
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.run_filter import Filtered, estimate
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario

@@ -44,11 +44,11 @@ def digests(
     ``scans`` is the most that a scenario of scans has.
     """
     from trackbench import api
-    from trackbench.experiment.computing.cache import BlockStore
-    from trackbench.experiment.computing.engines import engine
-    from trackbench.experiment.computing.runner import execute
-    from trackbench.experiment.planning.plan import make_plan
-    from trackbench.experiment.storing.store import write_results
+    from trackbench.execution.cache import BlockStore
+    from trackbench.execution.engines import engine
+    from trackbench.execution.plan import make_plan
+    from trackbench.execution.runner import execute
+    from trackbench.results.write import write_results
 
     found = {}
     for config in configs:

@@ -24,13 +24,14 @@ import yaml
 
 from docs.site.blocks import Block, blocks
 from tests.conftest import ROOT
-from trackbench import api, running
+from trackbench import api
 from trackbench.__main__ import main
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.definition import Settings
-from trackbench.experiment.reading.source import parse
+from trackbench.commands import run_experiment
+from trackbench.config.experiment import Settings
+from trackbench.config.load import load
+from trackbench.errors import UserError
 from trackbench.scenarios.tracking import Tracking
+from trackbench.yaml_source import parse
 
 RUNS = 6
 BARE = ("figures={}", "key_figure=null")
@@ -65,7 +66,7 @@ _DATA = {
 @contextmanager
 def quickly(*keys: str) -> Iterator[None]:
     """Let every run have few runs, in this process, with these keys, such as `BARE`."""
-    original = running.run_each
+    original = run_experiment.run_each
 
     def run_each(configs: Any, options: Any, *more: Any, **other: Any) -> Any:
         recorded = any("measured" in str(config) for config in configs)
@@ -75,7 +76,7 @@ def quickly(*keys: str) -> Iterator[None]:
         yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (running, api):
+        for module in (run_experiment, api):
             patch.setattr(module, "run_each", run_each)
         yield
 

@@ -10,14 +10,14 @@ from math import ceil, sqrt
 from typing import Any
 
 from tests.conftest import EXPERIMENTS
-from trackbench.experiment.reading.compose import laid_over
-from trackbench.experiment.reading.parts import build_kind
-from trackbench.experiment.reading.source import Source, read
-from trackbench.models.assumed import Assume
+from trackbench.config.build_kinds import build_kind
+from trackbench.config.includes import laid_over
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Motion
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
+from trackbench.yaml_source import Source, read
 
 Mapping = dict[str, Any]
 

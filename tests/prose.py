@@ -19,12 +19,12 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.evaluation.measure import measure
-from trackbench.experiment.reading.published import split
-from trackbench.experiment.reading.source import scalar
-from trackbench.report.agreement import NUMBER_WORDS
+from trackbench.config.published import split
+from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
+from trackbench.report.verdicts.rules import NUMBER_WORDS
+from trackbench.yaml_source import scalar
 
 HERE = Path(__file__).resolve().parent.parent
 PROSE = HERE / "experiments" / "README.md"

@@ -12,11 +12,11 @@ import numpy as np
 from tests.conftest import EXPERIMENTS
 from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import spread
-from trackbench.evaluation.precision import exact_after, looks
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
-from trackbench.report.agreement import DECIDED, SURE, Verdict, of_claim
+from trackbench.evaluation.stopping_rule import exact_after, looks
+from trackbench.report.estimates import Term
 from trackbench.report.results import Results
-from trackbench.report.terms import Term
+from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, of_claim
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator

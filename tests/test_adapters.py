@@ -12,21 +12,21 @@ from tests.filters.test_nonlinear_oracles import RADAR
 from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
 from tests.papers import maneuver, seen_as
 from trackbench.adapters import FilterPy, PerRun, StoneSoup
-from trackbench.adapters.looped import looped
+from trackbench.adapters.per_run import looped
+from trackbench.config.build_dataclass import help_texts
 from trackbench.contract import check_filter
 from trackbench.core.arrays import Array
-from trackbench.core.streams import block_stream
+from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.passing import Filtered, estimate
-from trackbench.experiment.planning.plan import block_width
-from trackbench.experiment.reading.validate import help_texts
-from trackbench.filters.extended import EKF
+from trackbench.evaluation.run_filter import Filtered, estimate
+from trackbench.execution.plan import block_width
+from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
-from trackbench.filters.kalman import KF
-from trackbench.filters.sigma_points import CKF, UKF
-from trackbench.models.assumed import Assume
+from trackbench.filters.ukf import CKF, UKF
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model
-from trackbench.models.irregular import Irregular
+from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
 from trackbench.scenarios.score import Score

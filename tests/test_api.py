@@ -11,7 +11,7 @@ import trackbench
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
 from trackbench import registry
-from trackbench.experiment.problems import UserError
+from trackbench.errors import UserError
 
 CONFIG = """
 name: a
@@ -68,7 +68,7 @@ def test_a_script_without_its_guard_is_told_so(config: Path, tmp_path: Path) -> 
 def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "my_package.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trackbench.filters.sigma_points import UKF\n"
+        "from trackbench.filters.ukf import UKF\n"
         "from trackbench.registry import register\n\n\n"
         '@register("filters", "from-a-package")\n'
         "@dataclass(frozen=True, kw_only=True)\n"

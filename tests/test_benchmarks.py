@@ -15,7 +15,7 @@ from benchmarks.floors import floor
 from benchmarks.harness import Workload, measure
 from benchmarks.ours import data, make, ours, shipped
 from benchmarks.report import head, section
-from trackbench.evaluation import passing
+from trackbench.evaluation import run_filter
 
 OWN = sorted(m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name != "__main__")
 PEERS = Path(benchmarks.__file__).parent / "peers"
@@ -113,9 +113,9 @@ def test_all_programs_of_a_page_run(
 
 
 def test_every_round_runs_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
-    filtered, estimate = [], passing.estimate
+    filtered, estimate = [], run_filter.estimate
     monkeypatch.setattr(
-        passing, "estimate", lambda *given: (filtered.append(1), estimate(*given))[1]
+        run_filter, "estimate", lambda *given: (filtered.append(1), estimate(*given))[1]
     )
     scenario, tracker = shipped("merwe"), make("filters", "pf", N=10)
     for whole in (False, True):

@@ -10,9 +10,9 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, shipped
 from trackbench.contract import check_filter
-from trackbench.filters.bootstrap import PF
-from trackbench.filters.extended import EKF
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian_base import Tracked
+from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 
 
@@ -175,7 +175,7 @@ def test_a_breach_is_noticed(cls: type, check: str, why: str) -> None:
 def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trackbench.filters.extended import EKF\n"
+        "from trackbench.filters.ekf import EKF\n"
         "from trackbench.registry import register\n\n\n"
         '@register("filters", "mine")\n'
         "@dataclass(frozen=True, kw_only=True)\n"

@@ -5,10 +5,10 @@ from typer.testing import CliRunner
 
 from tests.conftest import EXPERIMENTS, shipped
 from tests.papers import merwe_text
-from trackbench import glossary
 from trackbench.cli import app
-from trackbench.evaluation.measure import measured
-from trackbench.experiment.reading.metric_names import names_of
+from trackbench.config.metric_names import names_of
+from trackbench.evaluation.metric_expression import measured
+from trackbench.help import metrics
 from trackbench.metrics import metric_of
 
 SHIPPED = sorted(EXPERIMENTS.glob("*.yaml"))
@@ -24,7 +24,7 @@ def test_of_every_metric_it_is_known_what_it_is(path):
 
 
 def test_an_experiments_metrics_are_listed():
-    text = glossary.metrics_of_config(EXPERIMENTS / "adaptive-kf.yaml")
+    text = metrics.metrics_of_config(EXPERIMENTS / "adaptive-kf.yaml")
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert (
         "rmse_position run, step m, lower is better root mean square length of the error" in lines

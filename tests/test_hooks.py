@@ -11,15 +11,15 @@ import pytest
 
 import trackbench
 from trackbench import registry
-from trackbench.catalogue import description
+from trackbench.config.build_dataclass import help_texts
 from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
-from trackbench.experiment.planning.digest import _foreign_code
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.validate import help_texts
+from trackbench.errors import UserError
+from trackbench.execution.block_key import _foreign_code
+from trackbench.extension_points import MistakenHookError, hooks, mistakes, on_base
 from trackbench.filters.base import Filter
-from trackbench.filters.kalman import KF
-from trackbench.hooks import MistakenHookError, hooks, mistakes, on_base
+from trackbench.filters.gaussian_base import KF
+from trackbench.help.kinds import description
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench.config.build_dataclass import hints_of
+from trackbench.config.experiment import Point
+from trackbench.config.load import load
+from trackbench.errors import Problem, UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.passing import estimate
-from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.reading.validate import hints_of
+from trackbench.evaluation.run_filter import estimate
 from trackbench.registry import kinds
 
 Keys = dict[str, Any]

@@ -11,7 +11,7 @@ import pytest
 
 from tests.commands import Command, spawned, trackbench
 from tests.conftest import ROOT
-from trackbench.cli.lines import echo_line
+from trackbench.cli.output import echo_line
 from trackbench.registry import GROUPS, kinds
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench.config.load import load
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.reduction import run_block
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.evaluation.block_metrics import run_block
 from trackbench.registry import kinds
 
 CV, CA = {"kind": "cv", "q": 0.1}, {"kind": "ca", "q": 1e-3}

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench.config.experiment import Point
+from trackbench.config.load import load
 from trackbench.core.arrays import Array
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.reduction import run_block
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.definition import Point
+from trackbench.evaluation.block_metrics import run_block
 from trackbench.registry import kinds
 
 Keys = dict[str, Any]

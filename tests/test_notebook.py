@@ -12,11 +12,11 @@ import yaml
 
 import trackbench
 from tests.papers import merwe_text
-from trackbench.experiment.computing.progress import progress_bar
-from trackbench.experiment.reading.plain import source_of
-from trackbench.experiment.reading.source import parse
+from trackbench.config.from_mapping import source_of
+from trackbench.execution.progress import progress_bar
 from trackbench.report.notebook import table_html
 from trackbench.report.text import Text, TextTable
+from trackbench.yaml_source import parse
 
 CONFIG: dict[str, Any] = {
     "name": "noted",

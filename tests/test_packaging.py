@@ -16,7 +16,7 @@ import yaml
 import trackbench
 from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS, ROOT
-from trackbench.experiment.storing.environment import lock, lock_file
+from trackbench.results.manifest import lock, lock_file
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
@@ -117,7 +117,7 @@ def test_the_lock_is_held_against_what_is_installed(
     other.write_text(
         "numpy==0.1 \\\n    --hash=sha256:00\npywin32==0.1 ; sys_platform == 'win32'\n"
     )
-    monkeypatch.setattr("trackbench.experiment.storing.environment.lock_file", lambda: other)
+    monkeypatch.setattr("trackbench.results.manifest.lock_file", lambda: other)
     assert lock()["other"] == {"numpy": version("numpy")}
 
 

@@ -10,7 +10,7 @@ from docs.site.blocks import blocks, fenced
 from docs.site.pages import PAGES
 from tests.conftest import ROOT
 from tests.pages import BARE, TURN, Sandbox, quickly
-from trackbench.experiment.reading.source import parse
+from trackbench.yaml_source import parse
 
 PLACES = ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
 _LINK = re.compile(r"\]\(([^)\s]+)(?:\s+\"[^\"]*\")?\)")

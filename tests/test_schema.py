@@ -9,9 +9,9 @@ from jsonschema import Draft202012Validator
 
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
-from trackbench.experiment.reading.source import read
+from trackbench.help.json_schema import schema
 from trackbench.registry import Group, kinds
-from trackbench.schema import schema
+from trackbench.yaml_source import read
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,10 @@ from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
 from tests.times import measured, written
-from trackbench.experiment.reading import shipped, source
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.source import read
+from trackbench import yaml_source
+from trackbench.config import shipped_experiments
+from trackbench.config.load import load
+from trackbench.yaml_source import read
 
 NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
 
@@ -48,7 +49,7 @@ def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
     done = trackbench("check", "hdepf", cwd=tmp_path)
     assert "hdepf: good, 14 filters" in done.stdout
     assert "note: hdepf is a folder here" in done.stderr
-    shipped.copied("radar-turns", tmp_path)
+    shipped_experiments.copied("radar-turns", tmp_path)
     (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")
     done = trackbench("check", "merwe2000", "--json", cwd=tmp_path)
     assert '"experiment": "radar-turns"' in done.stdout
@@ -65,7 +66,7 @@ def test_a_word_that_is_neither(tmp_path: Path) -> None:
 
 
 def test_the_list_has_titles_papers_and_times() -> None:
-    listed = {one.name: one for one in shipped.listed()}
+    listed = {one.name: one for one in shipped_experiments.listed()}
     assert sorted(listed) == NAMES
     for name, one in listed.items():
         config = read(EXPERIMENTS / f"{name}.yaml").data
@@ -96,7 +97,7 @@ def test_a_config_is_shown_as_it_is() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
-    files = shipped.copied(name, tmp_path)
+    files = shipped_experiments.copied(name, tmp_path)
     mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
@@ -120,11 +121,11 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
 
 def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = (EXPERIMENTS / "merwe2000.yaml").read_text()
-    shipped.copied("merwe2000", tmp_path)
+    shipped_experiments.copied("merwe2000", tmp_path)
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
-        source._given.cache_clear()  # a program has it once
+        yaml_source._given.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF")

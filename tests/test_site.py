@@ -13,7 +13,7 @@ from docs.site import gallery, reference
 from docs.site.pages import pages, rewritten
 from tests.conftest import ROOT
 from tests.test_shipped import NAMES
-from trackbench import catalogue
+from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 
@@ -27,7 +27,7 @@ def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
     sections = dict(re.findall(r"^## (\S+) \{.*?\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
     assert sections.keys() >= {*own}  # and those of a plugin that another test has brought
     for kind in own:
-        (entry,) = (e for e in catalogue.entries(kind) if e["group"] == group)
+        (entry,) = (e for e in help_kinds.entries(kind) if e["group"] == group)
         rows = dict(re.findall(r"^\| `(\S+)` \| ([^|]*) \|", sections[kind], re.M))
         for key in entry["keys"]:
             if not key["key"].startswith("assume."):
@@ -41,9 +41,9 @@ def test_every_metric_statistic_key_and_command() -> None:
     metrics = PAGES()["reference/metrics.md"]
     for name in METRICS:
         assert f"| `{name}" in metrics
-    for row in catalogue.rows(("statistics",)):
+    for row in help_kinds.rows(("statistics",)):
         assert f"| `{row['kind']}` |" in metrics
-    for key in catalogue.experiment_keys():
+    for key in help_kinds.experiment_keys():
         assert f"| `{key['key']}` |" in PAGES()["reference/config.md"]
     for command in ("run", "sweep", "tune", "compare", "plot", "report", "verify", "describe"):
         assert f"\n## {command}\n" in PAGES()["reference/commands.md"]

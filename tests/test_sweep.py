@@ -10,10 +10,9 @@ import pytest
 from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.problems import Mark, UserError
-from trackbench.experiment.reading.axes import axis_values
-from trackbench.experiment.reading.combining import combinations, number_of_points
-from trackbench.experiment.reading.config import load
+from trackbench.config.grid import axis_values, combinations, number_of_points
+from trackbench.config.load import load
+from trackbench.errors import Mark, UserError
 
 CONFIG = """
 name: s

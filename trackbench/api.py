@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.plain import Config
-from trackbench.jobs import Options, file_of, prepare
-from trackbench.running import Report, preview, run_all, run_each
-from trackbench.stored import compare, load, plot, report
+from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.run_experiment import Report, preview, run_all, run_each
+from trackbench.commands.stored_results import compare, load, plot, report
+from trackbench.config.from_mapping import Config
+from trackbench.errors import UserError
 
 __all__ = [
     "Options",

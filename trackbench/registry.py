@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args
 
-from trackbench.hooks import Part, on_base
+from trackbench.extension_points import Part, on_base
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
@@ -42,7 +42,7 @@ _BASES: dict[Group, str] = {
     "scenarios": "trackbench.scenarios.base.Scenario",
     "targets": "trackbench.scenarios.targets.base.Target",
     "motions": "trackbench.models.base.Motion",
-    "sensors": "trackbench.models.sensing.Measuring",
+    "sensors": "trackbench.models.sensors.base.Measuring",
     "starts": "trackbench.scenarios.starts.base.Start",
     "figures": "trackbench.report.kinds.FigureKind",
     "tables": "trackbench.report.kinds.TableKind",
@@ -142,7 +142,7 @@ def kinds(group: Group) -> dict[str, type[Any]]:
 def _homes(group: Group) -> dict[str, str]:
     """The modules of the package that register kinds of a group, by kind."""
     mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
-    files = {file.stem: file.read_text(encoding="utf-8") for file in _files(group)}
+    files = {_module_of(file): file.read_text(encoding="utf-8") for file in _files(group)}
     return {
         k: f"{_PACKAGES[group]}.{name}" for name, text in files.items() for k in mark.findall(text)
     }
@@ -160,7 +160,13 @@ def _files(group: Group) -> list[Path]:
     spec = find_spec(_PACKAGES[group])
     assert spec is not None
     folders = spec.submodule_search_locations or ()
-    return [file for folder in folders for file in Path(folder).glob("*.py")]
+    forms = ("*.py", "*/__init__.py")
+    return [file for folder in folders for form in forms for file in Path(folder).glob(form)]
+
+
+def _module_of(file: Path) -> str:
+    """Return the module's name within its package."""
+    return file.parent.name if file.stem == "__init__" else file.stem
 
 
 def _documented(file: Path) -> Iterator[tuple[str, str]]:

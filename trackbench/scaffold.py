@@ -7,11 +7,11 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from trackbench.experiment.files import write_text
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.keys import DataError
+from trackbench.atomic_files import write_text
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.field_types import DataError
 from trackbench.registry import GROUPS, kinds
-from trackbench.scenarios.recordings.recognition import config_parts, recognised
+from trackbench.scenarios.recordings.guess_format import config_parts, recognised
 
 _TEMPLATES = {
     "filter": ("filter.py", "filter.yaml", "test_filter.py"),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from docs.site.pages import ROOT
-from trackbench.experiment.reading import shipped
+from trackbench.config import shipped_experiments
 
 
 class Experiment(NamedTuple):
@@ -53,7 +53,7 @@ class Experiment(NamedTuple):
 def experiments() -> list[Experiment]:
     """Every shipped experiment that has results, by paper, those of none last."""
     found = []
-    for one in shipped.listed():
+    for one in shipped_experiments.listed():
         folder = ROOT / "results" / one.name
         if (folder / "config.yaml").is_file():
             text = (folder / "config.yaml").read_text(encoding="utf-8")
@@ -123,7 +123,7 @@ def _parts(e: Experiment) -> Iterator[str]:
         yield _picture(e, path)
     yield "## Config"
     yield f"`trackbench copy {e.name}` puts it and its parts into the working folder."
-    text = (shipped.folder() / f"{e.name}.yaml").read_text(encoding="utf-8")
+    text = (shipped_experiments.folder() / f"{e.name}.yaml").read_text(encoding="utf-8")
     yield f"```yaml\n{text.rstrip()}\n```"
 
 

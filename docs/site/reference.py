@@ -10,7 +10,8 @@ from itertools import pairwise
 from typing import Any
 
 import trackbench
-from trackbench import catalogue, glossary
+from trackbench.help import kinds as catalog
+from trackbench.help import metrics
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, documentation
 
@@ -44,11 +45,11 @@ def _config() -> str:
         "A YAML file. Numbers follow YAML 1.2 (`1e-5` is a number), and whatever is a mapping may be "
         "the path of a file that holds it, or `{use: path, key: another value}`.",
         "## Keys",
-        *_key_table(catalogue.experiment_keys()),
+        *_key_table(catalog.experiment_keys()),
         "## What every filter may assume",
         "Beside the keys of its kind and `preset`, an entry of `filters` may say what it believes of "
         "the target and of the sensors; by default the scenario's own `assume`, or what is true.",
-        *_key_table(catalogue.assume_keys()),
+        *_key_table(catalog.assume_keys()),
     ]
     return _page(lines)
 
@@ -64,7 +65,7 @@ def _group(group: Any) -> str:
         ),
     ]
     for kind in kinds:
-        (entry,) = (e for e in catalogue.entries(kind) if e["group"] == group)
+        (entry,) = (e for e in catalog.entries(kind) if e["group"] == group)
         lines += [f"## {kind} {{ #{kind} }}", *_kind(entry)]
     lines += [
         "## One of your own",
@@ -73,7 +74,7 @@ def _group(group: Any) -> str:
             ["method or attribute", "", "what it is"],
             [
                 [f"`{hook['hook']}`", "needed" if hook["needed"] else "", _text(hook["text"])]
-                for hook in catalogue.entries(group)
+                for hook in catalog.entries(group)
             ],
         ),
     ]
@@ -116,9 +117,7 @@ def _metrics() -> str:
         ]
         for m in METRICS.values()
     ]
-    statistics = [
-        [f"`{row['kind']}`", _text(row["text"])] for row in catalogue.rows(("statistics",))
-    ]
+    statistics = [[f"`{row['kind']}`", _text(row["text"])] for row in catalog.rows(("statistics",))]
     return _page(
         [
             "# Metrics and statistics",
@@ -133,7 +132,7 @@ def _metrics() -> str:
             "Over the runs, each with a standard error.",
             _table(["statistic", "what it is"], statistics),
             "## How it is written",
-            f"```text\n{glossary.WRITTEN.partition(chr(10))[2]}\n```",
+            f"```text\n{metrics.WRITTEN.partition(chr(10))[2]}\n```",
         ]
     )
 

@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from trackbench.core import elementary, tables
+from trackbench.core import _elementary_tables, elementary
 
 TINY, HUGE = np.finfo(float).tiny, np.finfo(float).max
 AWKWARD = np.array([0.0, -0.0, 1.0, -1.0, 5e-324, TINY, HUGE, np.inf, -np.inf, np.nan])
@@ -103,23 +103,23 @@ def test_shapes_and_numbers_and_results_in_place(rng: np.random.Generator) -> No
 
 def test_tables_are_rounded_correctly() -> None:
     """Against Decimal's own exp and ln, whose error is below its last digit."""
-    at_edge, inverse = tables.logarithms()
+    at_edge, inverse = _elementary_tables.logarithms()
     with localcontext() as context:
         context.prec = 60
         for j in (1, 777, 8191, 16_383):
-            exact = (Decimal(2).ln() * j / tables.POWERS).exp()
-            assert tables.powers_of_two()[j] == float(exact)
+            exact = (Decimal(2).ln() * j / _elementary_tables.POWERS).exp()
+            assert _elementary_tables.powers_of_two()[j] == float(exact)
         for j in (0, 1, 4095, 4096, 4097, 8191):
             edge = Decimal(
                 3,
-            ) / 4 + Decimal(j) / (2 * tables.LOGS)
-            if j > tables.LOGS // 2:
-                edge = 1 + Decimal(j - tables.LOGS // 2) / tables.LOGS
+            ) / 4 + Decimal(j) / (2 * _elementary_tables.LOGS)
+            if j > _elementary_tables.LOGS // 2:
+                edge = 1 + Decimal(j - _elementary_tables.LOGS // 2) / _elementary_tables.LOGS
             assert at_edge[j] == float(edge.ln())
             assert inverse[j] == 1.0 / float(edge)
-    cosines, sines = tables.circle()
-    quarter = tables.TURNS // 4
+    cosines, sines = _elementary_tables.circle()
+    quarter = _elementary_tables.TURNS // 4
     assert (cosines[0], sines[quarter], sines[2 * quarter]) == (1.0, 1.0, 0.0)
     np.testing.assert_array_equal(np.roll(sines, -quarter), cosines)
     np.testing.assert_allclose(sines**2 + cosines**2, 1.0, rtol=3e-16)
-    assert tables.arctangents()[-1] == math.pi / 4
+    assert _elementary_tables.arctangents()[-1] == math.pi / 4

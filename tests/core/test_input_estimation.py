@@ -5,7 +5,7 @@ import pytest
 
 from trackbench.core.distributions import Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
-from trackbench.filters.axes import axis_step
+from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 
 T, R, RUNS, WINDOW = 2.0, np.array([[9.0]]), 5, 12

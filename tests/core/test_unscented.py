@@ -6,7 +6,7 @@ from trackbench.core import kalman
 from trackbench.core.distributions import Gaussian
 from trackbench.core.unscented import Unscented
 from trackbench.models.base import Model
-from trackbench.models.gaussian import Assumed, augmented_step, extended_step
+from trackbench.models.gaussian_steps import Assumed, augmented_step, extended_step
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 0.0, 2.0), (1e-3, 2.0, 0.0), (0.5, 1.0, 1.0)])

@@ -5,10 +5,10 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import maneuver, merwe
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.metrics import FOUND
-from trackbench.evaluation.reduction import run_block
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.error_series import FOUND
 from trackbench.evaluation.statistics import median
 
 

@@ -10,15 +10,15 @@ from scipy.stats import chi2, norm
 
 from tests.conftest import make_filter, track
 from tests.papers import merwe
-from trackbench.contract.playgrounds import LINEAR
+from trackbench.contract.fixtures import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
+from trackbench.evaluation.block_metrics import run_block
 from trackbench.evaluation.calibration import LEVELS, bars, evidence, noncredibility
-from trackbench.evaluation.reduction import run_block
 from trackbench.evaluation.statistics import mean
-from trackbench.evaluation.uniformity import at_step, over_steps
+from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed import Assume
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.scenarios.tracking import Tracking
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.simulated import tail_index
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.differences import (
+from trackbench.evaluation.difference_intervals import (
     Sides,
     interval_of_difference,
     of_variances,
@@ -17,7 +17,7 @@ from trackbench.evaluation.intervals import (
     studentised,
     t_of_normal,
 )
-from trackbench.evaluation.shares import time_mean_shares
+from trackbench.evaluation.run_contributions import time_mean_shares
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
 LEAST, MOST = 0.93, 0.97

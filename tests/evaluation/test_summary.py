@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from trackbench.evaluation.error_series import StepSums
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import StepSums
 from trackbench.evaluation.summary import bound_summary, step_rows
 
 

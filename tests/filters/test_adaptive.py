@@ -8,17 +8,17 @@ from scipy.stats import chi2
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
-from trackbench.core.fading import tail
-from trackbench.core.streams import RunStreams, block_stream
+from trackbench.core.fading_memory import tail
+from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.reduction import run_block
-from trackbench.filters.adaptive import VDF, AdaptiveKF
-from trackbench.filters.axes import axis_step
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision
+from trackbench.filters.adaptive_kf.filter import BOTH, Mode, _second_decision
+from trackbench.filters.adaptive_kf.per_axis import axis_step
+from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
-from trackbench.filters.kalman import KF
-from trackbench.filters.switching import Detector, Exit, SecondDecision
-from trackbench.filters.variable_dimension import BOTH, Mode, _second_decision
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 
@@ -131,7 +131,7 @@ def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() ->
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     from trackbench.core.distributions import Gaussian
-    from trackbench.filters.switching import steady_acceleration_variance
+    from trackbench.filters.adaptive_kf.decisions import steady_acceleration_variance
 
     R = np.array([[1e4]])
     state = Gaussian(np.zeros((3, 2, 1)), np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 1, 1)))

@@ -8,13 +8,13 @@ import pytest
 
 from tests.conftest import make_filter, track
 from trackbench.core.arrays import Array
-from trackbench.filters.extended import EKF
-from trackbench.filters.sigma_points import CKF, UKF
-from trackbench.models.looking import Platform
+from trackbench.filters.ekf import EKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.angular_base import Platform
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

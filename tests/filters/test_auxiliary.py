@@ -8,9 +8,9 @@ import pytest
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
-from trackbench.core.streams import block_stream
-from trackbench.filters.bootstrap import APF
-from trackbench.filters.clouds import Cloud
+from trackbench.core.random_streams import block_stream
+from trackbench.filters.particle_base import Cloud
+from trackbench.filters.particle_filters import APF
 from trackbench.models.base import Model
 
 R = 1.0 / 6000.0  # the likelihood of a particle one away from the measurement is e^-3000

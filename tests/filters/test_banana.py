@@ -11,10 +11,10 @@ from tests.conftest import make_filter, per_run, track
 from tests.papers import banana
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.streams import block_stream
+from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.derived import normalised_error
-from trackbench.evaluation.passing import Filtered
+from trackbench.evaluation.consistency import normalised_error
+from trackbench.evaluation.run_filter import Filtered
 from trackbench.scenarios.tracking import Tracking
 
 FAR = banana(velocity_cross=1000.0)

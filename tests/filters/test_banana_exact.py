@@ -11,7 +11,7 @@ from tests.filters.cross_speed import Posterior, exact_posterior
 from tests.papers import banana
 from trackbench.core import linalg
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.passing import Filtered
+from trackbench.evaluation.run_filter import Filtered
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.tracking import Tracking
 

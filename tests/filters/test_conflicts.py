@@ -8,18 +8,18 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
-from trackbench.experiment.problems import Problem, UserError
-from trackbench.experiment.reading.checks import check_fit
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.source import Source
-from trackbench.models.assumed import Assume
+from trackbench.config.checks import check_fit
+from trackbench.config.load import load
+from trackbench.errors import Problem, UserError
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.scalar import Autoregressive
 from trackbench.scenarios.score import Score
-from trackbench.scenarios.starts.given import Given
+from trackbench.scenarios.starts.without_scans import Given
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.measured import Measured
+from trackbench.yaml_source import Source
 
 FROM_TWO_SCANS: list[tuple[str, dict[str, Any], str]] = [
     ("conversion", {}, ""),

@@ -9,18 +9,18 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.passing import estimate
+from trackbench.evaluation.run_filter import estimate
 from trackbench.filters.ensemble import _lengths
-from trackbench.filters.kalman import KF
-from trackbench.filters.sigma_points import CKF
+from trackbench.filters.gaussian_base import KF
+from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.turn import UnknownTurn
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

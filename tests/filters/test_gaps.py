@@ -5,9 +5,9 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import merwe
+from trackbench.config.checks import has
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.passing import Filtered, estimate
-from trackbench.experiment.reading.checks import has
+from trackbench.evaluation.run_filter import Filtered, estimate
 from trackbench.registry import kinds
 
 SCENARIO = merwe(T=6, R=0.1)

@@ -8,13 +8,13 @@ import pytest
 
 from tests.conftest import track
 from trackbench.evaluation.block import simulate
-from trackbench.filters.extended import EKF
-from trackbench.filters.kalman import KF
-from trackbench.filters.sigma_points import CKF
+from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian_base import KF
+from trackbench.filters.ukf import CKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensing import Outliers
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 

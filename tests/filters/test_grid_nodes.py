@@ -11,10 +11,10 @@ from tests.conftest import make_filter
 from tests.papers import merwe
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.passing import estimate
+from trackbench.evaluation.run_filter import estimate
 from trackbench.filters.base import ReturnedError
 from trackbench.models.base import Model
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 
 WIDE, NARROW = GaussianStart(sigma=(30.0,)), GaussianStart(sigma=(1.0,))
 

@@ -8,12 +8,12 @@ import pytest
 
 from tests.conftest import track
 from tests.papers import maneuver, seen_as
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.passing import estimate
+from trackbench.evaluation.run_filter import estimate
 from trackbench.filters.alpha_beta import AlphaBeta
+from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
-from trackbench.filters.kalman import KF
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,

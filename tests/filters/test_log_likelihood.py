@@ -10,20 +10,20 @@ from scipy.stats import multivariate_normal
 from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
 from tests.papers import maneuver
-from trackbench.contract.playgrounds import LINEAR
+from trackbench.contract.fixtures import LINEAR
 from trackbench.core.arrays import Array
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.filters.adaptive import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf.decisions import Detector
 from trackbench.filters.alpha_beta import AlphaBeta
-from trackbench.filters.converted import CMKF
-from trackbench.filters.extended import EKF, IEKF
+from trackbench.filters.cmkf import CMKF
+from trackbench.filters.ekf import EKF, IEKF
+from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
-from trackbench.filters.kalman import KF
-from trackbench.filters.posterior_linearised import IPLF
-from trackbench.filters.sigma_points import CKF, GHKF, UKF
-from trackbench.filters.switching import Detector
+from trackbench.filters.iplf import IPLF
+from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.position import PositionSensor

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.extended import EKF, IEKF
-from trackbench.filters.kalman import KF
-from trackbench.filters.sigma_points import CKF, GHKF, UKF
+from trackbench.filters.ekf import EKF, IEKF
+from trackbench.filters.gaussian_base import KF
+from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.models.several import Several
+from trackbench.models.sensors.stacked import Several
 
 MOTION = WhiteAcceleration(q=1.0).sampled(1.0)
 POSITION, BEARING = PositionSensor(sigma=20.0), Bearing(sigma_mrad=5.0)

@@ -8,16 +8,16 @@ import pytest
 
 from tests.conftest import track
 from trackbench.core.arrays import Array
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.core.unscented import GaussHermite
-from trackbench.filters.extended import EKF
+from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
-from trackbench.filters.sigma_points import CKF, GHKF, UKF
-from trackbench.models.assumed import Assume
+from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Leg, Legs
 from trackbench.scenarios.tracking import Tracking

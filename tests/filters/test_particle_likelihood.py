@@ -10,10 +10,10 @@ import pytest
 from tests.conftest import make_filter
 from tests.filters.test_log_likelihood import told
 from tests.papers import banana, merwe
-from trackbench.contract.playgrounds import LINEAR
+from trackbench.contract.fixtures import LINEAR
 from trackbench.core.arrays import Array
-from trackbench.filters.kalman import KF
-from trackbench.filters.reference import Grid
+from trackbench.filters.baselines import Grid
+from trackbench.filters.gaussian_base import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
 SCALAR = merwe(T=4, R=0.1)

@@ -5,8 +5,8 @@ import pytest
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import banana, merwe
-from trackbench.contract.playgrounds import LINEAR
-from trackbench.core.streams import RunStreams, block_stream
+from trackbench.contract.fixtures import LINEAR
+from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from trackbench.core.arrays import Array
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.models.base import log_likelihood
-from trackbench.models.looking import Platform
-from trackbench.models.sensing import Measuring, Outliers
+from trackbench.models.sensors.angular_base import Platform
+from trackbench.models.sensors.base import Measuring, Outliers
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
 from trackbench.models.sensors.elevation import RangeAzimuthElevation
@@ -21,7 +21,7 @@ from trackbench.models.sensors.position import (
     VelocitySensor,
 )
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.several import Several
+from trackbench.models.sensors.stacked import Several
 from trackbench.registry import kinds
 
 PATH = Platform(steps=(0, 10, 20), x=(0.0, 500.0, 0.0), y=(-200.0, 100.0, 300.0))

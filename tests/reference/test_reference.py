@@ -15,8 +15,8 @@ from tests.reference.maneuver import T as T_M
 from tests.reference.maneuver import adaptive
 from tests.reference.particles import apf, hdepf, upf
 from tests.reference.radar import T, cmkf, mcaekf, mpf
-from trackbench.core.streams import RunStreams, block_stream
-from trackbench.filters.switching import Detector, Exit, SecondDecision
+from trackbench.core.random_streams import RunStreams, block_stream
+from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 

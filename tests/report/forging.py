@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.evaluation import passing
+from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.experiment.storing.outputs import seal
+from trackbench.results.folder_contents import seal
 
 
 def reseal(folder: Path) -> None:
@@ -35,10 +35,10 @@ Factors = Callable[[np.random.Generator, tuple[int, ...]], Any]
 
 def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
     """The results of a machine on which filters of this kind have other errors, or draw other noise."""
-    rng, estimate = np.random.default_rng(1), passing.estimate
-    passing.passed.cache_clear()
+    rng, estimate = np.random.default_rng(1), run_filter.estimate
+    run_filter.passed.cache_clear()
 
-    def estimated(task: BlockTask, data: Any, *more: Any) -> passing.Filtered:
+    def estimated(task: BlockTask, data: Any, *more: Any) -> run_filter.Filtered:
         result = estimate(task, data, *more)
         if factors is None or task.filter.kind != kind:
             return result
@@ -47,11 +47,11 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TRACKBENCH_CACHE", str(config.parent / "elsewhere"))
-        patch.setattr(passing, "estimate", estimated)
+        patch.setattr(run_filter, "estimate", estimated)
         if factors is None:
-            stream = passing.block_stream
-            patch.setattr(passing, "block_stream", lambda seed, index: stream(seed + 1, index))
+            stream = run_filter.block_stream
+            patch.setattr(run_filter, "block_stream", lambda seed, index: stream(seed + 1, index))
         options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
         folder = api.run(config, options).folder
-    passing.passed.cache_clear()
+    run_filter.passed.cache_clear()
     return folder

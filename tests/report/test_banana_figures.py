@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.experiment.test_bad_input import mistakes
+from tests.config.test_bad_input import mistakes
 from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian

@@ -9,13 +9,13 @@ import pytest
 from matplotlib import pyplot as plt
 
 from trackbench import api
-from trackbench.evaluation.measure import measure
-from trackbench.evaluation.uniformity import kolmogorov, kolmogorov_band
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import measure
+from trackbench.evaluation.uniformity_tests import kolmogorov, kolmogorov_band
 from trackbench.report.figures.calibration import Reliability
 from trackbench.report.results import Results
-from trackbench.verification import verify
+from trackbench.verify.verify import verify
 
 CONFIG = """
 name: calibrated

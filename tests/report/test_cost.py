@@ -10,16 +10,16 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.evaluation.measure import measure
+from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import influence, mean
-from trackbench.experiment.problems import UserError
 from trackbench.report.costs import Curve, Spot, beside, curves, front
+from trackbench.report.estimates import Term
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import own_values
+from trackbench.report.grid_queries import own_values
 from trackbench.report.results import Results
 from trackbench.report.tables.efficiency import EqualCost
-from trackbench.report.terms import Term
-from trackbench.verification import verify
+from trackbench.verify.verify import verify
 
 NOBODY = np.zeros(0)
 

@@ -6,15 +6,15 @@ from scipy.stats import binomtest, norm
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.config.published import Claim
+from trackbench.errors import UserError
 from trackbench.evaluation import binomial
-from trackbench.evaluation.measure import measure
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.published import Claim
-from trackbench.report.agreement import of_claim, weakest
+from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
-from trackbench.report.judging import judge
 from trackbench.report.results import Results
-from trackbench.verification import verify
+from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.rules import of_claim, weakest
+from trackbench.verify.verify import verify
 
 CONFIG = """
 name: every

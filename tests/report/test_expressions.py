@@ -5,20 +5,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from trackbench.config.published import Claim
 from trackbench.evaluation import binomial
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.differences import (
+from trackbench.evaluation.difference_intervals import (
     interval_of_difference,
     of_variances,
     studentised_difference,
 )
 from trackbench.evaluation.intervals import studentised
-from trackbench.evaluation.measure import measure
-from trackbench.experiment.reading.published import Claim
-from trackbench.experiment.storing.given import Given
-from trackbench.report.columns import Columns
+from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
-from trackbench.report.judging import judge
+from trackbench.report.verdicts.claims import judge
+from trackbench.results.point_facts import Given
+from trackbench.results.read_csv import Columns
 
 RUNS = 120
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tests.papers import banana_text
 from trackbench import api
 from trackbench.registry import kinds
-from trackbench.report import style
+from trackbench.report.plotting import style
 from trackbench.report.results import Results
 
 CONFIG = f"""name: every

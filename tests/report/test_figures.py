@@ -7,18 +7,19 @@ from matplotlib.collections import PolyCollection
 from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
-from trackbench.evaluation.measure import measure
-from trackbench.experiment.problems import UserError
-from trackbench.report import style, wording
+from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.estimates import Term
 from trackbench.report.expressions import Expressions
 from trackbench.report.figures.bars import Bars
-from trackbench.report.figures.curves import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.critical_difference import cliques, critical_difference, mean_ranks
+from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _in_order
-from trackbench.report.figures.ranks import cliques, critical_difference, mean_ranks
+from trackbench.report.findings import phrases
+from trackbench.report.findings.captions import ranking
+from trackbench.report.plotting import style
 from trackbench.report.results import Results
-from trackbench.report.telling import ranking
-from trackbench.report.terms import Term
-from trackbench.verification import verify
+from trackbench.verify.verify import verify
 
 GRID = """
 name: g
@@ -102,7 +103,7 @@ def test_a_published_number_stands_at_its_point(tmp_path):
 
 def test_a_point_in_words():
     point = {"scenario.sensor.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
-    assert wording.heading(point) == "R = 0.1, q = low, fast = True"
+    assert phrases.heading(point) == "R = 0.1, q = low, fast = True"
 
 
 def test_a_dollar_or_a_long_label_is_only_text():
@@ -221,8 +222,8 @@ def test_a_grid_of_many_points_has_few_panels(tmp_path):
 
 def test_a_unit_at_the_end_of_a_key_is_one():
     point = {"scenario.sensor.sigma_azimuth_mrad": 2, "scenario.target.turn_rate_deg_s": 3}
-    assert wording.heading(point) == "sigma azimuth = 2 mrad, turn rate = 3 deg/s"
-    assert wording.axis("scenario.sensor.sigma_azimuth_mrad") == "sigma azimuth (mrad)"
+    assert phrases.heading(point) == "sigma azimuth = 2 mrad, turn rate = 3 deg/s"
+    assert phrases.axis("scenario.sensor.sigma_azimuth_mrad") == "sigma azimuth (mrad)"
 
 
 def test_titles_say_how_many_runs_there_were(tmp_path):

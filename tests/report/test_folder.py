@@ -8,7 +8,7 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench import api
-from trackbench.experiment.problems import UserError
+from trackbench.errors import UserError
 
 
 def spoil(folder, name, old=None, new=None):
@@ -114,12 +114,12 @@ def test_the_resolved_config_of_the_folder_runs_to_the_same_bytes(folder, tmp_pa
 
 
 def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypatch):
-    from trackbench.experiment.storing import store
+    from trackbench.results import write
 
     def no_space(*_, **__):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(store.Kept, "write", no_space)
+    monkeypatch.setattr(write.Kept, "write", no_space)
     options = api.Options(engine="serial", quiet=True, out=folder, formats=())
     with pytest.raises(OSError, match="no space"):
         api.run(folder / "config.yaml", options)

@@ -6,8 +6,8 @@ import pytest
 from tests.conftest import EXPERIMENTS, shipped, track
 from trackbench import api
 from trackbench.evaluation.block import simulate
-from trackbench.filters.kalman import KF
-from trackbench.report import style
+from trackbench.filters.gaussian_base import KF
+from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.scenarios.base import Scenario
 

@@ -13,9 +13,9 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
-from trackbench.experiment.problems import RunError
-from trackbench.report.opening import changed_since, open_results
-from trackbench.verification import verify
+from trackbench.errors import RunError
+from trackbench.report.open import changed_since, open_results
+from trackbench.verify.verify import verify
 
 CONFIG = """
 name: kept
@@ -94,7 +94,7 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
         (folder / name).write_text("mine")
     before = files(folder)
     config = write(folder.parent, "another", "new")
-    module = "report.render" if where == "write_figures" else "running"
+    module = "report.render" if where == "write_figures" else "commands.run_experiment"
     kill = (
         f"import os, signal, trackbench.{module} as m\n"
         f"m.{where} = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -131,12 +131,12 @@ def test_a_run_without_tracks_takes_older_ones_away(tmp_path: Path) -> None:
 
 def test_the_config_of_the_folder_is_there_at_any_time(folder: Path, monkeypatch) -> None:
     """It may be the only copy of what is being run, and so may the published numbers."""
-    from trackbench.experiment.storing import store
+    from trackbench.results import write
 
     def killed(*_: object) -> None:
         raise SystemExit
 
-    monkeypatch.setattr(store, "write_text", killed)
+    monkeypatch.setattr(write, "write_text", killed)
     with pytest.raises(SystemExit):
         run(folder / "config.yaml", out=folder)
     assert files(folder) == {"config.yaml", "published/claims.csv"}

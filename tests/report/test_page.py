@@ -12,10 +12,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from trackbench import api
-from trackbench.experiment.problems import UserError
+from trackbench.errors import UserError
+from trackbench.report.html.svg import inline
+from trackbench.report.plotting.figure import saved
 from trackbench.report.results import Results
-from trackbench.report.saving import saved
-from trackbench.report.svg import inline
 
 RESULTS = Path(__file__).parents[2] / "results"
 SVG = "{http://www.w3.org/2000/svg}"

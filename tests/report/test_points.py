@@ -7,14 +7,14 @@ import pytest
 
 from tests.papers import banana_text, merwe_text
 from trackbench import api
-from trackbench.experiment.storing.given import same_points
-from trackbench.report import style
+from trackbench.report.plotting import style
 from trackbench.report.results import Results
+from trackbench.results.point_facts import same_points
 
 PLUGIN = """
 from dataclasses import dataclass, replace
 
-from trackbench.filters.reference import PriorMean
+from trackbench.filters.baselines import PriorMean
 from trackbench.registry import register
 
 

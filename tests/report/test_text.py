@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from trackbench import api
-from trackbench.evaluation.measure import measure
+from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import Estimate
+from trackbench.report.estimates import Share
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, in_tex, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes
-from trackbench.report.terms import Share
 from trackbench.report.text import Text, TextTable
 
 

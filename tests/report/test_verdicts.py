@@ -9,19 +9,18 @@ import pytest
 from tests.commands import trackbench
 from tests.simulated import LAWS, decisions, false_of_variances, repeated, z_of
 from trackbench import api
-from trackbench.evaluation import block, passing
-from trackbench.evaluation.measure import measure
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.published import Claim, PublishedNumber
-from trackbench.report.agreement import Verdict, of_claim, of_number, settled
-from trackbench.report.counts import bars
-from trackbench.report.evidence import evidence_at
+from trackbench.config.published import Claim, PublishedNumber
+from trackbench.errors import UserError
+from trackbench.evaluation import block, run_filter
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.estimates import MISSING, Term
 from trackbench.report.expressions import Expressions
-from trackbench.report.judging import judge
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
-from trackbench.report.terms import MISSING, Term
-from trackbench.report.verdicts import Compared, Comparison, Reproduced, compare
+from trackbench.report.verdicts.claims import evidence_at, judge
+from trackbench.report.verdicts.files import bars
+from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
+from trackbench.report.verdicts.rules import Verdict, of_claim, of_number, settled
 
 
 def number(value, digits=4, runs=100, **keys):
@@ -344,7 +343,7 @@ def test_paired_csv_holds_every_pair_once_with_holm(made):
 
 @pytest.mark.parametrize("command", [api.compare, api.plot, api.report])
 def test_from_the_folder_alone(folder, command, monkeypatch):
-    monkeypatch.setattr(passing, "estimate", lambda *_: pytest.fail("a run was computed"))
+    monkeypatch.setattr(run_filter, "estimate", lambda *_: pytest.fail("a run was computed"))
     monkeypatch.setattr(block, "simulate", lambda *_: pytest.fail("a run was simulated"))
     assert command(folder)
 

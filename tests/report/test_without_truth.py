@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from trackbench import api
-from trackbench.experiment.problems import UserError
-from trackbench.report.figures.ranks import mean_ranks
+from trackbench.errors import UserError
+from trackbench.report.figures.critical_difference import mean_ranks
 
 RADAR = """
 kind: tracking

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.config.test_bad_input import mistakes
 from tests.conftest import make_filter, per_run
-from tests.experiment.test_bad_input import mistakes
 from tests.papers import banana, merwe_text
-from trackbench.core.streams import RunStreams
-from trackbench.evaluation.metrics import TOO_FAR
+from trackbench.core.random_streams import RunStreams
+from trackbench.evaluation.error_series import TOO_FAR
 
 SCENARIO = (
     "{kind: tracking, first: 1, last: 100, start: two-scan, score: {lost_sigmas: 10}, target: {"

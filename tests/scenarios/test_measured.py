@@ -9,10 +9,10 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.experiment.planning.digest import block_key
-from trackbench.experiment.planning.plan import make_plan
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.execution.block_key import block_key
+from trackbench.execution.plan import make_plan
 
 SIMULATED = json.loads(merwe_text(T=12, R=0.1)) | {"start": {"kind": "gaussian", "sigma": [0.75]}}
 MOTION, SENSOR, SCORE = SIMULATED["target"]["motion"], SIMULATED["sensor"], SIMULATED["score"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.scenarios.test_clocks import config
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.config.load import load
+from trackbench.errors import UserError
 
 PLAIN = "time,x,y\n0,1,2\n1,2,3\n2,3,4\n3,4,6\n"
 DATES = "time,x,y\n" + "".join(f"2026-01-01T00:00:0{k},{k},{k}\n" for k in range(4))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.conftest import EXPERIMENTS, track
-from trackbench.core.streams import RunStreams
+from trackbench.config.load import load
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.experiment.reading.config import load
-from trackbench.keys import MistakenKeyError
+from trackbench.field_types import MistakenKeyError
 from trackbench.models.sensors.polar_position import PolarPosition
 from trackbench.scenarios.targets.base import Timeline
 from trackbench.scenarios.targets.random_legs import RandomLegs

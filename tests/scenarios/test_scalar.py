@@ -4,10 +4,10 @@ import numpy as np
 
 from tests.conftest import track
 from trackbench.evaluation.block import simulate
-from trackbench.filters.kalman import KF
+from trackbench.filters.gaussian_base import KF
 from trackbench.models.motions.scalar import Autoregressive
 from trackbench.models.sensors.position import ScalarSensor
-from trackbench.scenarios.starts.given import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

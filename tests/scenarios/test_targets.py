@@ -12,20 +12,20 @@ from scipy.integrate import solve_ivp
 import trackbench
 from tests.conftest import track
 from trackbench.core.arrays import Array
-from trackbench.core.streams import RunStreams
+from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.filters.extended import EKF
-from trackbench.keys import DataError, MistakenKeyError
-from trackbench.models.assumed import Assume
+from trackbench.field_types import DataError, MistakenKeyError
+from trackbench.filters.ekf import EKF
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensing import Outliers
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
 from trackbench.models.sensors.elevation import RangeAzimuthElevation
 from trackbench.models.sensors.position import PositionSensor, PositionVelocity
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.scenarios.score import Score, Window
-from trackbench.scenarios.starts.given import GaussianStart, Known
-from trackbench.scenarios.starts.scans import OneScan, TwoScan
+from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
+from trackbench.scenarios.starts.without_scans import GaussianStart, Known
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import Leg, Legs

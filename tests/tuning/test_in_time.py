@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.config.load import load
+from trackbench.errors import UserError
 from trackbench.tuning.training import Training
 
 ROWS = 60

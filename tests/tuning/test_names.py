@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from trackbench.experiment.files import free_name
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.resolved import as_yaml, resolved
+from trackbench.atomic_files import free_name
+from trackbench.config.dump import as_yaml, resolved
+from trackbench.config.load import load
+from trackbench.errors import UserError
 from trackbench.report.sweep import as_sweep
 
 CONFIG = """

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from trackbench.config.tuning_objective import Objective, bad_terms
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.tuning.objective import Objective, bad_terms
 from trackbench.tuning.record import Trial
 
 SIZES = {"": 4, "position": 2}

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench.tuning.axes import Axis, read_axis
-from trackbench.tuning.objective import Score
+from trackbench.config.tuning_objective import Score
+from trackbench.config.tuning_settings import Axis, read_axis
 from trackbench.tuning.record import Record, Trial, read_tuning, write_tuning
 
 

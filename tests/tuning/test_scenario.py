@@ -8,15 +8,15 @@ import pytest
 
 from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS
+from trackbench.config.dump import as_yaml, resolved
+from trackbench.config.load import load
+from trackbench.config.training_scenario import held_out
+from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
-from trackbench.experiment.computing.cache import BlockStore
-from trackbench.experiment.computing.engines import engine
-from trackbench.experiment.planning.digest import block_key
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
-from trackbench.experiment.reading.resolved import as_yaml, resolved
+from trackbench.execution.block_key import block_key
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.engines import engine
 from trackbench.report.results import Results
-from trackbench.tuning.scenario import held_out
 from trackbench.tuning.training import Training
 from trackbench.tuning.tuner import tune
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.conftest import EXPERIMENTS
-from trackbench.core.streams import RunStreams, block_stream
+from trackbench.config.load import load
+from trackbench.core.random_streams import RunStreams, block_stream
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.reduction import run_whole_block
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.config import load
+from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.tuning.training import Training, given_values
 
 CONFIG = """

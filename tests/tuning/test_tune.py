@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import trackbench
-from trackbench import api, verification
-from trackbench.experiment.problems import UserError
-from trackbench.jobs import jobs_of, with_tuned
+from trackbench import api
+from trackbench.commands.prepare import jobs_of, with_tuned
+from trackbench.errors import UserError
 from trackbench.report.results import Results
 from trackbench.tuning.record import Record
-from trackbench.verification.tuned import tuning_again
+from trackbench.verify import verify
+from trackbench.verify.tuning import tuning_again
 
 CONFIG = """
 name: small
@@ -154,7 +155,7 @@ def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Pat
         report.folder / "config.yaml", out=tmp_path / "out", workers=1, quiet=True
     )
     assert _files(again.folder) == _files(report.folder)
-    assert not verification.verify(report.folder, 20)
+    assert not verify.verify(report.folder, 20)
     figure = (report.folder / "figures" / "tuning-KF.svg").read_bytes()
     api.plot(report.folder, ("svg",))
     assert (report.folder / "figures" / "tuning-KF.svg").read_bytes() == figure

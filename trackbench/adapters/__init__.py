@@ -7,7 +7,7 @@
 An object is made for every run, and the runs are looped over in Python.
 """
 
-from trackbench.adapters.filterpy_objects import FilterPy
+from trackbench.adapters.filterpy import FilterPy
 from trackbench.adapters.per_run import PerRun
 from trackbench.adapters.stonesoup_parts import StoneSoup
 

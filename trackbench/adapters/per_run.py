@@ -1,16 +1,198 @@
 """``PerRun``: what a filter of one run is, as its author writes it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, cast, dataclass_transform
+from copy import deepcopy
+from dataclasses import MISSING, dataclass, fields, make_dataclass
+from dataclasses import field as dataclass_field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, cast, dataclass_transform
 
-from numpy.random import Generator
+import numpy as np
+from numpy.random import SFC64, Generator, SeedSequence
 
-from trackbench.adapters.looped import looped
-from trackbench.adapters.naming import Pair
-from trackbench.core.arrays import Array
+from trackbench.adapters.component_order import Order, Pair, as_numbers, mistakes
+from trackbench.core.arrays import Array, Mask, with_trailing
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.random_variates import NoiseGenerator
+from trackbench.filters.base import Filter, ReturnedError
 from trackbench.models.base import Model
+from trackbench.models.motions.irregular import Irregular
 from trackbench.registry import register
+
+_PURITY = "keeps its state in an object per run"
+
+
+class Objects(NamedTuple):
+    """An object per run, and the last estimate of each: mean (n, M), cov (n, n, M), own order."""
+
+    each: tuple[Any, ...]
+    order: Order
+    mean: Array
+    cov: Array
+
+
+class Looped(Filter[Objects]):
+    """Base of the filters that `looped` makes of a class of one run, which is ``one``."""
+
+    one: ClassVar[Any]
+    """the class of one run, a `trackbench.adapters.PerRun`"""
+    one_by_one: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        self._made()  # what the keys have to be among themselves, its own class says
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.one, self._keys)
+
+    @cached_property
+    def _keys(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def _made(self) -> Any:
+        return self.one(**self._keys)
+
+    def conflicts(self, scenario: Any) -> dict[str, str]:
+        """Components that are not the scenario's."""
+        one = self.one
+        why = mistakes(scenario.model, one.state, one.measured, one.extra_std)
+        return {"": why} if why else {}
+
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> Objects:
+        """An object per run, each started from the prior's moments of its run."""
+        one, runs = self.one, prior.mean.shape[1]
+        order = Order.of(model, one.state, one.measured, one.extra_std)
+        n, given = len(order.first_cov), np.asarray(with_trailing(prior.cov, 1, leading=2))
+        mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+        each = tuple(self._made() for _ in range(runs))
+        for m, own in enumerate(each):
+            own.model, own.dt, own.rng = model, interval(model), _Stream(rng, m)
+            first_cov = given[..., m % given.shape[2]]
+            mean[:, m], cov[..., m] = order.started(prior.mean[:, m], first_cov)
+            own.start(mean[:, m].copy(), cov[..., m].copy())
+        return Objects(each, order, mean, cov)
+
+    def step(self, model: Model, state: Objects, z: Array, k: int, rng: Generator) -> Objects:
+        """Every run's own step, one after the other."""
+        mean, cov, dt = np.empty_like(state.mean), np.empty_like(state.cov), interval(model, k)
+        missing: Mask = np.asarray(np.isnan(z).all(axis=0))
+        seen = z[state.order.rows].T.copy()
+        for m, own in enumerate(state.each):
+            own.k = k
+            found = own.step(None if missing[m] else seen[m], dt)
+            mean[:, m], cov[..., m] = _moments(found, len(mean), type(own))
+        return state._replace(mean=mean, cov=cov)
+
+    def estimate(self, state: Objects) -> Gaussian:
+        """The scenario's components."""
+        return state.order.reported(state.mean, state.cov)
+
+    def diagnostics(self, state: Objects) -> dict[str, Array]:
+        """What the objects note of themselves."""
+        rows = [own.diagnostics() for own in state.each]
+        if any(row.keys() != rows[0].keys() for row in rows):
+            raise ReturnedError("diagnostics", "the names of the diagnostics differ between runs")
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+class Telling(Looped):
+    """The same of a class that tells what it thought of each measurement before it saw it."""
+
+    def log_likelihood(self, state: Objects) -> Array:
+        """What each object says."""
+        return np.array([own.log_likelihood() for own in state.each])
+
+
+def looped(one: type[Any]) -> type[Looped]:
+    """The filter of a class of one run: its keys, its name, its docstring."""
+    keys = [(f.name, f.type, _like(f)) for f in fields(one)]
+    about = {
+        "one": one,
+        "__doc__": one.__doc__,
+        "__module__": one.__module__,
+        "__qualname__": one.__qualname__,
+        "needs": one.needs,
+        "counts": one.counts,
+        "excused": {"purity": _PURITY, **one.excused},
+        "presets": one.presets,
+    }
+    base = Telling if one.tells_likelihood() else Looped
+    made = make_dataclass(
+        one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
+    )
+    one._looped = made
+    return made
+
+
+def _like(key: Any) -> Any:
+    """The key once more: a field belongs to one class."""
+    if key.default_factory is not MISSING:
+        return dataclass_field(default_factory=key.default_factory)
+    return dataclass_field(default=key.default)
+
+
+def _again(one: Any, keys: dict[str, Any]) -> Looped:
+    return one._looped(**keys)
+
+
+def interval(model: Model, k: int | None = None) -> float:
+    """Seconds to step k from the one before it, by default of the first step there is.
+
+    A motion without a time goes by one.
+    """
+    motion: Any = model.motion
+    if isinstance(motion, Irregular):
+        return float(motion.intervals[0 if k is None else k - motion.first])
+    return float(getattr(motion, "T", 1.0))
+
+
+def _moments(found: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
+    """Mean (n,) and covariance (n, n) that a step gave."""
+    method = "step" if "step" in vars(one) or not hasattr(one, "update") else "update"
+    if not isinstance(found, tuple | list) or len(found) != 2:
+        what = f"{one.__name__} gives a {type(found).__name__}, not a mean and a covariance"
+        raise ReturnedError(method, what)
+    kept = []
+    for what, given, shape in (("mean", found[0], (n,)), ("covariance", found[1], (n, n))):
+        array = as_numbers(given, shape)
+        if array is None:
+            text = f"the {what} of a run is {_described(given)}, not {shape} real numbers"
+            raise ReturnedError(method, text)
+        kept.append(array)
+    return kept[0], kept[1]
+
+
+def _described(given: Any) -> str:
+    shape, kind = getattr(given, "shape", None), getattr(given, "dtype", "")
+    return f"a {type(given).__name__}" if shape is None else f"an array {shape} of {kind}"
+
+
+class _Stream:
+    """Stands for a run's own generator until it is first asked for anything."""
+
+    def __init__(self, block: Generator, run: int) -> None:
+        self._block, self._run = block, run
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # asked by whoever copies or pickles it
+            raise AttributeError(name)
+        return getattr(self._own, name)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_Stream":
+        other = _Stream(self._block, self._run)
+        if "_own" in vars(self):
+            vars(other)["_own"] = deepcopy(self._own, memo)
+        return other
+
+    @cached_property
+    def _own(self) -> Generator:
+        # A word of the block's own stream, so that whoever looks sees that there was noise.
+        self._block.bit_generator.random_raw()
+        seed = self._block.bit_generator.seed_seq
+        assert isinstance(seed, SeedSequence)
+        return NoiseGenerator(
+            SFC64(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, self._run)))
+        )
+
 
 _GIVEN = ("model", "rng", "dt", "k")
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trackbench.adapters.halves import HALF, measured_part, without_weight
-from trackbench.adapters.naming import Pair
+from trackbench.adapters.component_order import Pair
+from trackbench.adapters.partial_measurements import HALF, measured_part, without_weight
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation

@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import typer
 
 from trackbench import __version__
-from trackbench.cli.checking import cache, check
-from trackbench.cli.lines import objects_alone, tell, told
-from trackbench.cli.running import run, sweep, tune
-from trackbench.cli.stored import compare, plot, report, verify
-from trackbench.cli.vocabulary import copy, describe, list_, new, schema, show
+from trackbench.cli.check import cache, check
+from trackbench.cli.info import copy, describe, list_, new, schema, show
+from trackbench.cli.output import objects_alone, tell, told
+from trackbench.cli.results import compare, plot, report, verify
+from trackbench.cli.run import run, sweep, tune
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -30,7 +30,7 @@ def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Co
 @_completing
 def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
     """Shipped experiments, and YAML files and folders that are here."""
-    from trackbench.experiment.reading.shipped import names
+    from trackbench.config.shipped_experiments import names
 
     yield from names()
     for path in sorted(glob(f"{escape(incomplete)}*")):
@@ -43,7 +43,7 @@ def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 @_completing
 def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
     """Shipped experiments."""
-    from trackbench.experiment.reading.shipped import names
+    from trackbench.config.shipped_experiments import names
 
     return names()
 
@@ -74,7 +74,7 @@ def labels(ctx: typer.Context, incomplete: str) -> list[str]:
 @_completing
 def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
     """``PATH=`` for every key that the config has or may have."""
-    from trackbench.experiment.reading.definition import Settings
+    from trackbench.config.experiment import Settings
 
     config = _config(ctx)
     for field in fields(Settings):
@@ -91,9 +91,9 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     """Paths to the keys of a part: those of its kind, those it has, and those of the parts in it."""
-    from trackbench.experiment.reading.validate import hints_of
-    from trackbench.keys import part_group
-    from trackbench.models.assumed import Assume
+    from trackbench.config.build_dataclass import hints_of
+    from trackbench.field_types import part_group
+    from trackbench.models.assumed_sensor import Assume
     from trackbench.registry import Group, of_kind
 
     known: dict[str, Any] = {}
@@ -112,9 +112,9 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
 
 def _config(ctx: typer.Context) -> dict[str, Any]:
     """The config on the line, with its parts in place."""
-    from trackbench.experiment.reading.compose import inline_parts
-    from trackbench.experiment.reading.shipped import located
-    from trackbench.experiment.reading.source import read
+    from trackbench.config.includes import inline_parts
+    from trackbench.config.shipped_experiments import located
+    from trackbench.yaml_source import read
 
     given = ctx.params.get("configs") or [ctx.params.get("config")]
     # Before the value of an option is typed, the words so far stand in args.

@@ -128,7 +128,7 @@ def formats(text: str) -> list[str]:
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
     """The value, if it is one of those known; raises UserError."""
-    from trackbench.experiment.problems import Mark, Problem, UserError
+    from trackbench.errors import Mark, Problem, UserError
 
     if value not in known:
         raise UserError(Problem(Mark(option), "", f"{value!r} is not one of {', '.join(known)}"))

@@ -5,7 +5,7 @@ class attribute: ``excused = {"kalman": "looks at no measurement"}``; the other 
 ``purity``, ``repeats``, ``independence`` and ``gaps``.
 """
 
-from trackbench.contract.examination import check_file, check_filter, report
-from trackbench.contract.finding import BrokenError, Finding
+from trackbench.contract.checks import BrokenError, Finding
+from trackbench.contract.run_checks import check_file, check_filter, report
 
 __all__ = ["BrokenError", "Finding", "check_file", "check_filter", "report"]

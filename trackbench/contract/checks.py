@@ -3,16 +3,31 @@
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.contract.finding import BrokenError
-from trackbench.contract.passes import filtered, kalman_filtered, noise, simulated
+from trackbench.contract.fixtures import filtered, kalman_filtered, noise, simulated
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
-from trackbench.evaluation.checked import check_estimate, check_names, checked_numbers
+from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.filters.base import tells_likelihood, tells_notes
+
+
+class Finding(NamedTuple):
+    """One check of the contract: what was looked at, how it went, and why."""
+
+    check: str
+    verdict: Literal["good", "bad", "left out"]
+    why: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.verdict:>8}  {self.check}" + (f": {self.why}" if self.why else "")
+
+
+class BrokenError(Exception):
+    """The filter does not do what it promised."""
+
 
 _RUNS = 200
 

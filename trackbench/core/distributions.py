@@ -6,13 +6,15 @@ filters, the proposals and the Kalman moments.
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi, sqrt
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from trackbench.core import elementary, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.streams import Streams
+from trackbench.core.elementary import log
+from trackbench.core.random_streams import Streams
 
 _SMALLEST = float(np.finfo(float).tiny)
 LOG_2PI = 1.8378770664093453
@@ -247,3 +249,21 @@ class PointMass(Symmetric):
     def log_prob(self, x: Array) -> Array:
         """Zero at the value and -inf elsewhere."""
         return np.where((x == self.mean).all(axis=0), 0.0, -np.inf)
+
+
+_SCALE = 2.0 * sqrt(3.0) / pi  # of a logistic with twice the normal's standard deviation
+_EDGE = 2.0**-52
+
+
+def covering_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
+    """Draws x (M, N), ascending, and log-weights (M, N) under which they are N(0, 1).
+
+    Importance sampling from a logistic of twice the deviation, a draw from each of N strata of equal
+    probability. Beyond four deviations are 800 times as many draws as N(0, 1) has, within one 0.6 times
+    as many; the mean weight is 1, and none is above 1.76.
+    """
+    u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
+    np.clip(u, _EDGE, 1.0 - _EDGE, out=u)
+    log_u, log_rest = log(u), log(1.0 - u)
+    x = _SCALE * (log_u - log_rest)
+    return x, float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest

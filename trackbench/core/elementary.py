@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackbench.core import kernels
+from trackbench.core import _elementary_kernels
 from trackbench.core.arrays import Array
 
 _PIECE = 8192
@@ -26,17 +26,17 @@ _PIECE = 8192
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
     """``e^x``; zero below -708. ``out`` may be x itself."""
-    return _piecewise(kernels.exp, x, out)
+    return _piecewise(_elementary_kernels.exp, x, out)
 
 
 def exp_of_moderate(x: Array) -> Array:
     """`exp` in place for a contiguous x from -708 to 709, or NaN, which is not looked at beforehand."""
-    return _piecewise(kernels.exp_of_moderate, x, x)
+    return _piecewise(_elementary_kernels.exp_of_moderate, x, x)
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
     """Natural logarithm. ``out`` may be x itself."""
-    return _piecewise(kernels.log, x, out)
+    return _piecewise(_elementary_kernels.log, x, out)
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
@@ -48,7 +48,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
     c, s = np.empty(flat.shape), np.empty(flat.shape)
     for i in range(0, len(flat), _PIECE):
         piece = slice(i, i + _PIECE)
-        kernels.cos_sin(flat[piece], c[piece], s[piece])
+        _elementary_kernels.cos_sin(flat[piece], c[piece], s[piece])
     return c.reshape(a.shape)[()], s.reshape(a.shape)[()]
 
 
@@ -59,7 +59,7 @@ def arctan2(y: Array, x: Array) -> Array:
     out = np.empty(flat_y.shape)
     for i in range(0, len(out), _PIECE):
         piece = slice(i, i + _PIECE)
-        kernels.arctan2(flat_y[piece], flat_x[piece], out[piece])
+        _elementary_kernels.arctan2(flat_y[piece], flat_x[piece], out[piece])
     return out.reshape(y.shape)[()]
 
 
@@ -107,7 +107,7 @@ def log_gamma(x: float) -> float:
     square = 1.0 / (x * x)
     series = -1.0 / 360.0 + square * (1.0 / 1260.0 + square * (-1.0 / 1680.0 + square / 1188.0))
     rest = (1.0 / 12.0 + square * series) / x
-    half_log_turn = 0.5 * float(log(2.0 * kernels.constants().pi))
+    half_log_turn = 0.5 * float(log(2.0 * _elementary_kernels.constants().pi))
     return (x - 0.5) * float(log(x)) - x + half_log_turn + rest - float(log(below))
 
 
@@ -141,5 +141,5 @@ def _of_number(kernel: Elementwise, x: float) -> Array:
 @lru_cache(maxsize=4096)
 def _cos_sin_of_number(a: float) -> tuple[Array, Array]:
     c, s = np.empty(1), np.empty(1)
-    kernels.cos_sin(np.array([a]), c, s)
+    _elementary_kernels.cos_sin(np.array([a]), c, s)
     return c[0], s[0]

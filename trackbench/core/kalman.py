@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array, Mask, with_axes_of, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import LOG_2PI, Gaussian, zero_mean_log_prob
 from trackbench.core.elementary import log
-from trackbench.core.once import once
+from trackbench.core.memoize import once
 
 
 class Innovation(NamedTuple):

@@ -11,7 +11,7 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.once import once
+from trackbench.core.memoize import once
 
 _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
 

@@ -19,12 +19,12 @@ from typing import Protocol
 
 import numpy as np
 
-from trackbench.core import grid, linalg
+from trackbench.core import linalg, quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
+from trackbench.core.normal_chi2 import chi_square_cdf, normal_cdf, normal_density
 from trackbench.core.particles import Particles
-from trackbench.core.probabilities import chi_square_cdf, normal_cdf, normal_density
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
@@ -165,23 +165,23 @@ class CloudPosterior(Posterior):
 class LinePosterior(Posterior):
     """A density of a scalar state on panels of Gauss-Legendre nodes."""
 
-    panels: grid.Posterior
+    panels: quadrature.Posterior
 
     def below(self, x: Array) -> Array:
         """The density's integral up to x, by its interpolating polynomials."""
-        return np.clip(grid.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
+        return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
         """Its integral over the interval about the mean that ends at x."""
-        mean = grid.moments(self.panels).mean[0]
+        mean = quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
-        inside = grid.mass_below(self.panels, mean + reach)
-        return np.clip(inside - grid.mass_below(self.panels, mean - reach), 0.0, 1.0)
+        inside = quadrature.mass_below(self.panels, mean + reach)
+        return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
         """``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
-        far = grid.distance_from(self.panels, x[0])
-        return (far - grid.half_distance_within(self.panels))[None]
+        far = quadrature.distance_from(self.panels, x[0])
+        return (far - quadrature.half_distance_within(self.panels))[None]
 
 
 def distance(e: Array, P: Array) -> Array:

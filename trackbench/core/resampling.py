@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
-from trackbench.core.streams import Streams
+from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
 D = TypeVar("D", np.float64, np.intp)

@@ -9,14 +9,14 @@ from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 from trackbench.core.arrays import Array, frozen
-from trackbench.core.streams import RunStreams
-from trackbench.evaluation import calibration, foretelling
-from trackbench.evaluation.metrics import StepSums
+from trackbench.core.random_streams import RunStreams
+from trackbench.evaluation import calibration, predictive_scores
+from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
-from trackbench.models.assumed import Assume
+from trackbench.models.assumed_sensor import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
-Kind: TypeAlias = foretelling.Kind | calibration.Kind
+Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 
 @dataclass(frozen=True)

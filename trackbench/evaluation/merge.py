@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, Tracks
-from trackbench.evaluation.metrics import StepSums
+from trackbench.evaluation.error_series import StepSums
 from trackbench.evaluation.timing import Measured
 
 

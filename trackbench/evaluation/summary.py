@@ -7,9 +7,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.measure import TIME_MEAN, Measure, measured
+from trackbench.evaluation.error_series import FOUND, StepSums
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metrics import FOUND, StepSums
+from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.statistics import (
     STATISTICS,
     Estimates,

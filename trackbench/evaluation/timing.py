@@ -18,10 +18,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array, frozen
 from trackbench.core.counting import counting
-from trackbench.core.streams import block_stream
+from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.passing import prior_of
-from trackbench.evaluation.reduction import keep_freed_memory
+from trackbench.evaluation.block_metrics import keep_freed_memory
+from trackbench.evaluation.run_filter import prior_of
 
 REPEATS = 30
 _KEPT = 6

@@ -10,11 +10,11 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.field_types import MistakenKeyError, OpenShare, Positive
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
-from trackbench.keys import MistakenKeyError, OpenShare, Positive
 from trackbench.models.base import Model, Scene
-from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import register
 

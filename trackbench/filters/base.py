@@ -9,7 +9,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.posteriors import Posterior
-from trackbench.hooks import Part
+from trackbench.extension_points import Part
 from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")

@@ -13,12 +13,12 @@ from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Mass, Particles
 from trackbench.core.sums import dot, total
+from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
-from trackbench.keys import Count, NonNegative, Positive
 from trackbench.models.base import Model
-from trackbench.models.gaussian import AS_IT_IS, extended_step
+from trackbench.models.gaussian_steps import AS_IT_IS, extended_step
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.twopoint import TwoPoint, differenced
+from trackbench.models.two_point_prior import TwoPoint, differenced
 from trackbench.registry import register
 
 _DUST = 1e-9  # weight below which a few azimuths do not bring a component back

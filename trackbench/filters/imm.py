@@ -9,7 +9,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.mixing import (
+from trackbench.core.mixtures import (
     combined,
     common,
     log_mixture,
@@ -18,12 +18,12 @@ from trackbench.core.mixing import (
     updated_weights,
 )
 from trackbench.core.sums import total
-from trackbench.filters.extended import EKF
-from trackbench.filters.gaussian import GaussianFilter
-from trackbench.filters.jumping import JumpMarkov, own_components
-from trackbench.keys import MistakenKeyError, PartOf
+from trackbench.field_types import MistakenKeyError, PartOf
+from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.filters.jump_markov import JumpMarkov, own_components
+from trackbench.models.augmented_prior import extended_gaussian
 from trackbench.models.base import Model, Scene, extra_std
-from trackbench.models.extended import extended_gaussian
 from trackbench.registry import register
 
 _EKF = EKF()

@@ -10,10 +10,17 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.input_estimation import Hypotheses, hypotheses
 from trackbench.core.kalman import Innovation
-from trackbench.filters.axes import axis_step, both_axes, choose, over_axes, per_axis, site
+from trackbench.field_types import NonNegative, Positive
+from trackbench.filters.adaptive_kf.decisions import Detector
+from trackbench.filters.adaptive_kf.per_axis import (
+    axis_step,
+    both_axes,
+    choose,
+    over_axes,
+    per_axis,
+    site,
+)
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
-from trackbench.filters.switching import Detector
-from trackbench.keys import NonNegative, Positive
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register

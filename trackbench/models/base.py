@@ -15,7 +15,7 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
-from trackbench.hooks import Part
+from trackbench.extension_points import Part
 
 AXES = ("x", "y", "z")
 

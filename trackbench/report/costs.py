@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log
-from trackbench.evaluation.measure import Measure, measure
-from trackbench.experiment.reading.definition import Point
-from trackbench.keys import is_number
+from trackbench.evaluation.metric_expression import Measure, measure
+from trackbench.field_types import is_number
+from trackbench.report.estimates import Term, quietly, together
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import named_form, points_of
+from trackbench.report.grid_queries import named_form, points_of
 from trackbench.report.results import Results
-from trackbench.report.terms import Term, quietly, together
 
 _TIME = measure("cpu_s_per_run")
 COST, MICRO = "CPU time per step (µs)", 1e6

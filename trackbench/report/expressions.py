@@ -13,12 +13,11 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation import binomial
 from trackbench.evaluation.efficiency import efficiency
-from trackbench.evaluation.measure import Measure, measured
-from trackbench.evaluation.shares import statistic_of
+from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.evaluation.statistics import OVER_RUNS, influence, median
-from trackbench.keys import is_number
-from trackbench.report.results import Results
-from trackbench.report.terms import (
+from trackbench.field_types import is_number
+from trackbench.report.estimates import (
     MISSING,
     Share,
     Term,
@@ -29,6 +28,7 @@ from trackbench.report.terms import (
     quotient,
     together,
 )
+from trackbench.report.results import Results
 from trackbench.scenarios.base import in_window
 
 

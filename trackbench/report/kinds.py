@@ -4,7 +4,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from trackbench.experiment.reading.definition import DrawnExhibit, Exhibit
+from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:

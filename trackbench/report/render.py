@@ -4,18 +4,18 @@ from collections.abc import Collection, Iterable
 from itertools import product
 from pathlib import Path
 
-from trackbench.experiment.files import made, remove, within, write_bytes, write_csv, write_text
-from trackbench.experiment.problems import Mark, Problem, UserError
-from trackbench.experiment.reading.validate import unknown
-from trackbench.experiment.storing.outputs import FIGURE_FORMS, TABLE_FORMS
-from trackbench.report import style
-from trackbench.report.comparison import write_comparison, write_paired
-from trackbench.report.drawers import Draw, drawing, drawn
-from trackbench.report.kept import Files
-from trackbench.report.paper import SHEETS, Style, drawing_for
+from trackbench.atomic_files import made, remove, within, write_bytes, write_csv, write_text
+from trackbench.config.build_dataclass import unknown
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.report.figure_cache import Files
+from trackbench.report.parallel_drawing import Draw, drawing, drawn
+from trackbench.report.plotting import style
+from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
 from trackbench.report.results import Results
 from trackbench.report.table import Table
-from trackbench.report.verdicts import Comparison, compare
+from trackbench.report.verdicts.files import write_comparison, write_paired
+from trackbench.report.verdicts.numbers import Comparison, compare
+from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS
 
 
 def render(

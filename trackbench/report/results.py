@@ -7,21 +7,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trackbench.experiment.problems import Mark, Problem, UserError, counted
-from trackbench.experiment.reading.compose import split_path
-from trackbench.experiment.reading.parts import build_kind
-from trackbench.experiment.reading.validate import unknown
-from trackbench.experiment.storing.outputs import DEFAULT
+from trackbench.config.build_dataclass import unknown
+from trackbench.config.build_kinds import build_kind
+from trackbench.config.includes import split_path
+from trackbench.config.tuning_settings import tuned
+from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
-from trackbench.report import style
-from trackbench.report.defaults import default_keys
-from trackbench.report.frames import Frames
+from trackbench.report.default_exhibits import default_keys
 from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
+from trackbench.report.plotting import style
+from trackbench.report.plugin_exhibits import UnmadeError, as_table, told
+from trackbench.report.result_files import Frames
 from trackbench.report.table import Table
-from trackbench.report.unmade import UnmadeError, as_table, told
+from trackbench.results.folder_contents import DEFAULT
 from trackbench.tuning.record import Record, read_tuning
-from trackbench.tuning.settings import tuned
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ class Results(Frames):
         key = self.parts("figures").get(self.key_figure)
         if key is None or (key.shown_runs and not self.shown):
             return None
-        from trackbench.report.canvas import png
+        from trackbench.report.plotting.canvas import png
 
         with self.without(f"figure {self.key_figure}"), told(key):
             return png(self.figure())

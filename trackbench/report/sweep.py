@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.evaluation.measure import measured
-from trackbench.experiment.files import free_name, write_csv
-from trackbench.experiment.reading.combining import filters_of, separate, single_paths
-from trackbench.experiment.reading.definition import DrawnExhibit, Experiment, Settings
-from trackbench.experiment.reading.published import Published
-from trackbench.report import wording
-from trackbench.report.figures.swept import SweepFigure
+from trackbench.atomic_files import free_name, write_csv
+from trackbench.config.experiment import DrawnExhibit, Experiment, Settings
+from trackbench.config.grid import filters_of, separate, single_paths
+from trackbench.config.published import Published
+from trackbench.evaluation.metric_expression import measured
+from trackbench.report.figures.sweep import SweepFigure
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import listed, metric_words, percent, two_digits, with_unit
+from trackbench.report.findings.ranking import Candidate, Standing, best_settings
 from trackbench.report.results import Results
-from trackbench.report.standing import Candidate, Standing, best_settings
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
-from trackbench.report.wording import listed, metric_words, percent, two_digits, with_unit
 
 _AXES = 2
 _TABLE = "best-settings"
@@ -58,7 +58,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
 def _title(paths: list[str], settings: Settings) -> str:
     """``q of KF``."""
     whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
-    keys = " and ".join(wording.axis(path) for path in paths)
+    keys = " and ".join(phrases.axis(path) for path in paths)
     return f"{keys} of {listed(list(whose))}" if whose else keys
 
 
@@ -100,7 +100,7 @@ def best_points(results: Results) -> Iterator[Best]:
 
 
 def _best(standing: Standing, best: Candidate) -> Best:
-    metric, where = standing.metric, wording.heading(standing.where)
+    metric, where = standing.metric, phrases.heading(standing.where)
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
     if standing.ties:

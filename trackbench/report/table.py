@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, paired_difference
-from trackbench.experiment.problems import counted
-from trackbench.report.lost import in_words
+from trackbench.report.estimates import Share, Term
+from trackbench.report.lost_runs import in_words
 from trackbench.report.notebook import table_html
-from trackbench.report.terms import Share, Term
 from trackbench.report.text import Text, TextTable
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
-from trackbench.core.streams import Streams
-from trackbench.keys import MistakenKeyError
-from trackbench.models.assumed import Assume
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import MistakenKeyError
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Scene, Sensor
 
 

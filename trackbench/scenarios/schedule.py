@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.keys import MOST_STEPS, MistakenKeyError
+from trackbench.field_types import MOST_STEPS, MistakenKeyError
 from trackbench.scenarios.targets.base import Timeline
 
 

@@ -9,10 +9,10 @@ from annotated_types import Interval
 from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.keys import ONE_LINE, MistakenKeyError, Natural, Positive
+from trackbench.field_types import ONE_LINE, MistakenKeyError, Natural, Positive
 from trackbench.models.base import moving
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Sensors
+from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.stacked import Sensors
 
 _IN_A_ROW = 10  # steps at the end of a run
 

@@ -9,20 +9,20 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, fixed
-from trackbench.core.bounds import largest_deviation, posterior_cramer_rao
+from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
-from trackbench.core.streams import Streams
-from trackbench.keys import Finite, MistakenKeyError, Natural, PartOf, Positive
-from trackbench.models.assumed import Assume
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import Finite, MistakenKeyError, Natural, PartOf, Positive
+from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
-from trackbench.models.irregular import Irregular
-from trackbench.models.linear import Linear
+from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.sensing import Measuring
-from trackbench.models.several import Sensors, each, together
+from trackbench.models.motions.linear import Linear
+from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.stacked import Sensors, each, together
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.recordings.columns import recorded_columns
+from trackbench.scenarios.recordings.data_files import recorded_columns
 from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.starts.base import Opening, Start, repeated

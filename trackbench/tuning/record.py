@@ -9,11 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
-from trackbench.experiment.files import write_csv
-from trackbench.experiment.reading.source import scalar
-from trackbench.tuning.axes import Axis, read_axis
-from trackbench.tuning.objective import Score
+from trackbench.atomic_files import write_csv
+from trackbench.config.tuning_objective import Score
+from trackbench.config.tuning_settings import Axis, read_axis
 from trackbench.tuning.search import looked_around
+from trackbench.yaml_source import scalar
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from trackbench.config.tuning_settings import Axis
 from trackbench.core.arrays import Array
-from trackbench.tuning.axes import Axis
 
 Values: TypeAlias = tuple[Any, ...]
 """A value of each axis."""

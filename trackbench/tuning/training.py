@@ -4,18 +4,18 @@ from collections.abc import Iterator, Mapping
 from math import ceil
 from typing import Any
 
+from trackbench.config.dump import as_config
+from trackbench.config.experiment import Experiment
+from trackbench.config.requested_metrics import kinds_of
+from trackbench.config.tuned_entries import Tried, make_trial
+from trackbench.config.tuning_objective import Objective, Score
+from trackbench.config.tuning_settings import Axis
 from trackbench.core.arrays import Array
+from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.derived import sizes
-from trackbench.experiment.planning.plan import block_width
-from trackbench.experiment.problems import UserError
-from trackbench.experiment.reading.asked import kinds_of
-from trackbench.experiment.reading.definition import Experiment
-from trackbench.experiment.reading.resolved import as_config
-from trackbench.tuning.axes import Axis
-from trackbench.tuning.objective import Objective, Score
+from trackbench.evaluation.consistency import sizes
+from trackbench.execution.plan import block_width
 from trackbench.tuning.search import Shares, Values
-from trackbench.tuning.trials import Tried, make_trial
 
 
 class Training:

@@ -6,14 +6,14 @@ blocks in their order; so what is found does not hang on workers, interruptions 
 
 from contextlib import closing
 
+from trackbench.config.experiment import Experiment
+from trackbench.config.tuning_objective import Score
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.merge import merge
-from trackbench.experiment.computing.cache import BlockStore
-from trackbench.experiment.computing.engines import OpenEngine
-from trackbench.experiment.computing.progress import progress_bar
-from trackbench.experiment.computing.queue import Queue
-from trackbench.experiment.reading.definition import Experiment
-from trackbench.tuning.objective import Score
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.engines import OpenEngine
+from trackbench.execution.progress import progress_bar
+from trackbench.execution.queue import Queue
 from trackbench.tuning.record import Record, Trial
 from trackbench.tuning.search import Search, Values
 from trackbench.tuning.training import Training

@@ -12,9 +12,9 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
-from trackbench.keys import NonNegative, Positive
+from trackbench.field_types import NonNegative, Positive
 from trackbench.models.base import AXES, Motion, moving
-from trackbench.models.linear import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
 NoiseGain = Literal["standard", "printed"]

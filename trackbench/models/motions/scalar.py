@@ -9,10 +9,10 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
-from trackbench.core.grid import Interval
-from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.core.quadrature import Interval
+from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion
-from trackbench.models.linear import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
 _TAIL = 1e-12  # probability of gamma noise beyond the support handed to the point-mass filter

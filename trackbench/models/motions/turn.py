@@ -9,10 +9,10 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.keys import Finite, NonNegative, Positive
+from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion, moving
-from trackbench.models.linear import Linear
 from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
 _STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn

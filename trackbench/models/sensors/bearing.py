@@ -9,8 +9,8 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
-from trackbench.keys import Positive
-from trackbench.models.looking import Looking
+from trackbench.field_types import Positive
+from trackbench.models.sensors.angular_base import Looking
 from trackbench.registry import register
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
-from trackbench.keys import Positive
+from trackbench.field_types import Positive
 from trackbench.models.sensors.range_azimuth import Radar
 from trackbench.registry import register
 

@@ -10,8 +10,8 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
-from trackbench.keys import Positive
-from trackbench.models.looking import Looking, distance
+from trackbench.field_types import Positive
+from trackbench.models.sensors.angular_base import Looking, distance
 from trackbench.registry import register
 
 

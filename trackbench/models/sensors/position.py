@@ -8,8 +8,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
-from trackbench.keys import Positive
-from trackbench.models.sensing import Measuring
+from trackbench.field_types import Positive
+from trackbench.models.sensors.base import Measuring
 from trackbench.registry import register
 
 

@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
-from trackbench.keys import Positive
-from trackbench.models.looking import Looking, distance, seen_along, wrapped
+from trackbench.field_types import Positive
+from trackbench.models.sensors.angular_base import Looking, distance, seen_along, wrapped
 from trackbench.registry import register
 
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.grid import Interval
-from trackbench.keys import Natural, Positive
-from trackbench.models.sensing import Measuring
+from trackbench.core.quadrature import Interval
+from trackbench.field_types import Natural, Positive
+from trackbench.models.sensors.base import Measuring
 from trackbench.registry import register
 
 

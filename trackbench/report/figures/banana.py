@@ -6,18 +6,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from trackbench.config.dump import as_config
+from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
-from trackbench.core.streams import block_stream
-from trackbench.experiment.reading.definition import Point
-from trackbench.experiment.reading.resolved import as_config
-from trackbench.keys import Count, Positive
+from trackbench.core.random_streams import block_stream
+from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import register
-from trackbench.report import style
-from trackbench.report.artists import Axes, Figure
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 
 NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}

@@ -6,17 +6,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trackbench.evaluation.measure import Expression, measure
+from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.evaluation.statistics import interval
-from trackbench.keys import OpenShare
+from trackbench.field_types import OpenShare
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Axes, Figure
-from trackbench.report.evidence import point_of
 from trackbench.report.expressions import Expressions
+from trackbench.report.findings import phrases
+from trackbench.report.findings.captions import ranking, sentences
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
-from trackbench.report.telling import ranking, sentences
+from trackbench.report.verdicts.claims import point_of
 
 
 @register("figures", "bars")
@@ -47,7 +48,7 @@ class Bars(FigureKind):
         expressions = Expressions(results, point)
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
         values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
-        where = f"At {wording.heading(point)}" if point else "Of what is measured"
+        where = f"At {phrases.heading(point)}" if point else "Of what is measured"
         there = any(n.expression == self.metric for n in results.published.numbers)
         published = "Diamonds are the numbers that were published." if there else ""
         return sentences(ranking(values, self.metric.family[0].better, where), published)

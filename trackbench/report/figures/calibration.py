@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.calibration import TENTHS
-from trackbench.evaluation.measure import Measure, OfRank, measure
-from trackbench.evaluation.uniformity import Histogram, kolmogorov_band
-from trackbench.experiment.reading.definition import Point
-from trackbench.keys import OpenShare
+from trackbench.evaluation.metric_expression import Measure, OfRank, measure
+from trackbench.evaluation.uniformity_tests import Histogram, kolmogorov_band
+from trackbench.field_types import OpenShare
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Axes, Figure
-from trackbench.report.figures.curves import Curves
+from trackbench.report.figures.over_time import Curves
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
-from trackbench.report.results import Results
-from trackbench.report.uniform import (
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.rank_histograms import (
     check_rank,
     histogram,
     judged,
@@ -26,7 +27,7 @@ from trackbench.report.uniform import (
     shares_of_runs,
     steps_that_are_not,
 )
-from trackbench.report.wording import joined, named, percent, verb
+from trackbench.report.results import Results
 
 _ALPHA, _LEAST_P = 0.01, 1e-4
 _LEVELS = 101
@@ -69,7 +70,7 @@ class CalibrationFigure(FigureKind):
         )
         parts = {"flat but for chance": found.good, "not flat": list(found.bad)}
         words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
-        where = f"At {wording.heading(point)}: " if point else ""
+        where = f"At {phrases.heading(point)}: " if point else ""
         tests = f"({found.tests} tests, {_ALPHA:g} for all of them)"
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
@@ -87,7 +88,7 @@ class CalibrationFigure(FigureKind):
                     ax.set_axis_off()
                 else:
                     _bars(ax, found, results.look(label)["color"], over_steps=not m.steps)
-            head = ", ".join(filter(None, [label, wording.heading(point)]))
+            head = ", ".join(filter(None, [label, phrases.heading(point)]))
             line[0].set_ylabel(style.words(head, 16))
         for ax, head in zip(axes[0], self.columns, strict=True):
             ax.set_title(f"{head}\n{ax.get_title()}".strip())
@@ -145,7 +146,7 @@ class Reliability(Curves):
             level, share, _, runs = _coverage(results, point, label, self.metric)
             if runs:
                 told.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
-        where = f" at {wording.heading(point)}" if point else ""
+        where = f" at {phrases.heading(point)}" if point else ""
         return (
             f"In the region of 90 %{where} are, of the truths: {', '.join(told)}." if told else ""
         )

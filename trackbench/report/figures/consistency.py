@@ -5,15 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.evaluation.intervals import anees_band
-from trackbench.evaluation.measure import OfStep, OfSummary, measure
-from trackbench.keys import Count, OpenShare, Positive
+from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
+from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Figure
-from trackbench.report.figures.curves import OverTime
+from trackbench.report.figures.over_time import OverTime
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Figure
 from trackbench.report.results import Results
-from trackbench.report.wording import named
 
 
 @register("figures", "anees")
@@ -39,7 +40,7 @@ class Anees(OverTime):
         told = [
             f"{named(label)} {100 * share:.0f} %" for share, label in sorted(parts, reverse=True)
         ]
-        where = f" at {wording.heading(point)}" if point else ""
+        where = f" at {phrases.heading(point)}" if point else ""
         what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
         return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
@@ -108,7 +109,7 @@ class Dots(FigureKind):
         )
         for row, point in zip(axes, points, strict=True):
             rows = results.columns("summary", point)
-            row[len(row) // 2].set_title(wording.heading(point))
+            row[len(row) // 2].set_title(phrases.heading(point))
             for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
                 mine = rows.where(metric=metric).tuples(["filter", "value", "stderr"])
                 found = {label: estimate for label, *estimate in mine}

@@ -6,12 +6,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.measure import Expression, measure
-from trackbench.experiment.reading.definition import Point
+from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Axes, Figure
 from trackbench.report.costs import (
     COST,
     MICRO,
@@ -24,10 +22,13 @@ from trackbench.report.costs import (
     shown,
 )
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import points_of, scenes
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import joined
+from trackbench.report.grid_queries import points_of, scenes
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
-from trackbench.report.wording import joined
 
 _MARKERS = "osD^vP*X"
 _FRONT: dict[str, Any] = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
@@ -71,10 +72,10 @@ class AccuracyVsCost(FigureKind):
         best = [id(spot) for spot in self._front(there)]
         found = []
         for curve in there:
-            sizes = [wording.number(spot.size) for spot in curve.spots if id(spot) in best]
+            sizes = [phrases.number(spot.size) for spot in curve.spots if id(spot) in best]
             size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
             found += [f"{curve.name}{size}"] if sizes else []
-        where = f" at {wording.heading(scene)}" if scene else ""
+        where = f" at {phrases.heading(scene)}" if scene else ""
         return f"On the front{where}: {'; '.join(found)}." if found else ""
 
     def draw(self, results: Results) -> Figure:
@@ -137,7 +138,7 @@ class AccuracyVsCost(FigureKind):
         ax.errorbar(x[0], y[0], 2.0 * y[1], 2.0 * x[1], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
-            ax.annotate(wording.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
+            ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
                         fontsize=6, color=look["color"])  # fmt: skip
 
 

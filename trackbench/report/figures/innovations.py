@@ -6,15 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.foretelling import LAGS
 from trackbench.evaluation.intervals import anees_band
-from trackbench.evaluation.measure import measured
-from trackbench.keys import Count
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.predictive_scores import LAGS
+from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report import style
-from trackbench.report.artists import Figure
-from trackbench.report.bands import autocorrelation_band
-from trackbench.report.figures.curves import Curves, OverTime
+from trackbench.report.consistency_bands import autocorrelation_band
+from trackbench.report.figures.over_time import Curves, OverTime
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Figure
 from trackbench.report.results import Results
 
 _ENOUGH = 60  # measured components whose average is worth a point

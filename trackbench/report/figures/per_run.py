@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.measure import OfRun, measure
+from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
-from trackbench.report.artists import Figure
-from trackbench.report.figures.curves import Curves
+from trackbench.report.figures.over_time import Curves
+from trackbench.report.findings.captions import ranking
+from trackbench.report.plotting.artist_types import Figure
 from trackbench.report.results import Results
-from trackbench.report.telling import ranking
 
 _MOST = 200  # points of a line over the share of runs
 

@@ -1,135 +1,239 @@
-"""Figure kind `rmse-vs-parameter`: a metric against a value the experiment's grid varies."""
+"""Figure kind `sweep`: metrics over one key that a grid varies, or over two as heat maps."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from trackbench.config.experiment import Point
+from trackbench.config.grid import filters_of, is_of_scenario
 from trackbench.core.arrays import Array
-from trackbench.evaluation.measure import OfSummary, measure
-from trackbench.experiment.reading.definition import Point
-from trackbench.keys import is_number
+from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
+from trackbench.field_types import is_number
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Axes, Figure
-from trackbench.report.columns import Columns
-from trackbench.report.grids import missing_paths
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import mean_of, named, three_digits
+from trackbench.report.findings.ranking import ranking_metrics
+from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
-from trackbench.report.wording import named, three_digits
 
-_GAP = 0.2  # of a decade's factor: where zero stands on a logarithmic axis, left of the least value
+_ROW_IN = 2.6
+_MOST_ERRORS = 2
+_MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
+_DECADE = 10.0  # between the ends of an axis that is logarithmic
+_FEW = 3  # filters that are not varied and drawn all
 
 
-@register("figures", "rmse-vs-parameter")
+@register("figures", "sweep")
 @dataclass(frozen=True, kw_only=True)
-class RmseVsParameter(FigureKind):
-    """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
+class SweepFigure(FigureKind):
+    """Metrics of summary.csv over one path of the grid, a panel each; the first one over two paths.
 
-    Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
-    on a logarithmic axis stands at the left, apart.
+    Over one path: the filters that it varies, the best of each marked, bars of two standard errors; of
+    filters that it leaves as they are a level, if they are many the best one's only. Over two paths: a
+    heat map for each filter that they vary, the best framed. Other paths keep their first values, and
+    filters that only they vary are left out.
     """
 
-    parameter: str | None = None
-    """path of the grid that is the horizontal axis; default: the only one"""
-    metric: OfSummary = measure("mean(rmse_position)")
-    """metric of summary.csv"""
+    paths: tuple[str, ...]
+    """one path of the grid, or two"""
+    metrics: dict[str, OfSummary] = field(default_factory=dict)
+    """label of the axis: metric of summary.csv; default: the first errors and ANEES, or log scores"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all"""
-    x_label: str = ""
-    """label of the horizontal axis, with its unit; default: the path"""
-    y_label: str = ""
-    """label of the vertical axis, with its unit; default: the metric"""
-    log_x: bool = True
-    """logarithmic horizontal axis"""
-    log_y: bool = True
-    """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """The axis must be a path of the grid, and its values numbers."""
-        path = self.parameter or next(iter(points[0].values), "")
-        found = missing_paths(points, parameter=path)
-        values = [point.values[path] for point in points] if not found else []
-        words = [value for value in values if not is_number(value)]
-        return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
+        """One path of the grid, or two."""
+        if not 1 <= len(self.paths) <= 2:
+            return {"paths": f"{len(self.paths)} paths; name one or two"}
+        return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
 
     def tell(self, results: Results) -> str:
-        """Where each filter is best."""
-        path, shown = self._shown(results)
-        name, unit = wording.quantity(path)
+        """Where each filter is best by the first metric."""
+        held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
         told = []
-        for label in results.chosen(self.filters):
-            rows = shown.where(filter=label)
-            x, y = (rows[c][np.isfinite(rows["value"])] for c in (path, "value"))
-            if len(y) and np.ptp(y) > 0.0:
-                best = three_digits(float(y.min()))
-                told.append(f"{named(label)} {best} at {x[y.argmin()]:g} {unit}".rstrip())
-        return f"Least over {name}: {', '.join(told)}." if told else ""
-
-    def _shown(self, results: Results) -> tuple[str, Columns]:
-        """Path of the horizontal axis, and rows of summary.csv: other paths at their first values."""
-        path = self.parameter or results.grid[0]
-        held = {p: v for p, v in results.points()[0].items() if p != path}
-        return path, results.columns("summary", held).where(metric=str(self.metric))
+        for label in self._labels(results)[1] if metrics else ():
+            rows = held.of(label, metrics[0])
+            if rows:
+                best = rows[_best(np.array([row[-2] for row in rows]), metrics[0])]
+                at = phrases.heading(dict(zip(self.paths, best, strict=False)))
+                told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
+        return f"Best: {'; '.join(told)}." if told else ""
 
     def draw(self, results: Results) -> Figure:
-        """One panel; other paths of the grid are held at their first values."""
-        path, shown = self._shown(results)
-        figure, ax = style.subplots(1, 1, 3.6)
-        labels = results.chosen(self.filters)
-        for label in labels:
-            rows = shown.where(filter=label)
-            rows = rows.chosen(np.argsort(rows[path], kind="stable"))
-            x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
-            self._line(ax, x, y, stderr, label, results.look(label))
-        if self.log_x and len(shown):
-            _logarithmic(ax, np.unique(shown[path].astype(float)))
-        if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm
+        """Panels of metrics, or of filters."""
+        held, metrics = _Held(results, self.paths), self._metrics(results)
+        labels, varied = self._labels(results)
+        if len(self.paths) == 2:
+            return _heat_maps(held, *self.paths, varied, metrics, self.title)
+        return _lines(held, self.paths[0], labels, varied, metrics, self.title)
+
+    def _metrics(self, results: Results) -> dict[str, Measure]:
+        return self.metrics or shown_metrics(results)
+
+    def _labels(self, results: Results) -> tuple[list[str], list[str]]:
+        """Filters that are shown, and those of them that these paths vary."""
+        varied = [b for b in results.labels if any(_varies(results, p, b) for p in self.paths)]
+        elsewhere = {b for p in results.grid for b in results.filters if _varies(results, p, b)}
+        labels = [b for b in results.chosen(self.filters) if b in varied or b not in elsewhere]
+        return labels, [b for b in labels if b in varied]
+
+
+def shown_metrics(results: Results) -> dict[str, Measure]:
+    """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
+    there = set(results.columns("summary")["metric"])
+    ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
+    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
+    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in there]
+    return {"ANEES" if str(m) == "anees" else mean_of(m): m for m in chosen}
+
+
+def _varies(results: Results, path: str, label: str) -> bool:
+    return is_of_scenario(path) or label in filters_of(path, results.config["filters"])
+
+
+class _Held:
+    """summary.csv where all paths but the shown ones have their first values."""
+
+    def __init__(self, results: Results, paths: Sequence[str]) -> None:
+        self.results, self.paths = results, paths
+        points = results.points()
+        held = {p: v for p, v in points[0].items() if p not in paths}
+        self._rows = results.columns("summary", held)
+        self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
+
+    def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
+        """Values of the paths, value and standard error where there is a number."""
+        rows = self._rows.where(filter=label, metric=str(metric))
+        found = rows.tuples([*self.paths, "value", "stderr"])
+        return [row for row in found if np.isfinite(row[-2])]
+
+
+def _lines(
+    held: _Held,
+    path: str,
+    labels: list[str],
+    varied: list[str],
+    metrics: dict[str, Measure],
+    title: str,
+) -> Figure:
+    figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
+    values = held.values[path]
+    numeric = all(map(is_number, values))
+    for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
+        drawn = _drawn(held, labels, varied, metric)
+        for label in drawn:
+            _line(ax, held, label, metric, None if numeric else values, label in varied)
+        _scale(ax, values, numeric)
+        heights = [float(row[-2]) for label in drawn for row in held.of(label, metric)]
+        if heights and 0.0 < _DECADE * min(heights) < max(heights):
             ax.set_yscale("log")
-            style.plain_log_axis(ax.yaxis, most=float("inf"))
-        ax.set_xlabel(self.x_label or wording.axis(path))
-        ax.set_ylabel(self.y_label or wording.error_of(self.metric))
-        style.title(figure, self.title)
-        style.legend_outside(figure)
-        return figure
-
-    def _line(
-        self, ax: Axes, x: Array, y: Array, stderr: Array, label: str, look: dict[str, Any]
-    ) -> None:
-        shown = _moved_zero(x) if self.log_x else x
-        if len(y) and np.ptp(y) == 0.0:
-            ax.axhline(y[0], label=label, **look | {"linewidth": 0.9})
-            return
-        ax.plot(shown, y, label=label, **look)
-        bars = 2.0 * stderr
-        ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
-                    label=f"_{label}")  # fmt: skip
-        if np.isfinite(y).any():
-            best = int(np.nanargmin(y))
-            ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3,
-                    label=f"_{label}")  # fmt: skip
+            style.plain_log_axis(ax.yaxis, most=np.inf)
+        ax.set(xlabel=phrases.axis(path), ylabel=words)
+    style.title(figure, title)
+    style.legend_outside(figure)
+    return figure
 
 
-def _moved_zero(x: Array) -> Array:
-    positive = x[x > 0.0]
-    return np.where(x > 0.0, x, _GAP * positive.min() if len(positive) else 1.0)
+def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
+    """What varies, and what does not: of many the best."""
+    levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
+    if len(levels) <= _FEW:
+        return [b for b in labels if b in varied or b in levels]
+    best = [*levels][_best(np.array([*levels.values()]), metric)]
+    return [b for b in labels if b in varied or b == best]
 
 
-def _logarithmic(ax: Axes, values: Array) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    from trackbench.report.powers import power_of_ten
-
-    ax.set_xscale("log")
-    if values[0] > 0.0:
+def _line(
+    ax: Axes, held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
+) -> None:
+    rows, look = held.of(label, metric), held.results.look(label)
+    if not rows:
         return
-    zero = _moved_zero(values)[0]
-    decades = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
-    ax.xaxis.set_major_locator(FixedLocator([zero, *10.0**decades]))
-    ax.xaxis.set_minor_locator(NullLocator())
+    if not varied:
+        ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
+        return
+    x = [row[0] if words is None else words.index(row[0]) for row in rows]
+    y, stderr = (np.array([row[i] for row in rows], dtype=float) for i in (-2, -1))
+    bars = np.where(np.isfinite(stderr), 2.0 * stderr, 0.0)
+    ax.plot(x, y, label=label, marker="o", markersize=3, **look)
+    more: Any = {"color": look["color"], "label": f"_{label}"}
+    ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
+    best = _best(y, metric)
+    ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
 
-    def words(x: float, _: object) -> str:
-        return "0" if np.isclose(x, zero) else power_of_ten(round(np.log10(x)))
 
-    ax.xaxis.set_major_formatter(FuncFormatter(words))
+def _best(values: Array, metric: Measure) -> int:
+    """Place of the best among numbers, NaN where there is none."""
+    better = metric.family[0].better
+    if better == "higher":
+        return int(np.nanargmax(values))
+    return int(np.nanargmin(np.abs(values - 1.0) if better == "one" else values))
+
+
+def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
+    if not numeric:
+        ax.set_xticks(range(len(values)), [str(v) for v in values])
+    elif min(values) > 0 and max(values) >= 50 * min(values):
+        ax.set_xscale("log")
+
+
+def _heat_maps(
+    held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
+) -> Figure:
+    """A panel per filter, on one colour scale; the best value is framed."""
+    words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
+    across, down = held.values[x], held.values[y]
+    fields = {label: _field(held, label, metric, across, down) for label in labels}
+    fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
+    figure, axes = style.mosaic(len(fields), _ROW_IN, 0.6)
+    finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
+    for ax, (label, values) in zip(axes, fields.items(), strict=False):
+        image = ax.imshow(
+            values, origin="lower", aspect="auto", vmin=finite.min(), vmax=finite.max()
+        )
+        ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
+        ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
+        ax.set_title(style.words(label))
+        ax.grid(visible=False)
+        _write_values(ax, values, finite, few=len(axes) == 1)
+        _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
+    figure.supxlabel(phrases.axis(x))
+    figure.supylabel(phrases.axis(y))
+    style.title(figure, title)
+    if fields:
+        figure.colorbar(image, ax=axes, label=words)
+    return figure
+
+
+def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
+    """The metric (values of the second path, values of the first), NaN where there is none."""
+    found = np.full((len(down), len(across)), np.nan)
+    for a, b, value, _ in held.of(label, metric):
+        found[down.index(b), across.index(a)] = value
+    return found
+
+
+def _write_values(ax: Axes, values: Array, finite: Array, few: bool) -> None:
+    if max(values.shape) > (_MOST_TEXT if few else _MOST_TEXT // 2):
+        return
+    middle = 0.5 * (finite.min() + finite.max())
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            colour = "black" if value > middle else "white"
+            ax.text(j, i, f"{value:.3g}", ha="center", va="center", color=colour, fontsize=8)
+
+
+def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
+    from matplotlib.patches import Rectangle
+
+    i, j = at
+    frame = Rectangle(
+        (j - 0.5, i - 0.5), 1, 1, fill=False, edgecolor=style.COLOURS[1], linewidth=2, zorder=5
+    )
+    frame.set_clip_on(False)
+    ax.add_patch(frame)

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, ClassVar
 
+from trackbench.config.tuning_settings import Axis
 from trackbench.registry import register
-from trackbench.report import style, wording
-from trackbench.report.artists import Axes, Figure
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
-from trackbench.tuning.axes import Axis
 from trackbench.tuning.record import Record
 
 _ABROAD = 3.0  # of the best half's spread: trials further up are off the page
@@ -65,7 +66,7 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:
-        ax.set_xticks(range(len(axis.choices)), [wording.number(c) for c in axis.choices])
+        ax.set_xticks(range(len(axis.choices)), [phrases.number(c) for c in axis.choices])
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 from trackbench.evaluation.statistics import Estimate
-from trackbench.keys import Digits
+from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report import wording
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import mean_of
+from trackbench.report.findings.ranking import Standing, best_settings
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
-from trackbench.report.standing import Standing, best_settings
 from trackbench.report.table import Cell, Table
-from trackbench.report.wording import mean_of
 
 _MOST = 6
 
@@ -31,14 +31,14 @@ class BestSettings(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         found = best_settings(results)
-        where = [wording.axis(path) for path in (found[0].where if found else ())]
+        where = [phrases.axis(path) for path in (found[0].where if found else ())]
         heads = [*where, "Filter", "Best at", "Not told apart"]
         value = mean_of(found[0].metric) if found else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
         for standing in found:
             if standing.best is not None:
-                keys = [*map(wording.number, standing.where.values()), *_keys(standing)]
+                keys = [*map(phrases.number, standing.where.values()), *_keys(standing)]
                 table.add(keys, _cells(standing))
         if not table.keys:
             table.notes.append("Of one value none is the best.")

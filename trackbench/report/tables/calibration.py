@@ -5,17 +5,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.evaluation.measure import OfRank
+from trackbench.config.experiment import Point
+from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.statistics import Estimate
-from trackbench.evaluation.uniformity import Histogram
-from trackbench.experiment.reading.definition import Point
-from trackbench.keys import Digits, OpenShare
+from trackbench.evaluation.uniformity_tests import Histogram
+from trackbench.field_types import Digits, OpenShare
 from trackbench.registry import register
+from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import TableKind
+from trackbench.report.rank_histograms import (
+    Uniformity,
+    check_rank,
+    histogram,
+    judged,
+    steps_that_are_not,
+)
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.uniform import Uniformity, check_rank, histogram, judged, steps_that_are_not
-from trackbench.report.wording import joined
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
 

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import counted
 from trackbench.evaluation.intervals import anees_band
 from trackbench.evaluation.statistics import Estimate
-from trackbench.experiment.problems import counted
-from trackbench.keys import Digits
+from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results

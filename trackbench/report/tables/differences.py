@@ -3,16 +3,17 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from trackbench.evaluation.measure import OfRun
-from trackbench.experiment.reading.definition import Labelled
-from trackbench.keys import Digits
+from trackbench.config.experiment import Labelled
+from trackbench.evaluation.metric_expression import OfRun
+from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report import agreement, wording
+from trackbench.report.estimates import Term
 from trackbench.report.expressions import Expressions
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.terms import Term
+from trackbench.report.verdicts import rules
 
 
 @register("tables", "differences")
@@ -83,7 +84,7 @@ class Claims(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         points = results.points()
-        names = [", ".join(map(wording.number, point.values())) or "all runs" for point in points]
+        names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
         at = [Expressions(results, point) for point in points]
         for words, claim in self.claims.items():
@@ -98,9 +99,7 @@ def _compared(evidence: Expressions, claim: ClaimRow) -> tuple[Term, str]:
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
     off = evidence.difference(less, than)
-    return off, agreement.of_claim(
-        -off.z(), [-part.z() for part in off.parts(evidence.batches)]
-    ).word
+    return off, rules.of_claim(-off.z(), [-part.z() for part in off.parts(evidence.batches)]).word
 
 
 def _ranges(names: list[str], words: list[str]) -> str:

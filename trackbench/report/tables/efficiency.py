@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.core.elementary import exp
 from trackbench.evaluation.efficiency import (
     Jackknifed,
@@ -15,12 +16,10 @@ from trackbench.evaluation.efficiency import (
     runs_saved,
 )
 from trackbench.evaluation.intervals import normal_of_t
-from trackbench.evaluation.measure import Expression, measure
+from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.experiment.reading.definition import Point
-from trackbench.keys import Digits
+from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report import wording
 from trackbench.report.costs import (
     COST,
     MICRO,
@@ -34,9 +33,10 @@ from trackbench.report.costs import (
     shown,
 )
 from trackbench.report.expressions import Expressions
-from trackbench.report.grids import named_form, points_of, scenes
+from trackbench.report.findings import phrases
+from trackbench.report.grid_queries import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
-from trackbench.report.lost import loses_more
+from trackbench.report.lost_runs import loses_more
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
@@ -69,12 +69,12 @@ class EfficiencyTable(TableKind):
         """The table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(wording.axis, every[0]), "Filter"], heads, self.digits)
+        table = Table(self.title, [*map(phrases.axis, every[0]), "Filter"], heads, self.digits)
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
                     cells = self._cells(Expressions(results, point), label)
-                    keys = [*map(wording.number, scene.values()), name]
+                    keys = [*map(phrases.number, scene.values()), name]
                     table.add(keys, cells)
                     if _is_not_zero(cells[-1]):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
@@ -155,7 +155,7 @@ class EqualCost(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         every, metric = scenes(results), str(self.metric)
-        heads = [*map(wording.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
+        heads = [*map(phrases.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
         table = Table(self.title, heads, values, self.digits)
         table.least = [] if self.metric.family[0].more_is_better else [values.index(metric)]
@@ -166,8 +166,8 @@ class EqualCost(TableKind):
             rivals = [curve for curve in there if curve.label in labels]
             for curve in there:
                 for spot in curve.spots if curve.label == self.of else ():
-                    size = wording.number(spot.size) + curve.name.removeprefix(self.of)
-                    keys = [*map(wording.number, scene.values()), size]
+                    size = phrases.number(spot.size) + curve.name.removeprefix(self.of)
+                    keys = [*map(phrases.number, scene.values()), size]
                     self._add(table, keys, rivals, spot)
         return table
 

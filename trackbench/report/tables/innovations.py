@@ -6,15 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.keys import Digits
+from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report import wording
-from trackbench.report.bands import anis_band, autocorrelation_band
+from trackbench.report.consistency_bands import anis_band, autocorrelation_band
+from trackbench.report.estimates import MISSING
 from trackbench.report.expressions import Expressions
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.report.terms import MISSING
 
 _COLUMNS = {
     "ANIS": "mean(anis)",
@@ -86,8 +86,8 @@ def _bands(results: Results, labels: list[str]) -> list[str]:
             for told in _told(results.runs(point), label):
                 alike.setdefault(told, []).append(label)
         for told, names in alike.items():
-            who = [wording.listed(names)] if len(alike) > 1 else []
-            where = [wording.heading(point)] if point else []
+            who = [phrases.listed(names)] if len(alike) > 1 else []
+            where = [phrases.heading(point)] if point else []
             said.setdefault(told, []).append(", ".join(who + where))
     if len(said) == 1:
         return list(said)

@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from trackbench.evaluation.measure import Expression, Measure
-from trackbench.evaluation.metrics import LOST_BECAUSE
-from trackbench.experiment.problems import counted
-from trackbench.experiment.reading.definition import Labelled
-from trackbench.keys import Digits
+from trackbench.config.experiment import Labelled
+from trackbench.errors import counted
+from trackbench.evaluation.error_series import LOST_BECAUSE
+from trackbench.evaluation.metric_expression import Expression, Measure
+from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Expressions
 from trackbench.report.kinds import TableKind

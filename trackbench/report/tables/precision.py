@@ -5,9 +5,9 @@ from typing import Any
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.precision import Looked, Wanted, exact_after, looked, looks
 from trackbench.evaluation.statistics import Estimate
-from trackbench.keys import Digits
+from trackbench.evaluation.stopping_rule import Looked, Wanted, exact_after, looked, looks
+from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results

@@ -6,17 +6,17 @@ from math import isfinite
 
 import numpy as np
 
+from trackbench.config.tuning_objective import Objective, Score, made_small
+from trackbench.config.tuning_settings import tuned
+from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, mean
-from trackbench.experiment.problems import counted
-from trackbench.keys import Digits
+from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report import wording
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.tuning.objective import Objective, Score, made_small
 from trackbench.tuning.record import Record
-from trackbench.tuning.settings import tuned
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
 _SEEN = 2.0  # standard errors
@@ -85,8 +85,8 @@ def _score(
 def _found(record: Record) -> str:
     parts = []
     for axis in record.axes:
-        near = [wording.number(value) for value in record.within(axis)]
-        value = wording.number(record.best.values[axis.key])
+        near = [phrases.number(value) for value in record.within(axis)]
+        value = phrases.number(record.best.values[axis.key])
         if axis.choices:
             also = [v for v in near if v != value]
             parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))

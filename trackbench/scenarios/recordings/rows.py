@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.keys import DataError, MistakenKeyError, Place
-from trackbench.scenarios.recordings.naming import Columns, Naming
-from trackbench.scenarios.recordings.tables import Table
+from trackbench.field_types import DataError, MistakenKeyError, Place
+from trackbench.scenarios.recordings.column_mapping import Columns, Naming
+from trackbench.scenarios.recordings.csv_tables import Table
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""

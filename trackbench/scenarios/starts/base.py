@@ -7,10 +7,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.streams import Streams
-from trackbench.hooks import Part
+from trackbench.core.random_streams import Streams
+from trackbench.extension_points import Part
 from trackbench.models.base import LocatingSensor
-from trackbench.models.several import Sensors, each, rows_of
+from trackbench.models.sensors.stacked import Sensors, each, rows_of
 
 
 class Opening(NamedTuple):

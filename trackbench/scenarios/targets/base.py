@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.streams import Streams
-from trackbench.hooks import Part
-from trackbench.keys import Finite
+from trackbench.core.random_streams import Streams
+from trackbench.extension_points import Part
+from trackbench.field_types import Finite
 from trackbench.models.base import Motion, moving
-from trackbench.models.several import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.base import in_window
 from trackbench.scenarios.starts.base import Start
 

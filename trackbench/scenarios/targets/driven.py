@@ -7,12 +7,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
-from trackbench.core.streams import Streams
-from trackbench.keys import Finite, PartOf, Positive
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import Finite, PartOf, Positive
+from trackbench.models.augmented_prior import with_rest
 from trackbench.models.base import Motion, extra_std
-from trackbench.models.extended import with_rest
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.several import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
 

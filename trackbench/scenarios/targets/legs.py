@@ -7,12 +7,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean
-from trackbench.keys import Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.field_types import Finite, MistakenKeyError, NonNegative, Positive
 from trackbench.models.motions.turn import turned
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Launch, Scored, Timeline
-from trackbench.scenarios.targets.flown import Flown
-from trackbench.scenarios.targets.onsets import Onsets
+from trackbench.scenarios.targets.fixed_path import Flown
+from trackbench.scenarios.targets.maneuver_metrics import Onsets
 
 
 @dataclass(frozen=True, kw_only=True)

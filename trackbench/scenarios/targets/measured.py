@@ -8,18 +8,23 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.streams import Streams
-from trackbench.keys import DataFile, MistakenKeyError, Positive
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import DataFile, MistakenKeyError, Positive
 from trackbench.models.base import moving
-from trackbench.models.several import Sensors, each, rows_of
-from trackbench.models.twopoint import TwoPoint
+from trackbench.models.sensors.stacked import Sensors, each, rows_of
+from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
-from trackbench.scenarios.recordings.columns import recorded_columns
-from trackbench.scenarios.recordings.content import FromFiles
-from trackbench.scenarios.recordings.naming import Naming
-from trackbench.scenarios.recordings.recording import Clock, laid_out, one_clock, opened, with_scans
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.data_files import FromFiles, recorded_columns
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
-from trackbench.scenarios.recordings.truths import truth_at
+from trackbench.scenarios.recordings.time_alignment import (
+    Clock,
+    laid_out,
+    one_clock,
+    opened,
+    truth_at,
+    with_scans,
+)
 from trackbench.scenarios.starts.base import Start, locating
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
 

@@ -8,9 +8,9 @@ from annotated_types import Interval
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
-from trackbench.core.streams import Streams
-from trackbench.keys import NonNegative, Positive, Steps
-from trackbench.models.several import Sensors
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import NonNegative, Positive, Steps
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Target, Timeline, measured_along
 

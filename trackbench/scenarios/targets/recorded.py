@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
-from trackbench.keys import DataError, DataFile, Place
+from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
-from trackbench.scenarios.recordings.content import FromFiles
-from trackbench.scenarios.recordings.naming import Naming
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.rows import Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.targets.base import Timeline
-from trackbench.scenarios.targets.flown import Flown
+from trackbench.scenarios.targets.fixed_path import Flown
 from trackbench.scenarios.targets.waypoints import smooth_path
 
 _POSITIONS = ("x", "y", "z")

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.keys import Finite, Positive
+from trackbench.field_types import Finite, Positive
 from trackbench.registry import register
-from trackbench.scenarios.targets.flown import Flown
+from trackbench.scenarios.targets.fixed_path import Flown
 
 
 @register("targets", "waypoints")

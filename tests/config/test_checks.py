@@ -1,0 +1,28 @@
+"""`check` reads and compares: no experiment is simulated and no filter is started to validate it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import EXPERIMENTS
+from trackbench import api
+from trackbench.execution.plan import cautions, check_memory, make_plan
+from trackbench.registry import kinds
+
+
+def _refused(*_: Any, **__: Any) -> Any:
+    raise AssertionError("validation computes")
+
+
+@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_validation_computes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cls in kinds("filters").values():
+        for name in ("init", "step", "estimate"):
+            monkeypatch.setattr(cls, name, _refused)
+    for cls in kinds("scenarios").values():
+        monkeypatch.setattr(cls, "simulate", _refused)
+    experiment = api.prepare(path, api.Options())
+    check_memory(experiment, workers=1)
+    make_plan(experiment, save_tracks=False)
+    cautions(experiment.points)

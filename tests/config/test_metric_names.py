@@ -1,0 +1,208 @@
+"""Metrics by name: what a config asks for must be there, and what it keeps is what is written."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.config import metric_names
+from trackbench.errors import UserError
+from trackbench.filters.base import tells_notes
+from trackbench.filters.particle_filters import PF
+from trackbench.registry import kinds
+
+CONFIG = """\
+name: small
+runs: 3
+scenario: MERWE
+filters:
+  PF: {kind: pf, N: 10}
+  EKF: {kind: ekf}
+""".replace("MERWE", merwe_text(T=8))
+
+
+def prepared(folder: Path, more: str) -> list[str]:
+    """The mistakes of a config."""
+    path = folder / "c.yaml"
+    path.write_text(CONFIG + more)
+    try:
+        api.prepare(path, api.Options())
+    except UserError as error:
+        return [line.removeprefix(f"{path}:") for line in str(error).splitlines()]
+    return []
+
+
+@pytest.mark.parametrize(
+    ("more", "mistake"),
+    [
+        (
+            "until: {mean(rmsee): 1%}",
+            "7:22: until.mean(rmsee): 'mean(rmsee)' is no metric here; did you mean mean(rmse)?",
+        ),
+        ("medians: [nes]", "7:11: medians.0: 'nes' is no metric here; did you mean nees?"),
+        ("metrics: [rmze]", "7:11: metrics.0: 'rmze' is no metric here; did you mean rmse?"),
+        ("per_step: [anes]", "7:12: per_step.0: 'anes' is no metric here; did you mean nees?"),
+        (
+            "tables: {a: {kind: metrics, columns: {A: mean(rmsee)}}}",
+            "7:42: tables.a.columns.A: 'rmsee' is no metric here; did you mean rmse?",
+        ),
+        (
+            'tables: {a: {kind: metrics, columns: {A: "gain(rms(rmse[late]), PF)"}}}',
+            "7:42: tables.a.columns.A: 'rmse[late]' is no metric here; did you mean rmse[k<=30]?",
+        ),
+        (
+            "tables: {a: {kind: differences, against: PF, columns: {A: bais}}}",
+            "7:59: tables.a.columns.A: 'bais' is no metric here; did you mean bias?",
+        ),
+        (
+            "tables: {a: {kind: claims, claims: {A: {less: PF, than: EKF, metric: rms}}}}",
+            "7:70: tables.a.claims.A.metric: 'rms' is no metric here; did you mean rmse?",
+        ),
+        (
+            "figures: {a: {kind: bias, rows: {A: bais}}}",
+            "7:37: figures.a.rows.A: 'bais' is no metric here; did you mean bias?",
+        ),
+        (
+            "figures: {a: {kind: bars, metric: dead_steqs@3}}",
+            "7:35: figures.a.metric: 'dead_steqs' is no metric here; did you mean dead_steps?",
+        ),
+        (
+            "metrics: [nees]\nfigures: {a: {kind: rmse-vs-time}}",
+            "8:14: figures.a.metric: 'rmse' is not kept: name it under metrics",
+        ),
+        (
+            "metrics: [rmse, nees]\ntables: {a: {kind: consistency}}",
+            "8:13: tables.a: 'nis' is not kept: name it under metrics",
+        ),
+        (
+            "metrics: [rmse, nis]\ntables: {a: {kind: consistency}}",
+            "8:13: tables.a: 'anees' is not kept: name it under metrics",
+        ),
+        (
+            "per_step: []\nfigures: {a: {kind: rmse-vs-time}}",
+            "8:14: figures.a.metric: 'rmse' is not kept: name it under per_step",
+        ),
+    ],
+)
+def test_an_unknown_metric_is_one_line(tmp_path: Path, more: str, mistake: str) -> None:
+    assert prepared(tmp_path, more) == [mistake]
+
+
+COLUMNS = (
+    "tables: {a: {kind: metrics, columns: {A: 'mean(rmse[late])', B: mean(dead_steps), C: N}}}"
+)
+LATE = "tables.a.columns.A: 'rmse[late]' is no metric here; did you mean rmse[k<=30]?"
+
+
+def test_mistakes_elsewhere_hide_none_in_metrics(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("N: 10", "M: 10"))
+    found = prepared(tmp_path, f"seed: no\n{COLUMNS}")
+    assert found[1:] == ["7:7: seed: 'no' is not a whole number", f"8:42: {LATE}"]
+    assert found[0].startswith(
+        "5:18: filters.PF.M: unknown key"
+    )  # and N and dead_steps may be right
+
+
+def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("EKF: {kind: ekf}", "KF: {kind: kf}"))
+    found = prepared(tmp_path, COLUMNS)
+    assert all("filters.KF: kf needs" in line for line in found[:-1])
+    assert len(found) > 1
+    assert found[-1] == f"7:42: {LATE}"
+
+
+def test_what_is_not_kept_is_said_of_some_filters_alone(tmp_path: Path) -> None:
+    more = "only: [EKF]\nmetrics: [nees]\n" + COLUMNS.replace("'mean(rmse[late])'", "mean(rmse)")
+    assert prepared(tmp_path, more) == [
+        "9:42: tables.a.columns.A: 'rmse' is not kept: name it under metrics",
+        "9:57: tables.a.columns.B: 'dead_steps' is not kept: name it under metrics",
+    ]
+
+
+@pytest.mark.parametrize("key", ["needs", "moves_from", "weights"])
+def test_only_numbers_of_a_filter_are_shown(tmp_path: Path, key: str) -> None:
+    (mistake,) = prepared(tmp_path, f"tables: {{a: {{kind: metrics, columns: {{A: {key}}}}}}}")
+    assert f"'{key}' is no metric here" in mistake
+
+
+def test_what_there_is_may_be_asked_for(tmp_path: Path) -> None:
+    columns = (
+        'A: mean(rmse), B: anees, C: "ratio(cpu_s_per_run, PF)", D: rmse@last, E: N, '
+        "F: mean(dead_steps), G: time-mean(rmse), H: median(nees)"
+    )
+    more = f"medians: [nees]\ntables: {{a: {{kind: metrics, columns: {{{columns}}}}}}}\n"
+    figures = "figures: {a: {kind: rmse-vs-time, metric: median(nees)}, b: {kind: heat-map}}"
+    assert prepared(tmp_path, more + figures) == []
+
+
+def test_what_a_table_shows_by_itself_need_not_be_there(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"  # of a filter that notes no innovations
+    text = CONFIG.replace("  EKF: {kind: ekf}\n", "")
+    path.write_text(text + "metrics: [nees]\ntables: {a: {kind: consistency}}")
+    assert api.prepare(path, api.Options())
+
+
+def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> None:
+    """What it notes is unknown then, so nothing is said of names; its run reports the failure."""
+    from trackbench.filters.particle_filters import PF
+
+    def broken(*_):
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(PF, "init", broken)
+    monkeypatch.setattr(metric_names, "tells_notes", lambda cls: False)
+    more = "tables: {a: {kind: metrics, columns: {A: mean(dead_steps)}}}"
+    assert prepared(tmp_path, more) == []
+
+
+def test_only_named_metrics_are_written(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    options = api.Options(engine="serial", quiet=True, formats=())
+    whole = api.run(tmp_path / "c.yaml", options, out=tmp_path / "whole")
+    (tmp_path / "few.yaml").write_text(CONFIG + "metrics: [rmse]\nper_step: [bias, nis]\n")
+    few = api.run(tmp_path / "few.yaml", options, out=tmp_path / "few")
+    all_again = {"set": ("metrics=null", "per_step=null"), "out": tmp_path / "all"}
+    again = api.run(tmp_path / "few.yaml", options, **all_again)
+    pd.testing.assert_frame_equal(again.per_step, whole.per_step)
+    assert set(few.per_run["metric"].str.partition("[")[0]) == {"lost", "rmse"}
+    assert set(few.per_step["metric"]) == {"bias", "nis"}
+    assert set(few.summary["metric"]) >= {"mean(rmse)", "time-mean(rmse)"}
+    assert not few.summary["metric"].str.contains("nees").any()
+    for frame in ("per_run", "per_step", "summary"):
+        kept, every = getattr(few, frame), getattr(whole, frame)
+        keys = [c for c in kept.columns if c not in ("value", "stderr")]
+        both = kept.merge(every, on=keys, suffixes=("", "_whole"))
+        assert len(both) == len(kept)
+        pd.testing.assert_series_equal(both["value"], both["value_whole"], check_names=False)
+
+
+def test_numbers_have_the_digits_they_are_said_to_have(tmp_path: Path) -> None:
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    report = api.run(
+        tmp_path / "c.yaml",
+        api.Options(engine="serial", quiet=True, out=tmp_path / "r", formats=()),
+    )
+    for frame, digits in ((report.per_run, 7), (report.per_step, 6), (report.summary, 7)):
+        values = frame["value"].to_numpy(dtype=float)
+        shorter = np.array([float(f"{x:.{digits}g}") for x in values])
+        np.testing.assert_array_equal(values, shorter)
+        assert (values != [float(f"{x:.{digits - 2}g}") for x in values]).any()
+
+
+def test_no_step_is_needed_to_know_what_a_filter_of_the_package_notes() -> None:
+    assert all(tells_notes(cls) for cls in kinds("filters").values())
+
+
+def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
+    class More(PF):
+        def diagnostics(self, state: Any) -> Any:
+            return super().diagnostics(state) | {"mine": 1.0}
+
+    class Told(More):
+        notes = frozenset({"dead_steps", "ess", "distinct", "mine"})
+
+    assert [tells_notes(cls) for cls in (PF, More, Told)] == [True, False, True]

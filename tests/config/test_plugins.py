@@ -1,0 +1,252 @@
+"""Files of one's own: refused unless allowed, the same in workers, part of a block's key."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.commands import spawned, trackbench
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.config.load import load
+from trackbench.config.plugins import load_plugin
+from trackbench.errors import UserError
+from trackbench.execution.block_key import block_key
+from trackbench.execution.plan import make_plan
+from trackbench.plugins.errors import BadPluginError
+
+PLUGIN = '''
+"""A filter that believes the first measurement component."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.distributions import Gaussian
+from trackbench.registry import register
+
+
+@register("filters", "half")
+@dataclass(frozen=True, kw_only=True)
+class Half:
+    """FACTOR of the prior, for ever."""
+
+    scale: float = FACTOR
+    """factor on the prior's mean"""
+
+    def init(self, model, prior, rng):
+        n, runs = prior.mean.shape
+        return Gaussian(self.scale * prior.mean, np.ones((n, n, runs)))
+
+    def step(self, model, state, z, k, rng):
+        return state
+
+    def estimate(self, state):
+        return state
+'''
+CONFIG = """
+name: own
+runs: 8
+block: 2
+scenario: MERWE
+plugins: [half.py]
+filters:
+  Half: {kind: half}
+  PF: {kind: pf, N: 5}
+""".replace("MERWE", merwe_text(T=4))
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "half.py").write_text(PLUGIN.replace("FACTOR", "0.5"))
+    path = tmp_path / "own.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def blocks(folder: Path) -> dict[str, int]:
+    return json.loads((folder / "manifest.json").read_text())["blocks"]
+
+
+def test_a_plugin_is_refused_and_not_run(config: Path) -> None:
+    (config.parent / "half.py").write_text("open('ran', 'w').close()\n")
+    done = trackbench("run", "own.yaml", cwd=config.parent)
+    assert done.returncode == 2
+    assert "own.yaml:6:11: plugins.0: the code in half.py is run only with" in done.stderr
+    assert not (config.parent / "ran").exists()
+    assert not (config.parent / "results").exists()
+
+
+def test_a_plugin_runs_in_worker_processes(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    options = {"allow_plugins": True, "quiet": True, "formats": (), "fresh": True}
+    one = api.run(config, out=tmp_path / "one", engine="serial", **options)
+    two = api.run(config, out=tmp_path / "two", workers=2, **options)
+    for name in ("per_run.csv", "config.yaml"):
+        assert (one.folder / name).read_bytes() == (two.folder / name).read_bytes()
+    frame = one.per_run
+    assert (frame[(frame["filter"] == "Half") & (frame["metric"] == "lost")]["value"] == 0).all()
+    manifest = json.loads((one.folder / "manifest.json").read_text())
+    assert len(next(iter(manifest["plugins"].values()))) == 64
+
+
+def test_what_a_plugin_leaves_open_is_written_at_the_end(config: Path) -> None:
+    text = (config.parent / "half.py").read_text()
+    (config.parent / "half.py").write_text(
+        f"{text}\nLOG = open('log.txt', 'w')\nLOG.write('seen')\n"
+    )
+    done = spawned("check", "own.yaml", "--allow-plugins", cwd=config.parent)
+    assert done.returncode == 0, done.stderr
+    assert (config.parent / "log.txt").read_text() == "seen"
+
+
+def test_an_edited_plugin_never_meets_an_old_block(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    options = {"allow_plugins": True, "quiet": True, "formats": (), "workers": 1}
+    first = api.run(config, out=tmp_path / "out", **options)
+    assert blocks(first.folder) == {"computed": 8, "reused": 0}
+    text = (config.parent / "half.py").read_text()
+    (config.parent / "half.py").write_text(text + "\n# edited\n")
+    second = api.run(config, out=tmp_path / "out", **options)
+    assert blocks(second.folder) == {"computed": 4, "reused": 4}  # PF is not its business
+    again = api.run(tmp_path / "out" / "config.yaml", out=tmp_path / "again", **options)
+    assert blocks(again.folder) == {"computed": 0, "reused": 8}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("half.py", "1 / 0\n", "half.py:1: ZeroDivisionError: division by zero"),
+        ("half.py", "def (\n", "SyntaxError"),
+        ("half.py", None, "half.py: no such file or directory"),
+        ("half.txt", "x = 1\n", "is not the path of a Python file"),
+        ("half.py", PLUGIN.replace('"half"', '"pf"'), "kind 'pf' is already taken"),
+        (
+            "half.py",
+            "from trackbench.metrics import metric\nmetric('late_s', '', better='low')\n",
+            "half.py:2: ValueError: better='low' is none of lower, higher, zero, one, or nothing",
+        ),
+        (
+            "half.py",
+            PLUGIN.replace('"filters"', '"filter"'),
+            "half.py:13: ValueError: 'filter' is not a group of kinds: filters, scenarios, targets",
+        ),
+    ],
+)
+def test_plugins_with_mistakes(config: Path, name: str, content: str | None, expected: str) -> None:
+    config.write_text(CONFIG.replace("half.py", name))
+    (config.parent / "half.py").unlink()
+    if content is not None:
+        (config.parent / name).write_text(content.replace("FACTOR", "1"))
+    with pytest.raises(UserError) as caught:
+        load(config, allow_plugins=True)
+    assert str(caught.value).startswith(f"{config}:6:11: plugins.0: ")
+    assert expected in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+OTHER = PLUGIN.replace("FACTOR", "2")
+
+
+def test_two_plugins_cannot_register_the_same_kind(config: Path) -> None:
+    (config.parent / "sub").mkdir()
+    (config.parent / "sub" / "half.py").write_text(OTHER)
+    config.write_text(CONFIG.replace("[half.py]", "[half.py, sub/half.py]"))
+    with pytest.raises(UserError) as caught:
+        load(config, allow_plugins=True)
+    assert "the kind 'half' is registered by" in str(caught.value)
+    assert str(caught.value).startswith(f"{config}:6:20: plugins.1: ")
+
+
+def test_a_plugin_that_was_loaded_before_has_its_kinds_again(config: Path) -> None:
+    """In one process, after another file of the same name took them."""
+    other = config.parent / "sub"
+    other.mkdir()
+    (other / "half.py").write_text(OTHER)
+    (other / "own.yaml").write_text(CONFIG)
+    paths = (config, other / "own.yaml", config)
+    made = [load(path, allow_plugins=True).points[0].filters["Half"] for path in paths]
+    assert [tracker.scale for tracker in made] == [0.5, 2.0, 0.5]
+
+
+def test_a_plugin_may_be_mended(config: Path) -> None:
+    """What the code registered before it failed is not in the way of the next attempt."""
+    good = (config.parent / "half.py").read_text()
+    (config.parent / "half.py").write_text(good + "\n1 / 0\n")
+    for _ in range(2):
+        with pytest.raises(UserError, match=r"half\.py:\d+: ZeroDivisionError"):
+            load(config, allow_plugins=True)
+    (config.parent / "half.py").write_text(good + "\n# mended\n")
+    assert load(config, allow_plugins=True).points[0].filters["Half"].scale == 0.5
+
+
+def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = config.parent / "half.py"
+    path.write_text("import os, numpy\nfrom yaml.nodes import Node\n" + path.read_text())
+    keys, plugins = [], []
+    for number in ("1.0", "2.0"):
+        monkeypatch.setattr("trackbench.config.plugins.version", lambda name, n=number: n)
+        monkeypatch.setattr(
+            "trackbench.config.plugins.packages_distributions",
+            lambda: {"yaml": ["PyYAML"]},
+        )
+        experiment = load(config, allow_plugins=True)
+        plugins += experiment.plugins
+        task = make_plan(experiment).tasks[0, "Half"][0]
+        keys.append(block_key(task, task.used))
+    assert [plugin.packages for plugin in plugins] == [(("yaml", "1.0"),), (("yaml", "2.0"),)]
+    assert keys[0] != keys[1]
+    monkeypatch.undo()
+    monkeypatch.delitem(sys.modules, plugins[0].module)
+    with pytest.raises(BadPluginError, match=r"this worker has PyYAML .*, not yaml 1\.0"):
+        load_plugin(plugins[0])
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["z.setflags(write=True); z -= 50", "import ctypes; ctypes.memset(z.ctypes.data, 1, 8)"],
+)
+def test_a_plugin_changes_no_block_of_another_filter(
+    config: Path, change: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(config.parent / "cache"))
+    plugin = config.parent / "half.py"
+    plugin.write_text(plugin.read_text().replace("return state\n", f"{change}; return state\n", 1))
+    options = {"engine": "serial", "quiet": True}
+    beside = api.run(config, allow_plugins=True, out=config.parent / "beside", **options)
+    assert [line.partition(":")[0] for line in beside.failed] == ["Half failed"]
+    config.write_text(config.read_text().replace("plugins: [half.py]\n", "").replace("Half:", "# "))
+    again = api.run(config, out=config.parent / "again", **options)
+    fresh = api.run(config, out=config.parent / "fresh", fresh=True, **options)
+    assert blocks(again.folder) == {"computed": 0, "reused": 4}
+    assert again.per_run.equals(fresh.per_run)
+    of_pf = beside.per_run[beside.per_run["filter"] == "PF"].reset_index(drop=True)
+    assert of_pf.equals(fresh.per_run)
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_what_a_plugin_prints_is_not_among_the_objects(config: Path, engine: str) -> None:
+    loud = PLUGIN.replace("FACTOR", "0.5").replace(
+        "        return state\n",
+        "        print('hi')\n        os.system('echo there')\n        return state\n",
+        1,
+    )
+    (config.parent / "half.py").write_text("import os\nprint('loaded')\n" + loud)
+    words = ("run", "own.yaml", "--allow-plugins", "--json", "--format", "svg", "--fresh")
+    how = ("--engine", engine, "--workers", "2")
+    done = spawned(*words, *how, cwd=config.parent)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["experiment"] == "own"
+    assert {"loaded", "hi", "there"} <= set(done.stderr.splitlines())
+    done = spawned("check", "none.yaml", "--json", cwd=config.parent)
+    assert (done.returncode, json.loads(done.stdout)["good"]) == (2, False)
+    done = trackbench(*words, "--engine", "serial", cwd=config.parent)
+    assert json.loads(done.stdout)["failed"] == []

@@ -1,0 +1,80 @@
+"""The shipped files hold every number that the papers print, once per experiment, and can be read."""
+
+import csv
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import EXPERIMENTS, shipped
+from trackbench.config.published_csv import read_published
+from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import measure
+
+FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
+
+
+def rows(name: str) -> list[dict[str, str]]:
+    with (EXPERIMENTS / "published" / name).open() as file:
+        return list(csv.DictReader(file))
+
+
+def printed(name: str) -> Counter[tuple[str, str]]:
+    """How many different numbers each table has, whichever experiment measures them."""
+    keys = {(r["paper"], r["table"], r["row"], r["filter"], r["metric"]) for r in rows(name)}
+    return Counter((paper, table) for paper, table, *_ in keys)
+
+
+def test_every_printed_number_is_there() -> None:
+    assert printed("hdepf.csv") == {
+        ("hdepf", "Table 1"): 10,
+        ("hdepf", "Table 2"): 6,
+        ("hdepf", "Table 3"): 5,  # six times, as ratios to the first
+        ("hdepf", "Text"): 1,
+    }
+    assert printed("merwe2000.csv") == {("merwe2000", "Table 1"): 16}
+    assert printed("banana.csv") == {
+        ("banana", "Table 1"): 12,
+        ("banana", "Table 2"): 9,  # eight errors, and the ratio of the two times
+        ("banana", "Table 3"): 9,
+    }
+
+
+def test_a_number_is_the_same_wherever_it_is_measured() -> None:
+    for name in ("hdepf.csv", "merwe2000.csv", "banana.csv"):
+        values: dict[tuple[str, ...], str] = {}
+        for r in rows(name):
+            key = (r["paper"], r["table"], r["row"], r["filter"], r["metric"])
+            assert values.setdefault(key, r["value"]) == r["value"], key
+            decimals = len(r["value"].partition(".")[2])
+            assert int(r["digits"]) == decimals, key
+
+
+def test_claims_of_every_paper() -> None:
+    for paper in ("hdepf", "merwe2000", "adaptive-kf", "banana"):
+        assert {r["paper"] for r in rows(f"{paper}-claims.csv")} == {paper}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
+def test_every_row_is_well_formed(path: Path) -> None:
+    experiments = {r["experiment"] for r in rows(path.name)}
+    for experiment in experiments:
+        found = read_published(path.parent, [path.name], experiment)
+        for row in [*found.numbers, *found.claims]:
+            assert all(measure(str(e)) == e for e in row.expressions), row
+
+
+def test_a_quote_that_is_not_closed_is_said_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text('paper,table,filter,metric,value\nx,y,z,m,1\nx,y,"' + "q" * 140_000)
+    with pytest.raises(UserError, match=r"p\.csv:3:1: not a CSV: field larger than"):
+        read_published(tmp_path, [path.name], "x")
+
+
+def test_experiments_that_measure_something_name_the_file() -> None:
+    for path in EXPERIMENTS.glob("*.yaml"):
+        experiment = shipped(path.stem)
+        name = experiment.settings.name
+        for file in FILES:
+            if any(name in r["experiment"].split(";") for r in rows(file.name)):
+                assert file.name in experiment.published.files, f"{path.name} misses {file.name}"

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from tests.conftest import random_covariance
+from tests.papers import banana
+from trackbench.core import kalman
+from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
+from trackbench.core.distributions import Gaussian
+from trackbench.models.motions.kinematic import WhiteAcceleration
+
+
+def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Generator) -> None:
+    motion, H, R = (
+        WhiteAcceleration(q=0.3).sampled(0.5),
+        rng.standard_normal((2, 4)),
+        random_covariance(rng, 2),
+    )
+    P = random_covariance(rng, 4)
+    information = [H.T @ np.linalg.inv(R) @ H] * 20
+    bounds = posterior_cramer_rao(P, motion.F, motion.Q, information)
+    state = Gaussian(np.zeros((4, 1)), P[..., None])
+    for k in range(21):
+        np.testing.assert_allclose(bounds[..., k], state.cov[..., 0], rtol=1e-7)
+        predicted = kalman.predict(state, motion.F, motion.Q)
+        state, _ = kalman.update(predicted, np.zeros((2, 1)), H, R)
+
+
+def test_bound_without_process_noise_is_least_squares() -> None:
+    """Without noise the bound is the inverse of the summed information, carried along."""
+    scenario = banana(q=0.0, scans=30, range_km=100.0)
+    x, F = scenario.target.path(scenario._timeline), scenario.model.motion.F
+    R_inverse = np.diag([1 / 0.2**2, 1 / 2e-3**2])
+    J = np.zeros((4, 4))
+    for k in range(30):
+        back = np.linalg.matrix_power(np.linalg.inv(F), 29 - k)
+        H = scenario.model.sensor.jacobian(x[:, k], 0) @ back
+        J += H.T @ R_inverse @ H
+    exact = np.linalg.inv(J)
+    bounds = scenario.bounds()
+    assert bounds["position"][-1] == pytest.approx(np.sqrt(exact[0, 0] + exact[2, 2]), rel=1e-4)
+    assert bounds["velocity"][-1] == pytest.approx(np.sqrt(exact[1, 1] + exact[3, 3]), rel=1e-4)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_no_direction_deviates_by_more(n: int, rng: np.random.Generator) -> None:
+    """Of one and two components it is the largest eigenvalue's root; of three it may be more."""
+    A = rng.standard_normal((n, n))
+    cov = A @ A.T
+    largest = np.sqrt(np.linalg.eigvalsh(cov)[-1])
+    if n < 3:
+        assert largest_deviation(cov) == pytest.approx(largest)
+    else:
+        assert largest <= largest_deviation(cov) <= np.sqrt(3.0) * largest

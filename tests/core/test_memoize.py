@@ -1,0 +1,51 @@
+"""What does not depend on the data is computed once for all runs, blocks and points."""
+
+import numpy as np
+import pytest
+
+from tests.papers import maneuver, seen_as
+from trackbench.core import kalman
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.core.memoize import forget, once
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.filters.gaussian_base import KF
+from trackbench.models.motions.kinematic import WhiteAcceleration
+
+
+def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:
+    calls = []
+
+    @once
+    def twice(A: Array) -> Array:
+        calls.append(A.shape)
+        return 2.0 * A
+
+    flat, square, batch = np.ones((1, 4)), np.eye(2) + 1.0, np.ones((2, 2, 3))
+    for A in (flat, square, batch, flat.copy(), square.T, batch, np.array([[1, 2]])):
+        np.testing.assert_array_equal(twice(A), 2.0 * A)
+    assert calls == [(1, 4), (2, 2), (2, 2, 3), (2, 2, 3), (1, 2)]
+
+
+def test_what_is_handed_out_again_cannot_be_changed() -> None:
+    state = Gaussian(np.zeros((2, 5)), np.eye(2))
+    H, R, nu = np.eye(1, 2), np.eye(1), np.ones((1, 5))
+    posterior, innovation = kalman.update(state, nu, H, R)
+    for shared in (posterior.cov, innovation.S):
+        with pytest.raises(ValueError, match="read-only"):
+            shared[0, 0] = 7.0
+
+
+def test_a_second_block_computes_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    forget()  # what another test may have made
+    gains = []
+    inverse = kalman.linalg.inverse
+    monkeypatch.setattr(kalman.linalg, "inverse", lambda S: gains.append(S) or inverse(S))
+    scenario, tracker = seen_as(maneuver(), WhiteAcceleration(q=0.01)), KF()
+    steps = len(scenario.steps) - 1
+    run_block(BlockTask(scenario, tracker, seed=1, index=0, width=3, used=3))
+    first = len(gains)
+    assert 0 < first < steps  # the steady state is reached before the end
+    run_block(BlockTask(scenario, tracker, seed=1, index=1, width=3, used=3))
+    assert len(gains) == first

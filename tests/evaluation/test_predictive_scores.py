@@ -1,0 +1,221 @@
+"""Predictions, whiteness and held-out measurements against plain loops over one run."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, multivariate_normal
+
+from tests.conftest import make_filter, track
+from trackbench.contract.fixtures import LINEAR
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_metrics import run_block
+from trackbench.evaluation.predictive_scores import LAGS, held_out
+from trackbench.evaluation.run_filter import estimate
+from trackbench.filters.base import Filter
+from trackbench.filters.gaussian_base import KF
+from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.position import PositionSensor
+
+BOTH = ("score", "prediction")
+GAPPY = replace(
+    LINEAR,
+    last=40,
+    sensor=(PositionSensor(sigma=2.0, detection=0.7), PositionSensor(sigma=1.0, period=3)),
+)
+
+
+def data(scenario: Any, runs: int) -> Array:
+    return simulate(scenario, 1, 0, runs).measurements
+
+
+def kalman_loop(scenario: Any, z: Array, run: int) -> tuple[Array, Array, Array]:
+    """Innovations (T, n_z), NaN where missing, whitened ones, and their log-densities (T,)."""
+    motion, sensor = scenario.model
+    prior = simulate(scenario, 1, 0, run + 1).prior
+    m, P = prior.mean[:, run], prior.cov
+    nus, whites, told = [], [], []
+    for k in range(z.shape[1]):
+        m, P = motion.F @ m, motion.F @ P @ motion.F.T + motion.Q
+        H, R = sensor.jacobian(m[:, None], k + 1), sensor.measurement(m[:, None], k + 1).cov
+        nu = z[:, k, run] - (H @ m)
+        there = ~np.isnan(nu)
+        white = np.full(len(nu), np.nan)
+        nus.append(nu)
+        if there.any():
+            H, R = H[there], R[np.ix_(there, there)]
+            S = H @ P @ H.T + R
+            white[there] = np.linalg.solve(np.linalg.cholesky(S), nu[there])
+            told.append(multivariate_normal(cov=S).logpdf(nu[there]))
+            K = P @ H.T @ np.linalg.inv(S)
+            m, P = m + K @ nu[there], P - K @ S @ K.T
+        else:
+            told.append(np.nan)
+        whites.append(white)
+    return np.array(nus), np.array(whites), np.array(told)
+
+
+def autocorrelation(white: Array, lag: int) -> float:
+    """Of each component's measured values, one after the other."""
+    columns = [c[~np.isnan(c)] for c in white.T]
+    return float(
+        sum((c[lag:] * c[:-lag]).sum() for c in columns) / sum((c * c).sum() for c in columns)
+    )
+
+
+@pytest.mark.parametrize("kind", ["kf", "rpf"])
+def test_who_is_asked_goes_on_as_before(kind: str) -> None:
+    tracker = make_filter(kind)
+    alone, asked = track(GAPPY, tracker, 3), track(GAPPY, tracker, 3, foretold=BOTH)
+    assert np.array_equal(alone.mean, asked.mean)
+    assert np.array_equal(alone.nees, asked.nees)
+    assert set(asked.diagnostics) > set(alone.diagnostics)
+
+
+def test_predictions_are_the_kalman_filters_innovations() -> None:
+    z, found = data(GAPPY, 3), track(GAPPY, KF(), 3, foretold=BOTH).diagnostics
+    names = GAPPY.model.sensor.components
+    for run in range(3):
+        nus, whites, told = kalman_loop(GAPPY, z, run)
+        errors = np.stack([found[f"error_predicted_{c}"][1:, run] for c in names], axis=1)
+        np.testing.assert_allclose(errors, nus, rtol=1e-9, atol=1e-9)
+        number = (~np.isnan(nus)).sum(axis=1)
+        nis = np.nansum(np.square(whites), axis=1)
+        there = number > 0
+        np.testing.assert_array_equal(found["innovations"][1:, run][there], number[there])
+        np.testing.assert_allclose(
+            found["anis"][1:, run][there], nis[there] / number[there], rtol=1e-8
+        )
+        np.testing.assert_allclose(found["log_likelihood"][1:, run], told, rtol=1e-8)
+        assert np.isnan(found["anis"][1:, run][~there]).all()
+
+
+def test_metrics_of_a_run_are_sums_over_its_measured_components() -> None:
+    task = BlockTask(GAPPY, KF(), 1, index=0, width=3, used=3, foretold=BOTH)
+    with np.errstate(all="ignore"):
+        per_run, z = run_block(task).per_run, data(GAPPY, 3)
+    for run in range(3):
+        nus, whites, told = kalman_loop(GAPPY, z, run)
+        assert per_run["innovations"][run] == (~np.isnan(nus)).sum()
+        assert per_run["anis"][run] == pytest.approx(np.nanmean(np.square(whites)), rel=1e-8)
+        assert per_run["log_score"][run] == pytest.approx(np.nanmean(told), rel=1e-9)
+        rms = np.sqrt(np.nanmean(np.square(nus[:, 0])))
+        assert per_run["rmse_predicted_1.x"][run] == pytest.approx(rms, rel=1e-8)
+        for lag in (1, 2, LAGS):
+            expected = autocorrelation(whites, lag)
+            assert per_run[f"autocorrelation_{lag}"][run] == pytest.approx(expected, abs=1e-8)
+
+
+def test_without_a_pair_there_is_no_autocorrelation() -> None:
+    two = replace(LINEAR, last=2)
+    task = BlockTask(two, KF(), 1, index=0, width=3, used=3, foretold=BOTH)
+    with np.errstate(all="ignore"):
+        per_run = run_block(task).per_run
+    assert np.isfinite(per_run["autocorrelation_1"]).all()
+    assert np.isnan(per_run["autocorrelation_2"]).all()
+
+
+def test_every_so_manyth_measurement_of_a_run_is_held_out() -> None:
+    z = np.ones((2, 7, 2))
+    z[:, 1, 0], z[0, 3, 0] = np.nan, np.nan  # run 0 measures at 0, 2, 3 (half), 4, 5, 6
+    held = held_out(z, 3)
+    assert np.flatnonzero(held[:, 0]).tolist() == [3, 6]
+    assert np.flatnonzero(held[:, 1]).tolist() == [2, 5]
+
+
+@pytest.mark.parametrize("kind", ["kf", "pf"])
+def test_what_is_held_out_is_not_seen(kind: str) -> None:
+    task = BlockTask(GAPPY, make_filter(kind), 1, index=0, width=3, used=3, hold_out=4)
+    simulated = simulate(GAPPY, 1, 0, 3)
+    held = held_out(simulated.measurements, 4)
+    moved = simulated._replace(measurements=simulated.measurements + np.where(held, 50.0, 0.0))
+    first, second = estimate(task, simulated), estimate(task, moved)
+    assert np.array_equal(first.mean, second.mean)
+    told = "held_log_likelihood"
+    assert np.array_equal(np.isnan(first.diagnostics[told][1:]), ~held)
+    assert (second.diagnostics[told][1:][held] < first.diagnostics[told][1:][held]).all()
+    missing = np.where(held, np.nan, simulated.measurements)
+    plain = replace(task, hold_out=None)
+    assert np.array_equal(
+        estimate(plain, simulated._replace(measurements=missing)).mean, first.mean
+    )
+
+
+def test_held_out_measurements_are_predicted_as_the_kalman_filter_does() -> None:
+    task = BlockTask(GAPPY, KF(), 1, index=0, width=3, used=3, foretold=BOTH, hold_out=4)
+    z = data(GAPPY, 3)
+    found, held = estimate(task, simulate(GAPPY, 1, 0, 3)).diagnostics, held_out(z, 4)
+    motion, sensor = GAPPY.model
+    for run in range(3):
+        m, P = simulate(GAPPY, 1, 0, run + 1).prior.mean[:, run], simulate(GAPPY, 1, 0, 1).prior.cov
+        for k in range(z.shape[1]):
+            m, P = motion.F @ m, motion.F @ P @ motion.F.T + motion.Q
+            there = ~np.isnan(z[:, k, run])
+            H, R = sensor.jacobian(m[:, None], k), sensor.measurement(m[:, None], k).cov
+            H, R = H[there], R[np.ix_(there, there)]
+            nu, S = z[there, k, run] - H @ m, H @ P @ H.T + R
+            row = [found[f"error_held_{c}"][k + 1, run] for c in sensor.components]
+            if held[k, run]:
+                np.testing.assert_allclose(np.array(row)[there], nu, rtol=1e-8, atol=1e-9)
+                expected = multivariate_normal(cov=S).logpdf(nu)
+                assert found["held_log_likelihood"][k + 1, run] == pytest.approx(expected, rel=1e-8)
+                assert np.isnan(found["log_likelihood"][k + 1, run])
+            else:
+                assert np.isnan(row).all()
+                if there.any():
+                    K = P @ H.T @ np.linalg.inv(S)
+                    m, P = m + K @ nu, P - K @ S @ K.T
+
+
+def test_a_right_filter_is_white_and_in_its_band_and_a_wrong_one_is_not() -> None:
+    scenario = replace(LINEAR, last=60)
+    right = BlockTask(scenario, KF(), 1, index=0, width=50, used=50, foretold=BOTH)
+    slow = replace(scenario.assume, motion=WhiteAcceleration(q=0.01))
+    wrong = replace(right, assume=slow)
+    number = 50 * 60 * 2
+    low, high = chi2.ppf([1e-4, 1.0 - 1e-4], number) / number
+    for task, good in ((right, True), (wrong, False)):
+        per_run = run_block(task).per_run
+        assert bool(low < per_run["anis"].mean() < high) is good
+        white = abs(per_run["autocorrelation_1"].mean()) < 4.0 / np.sqrt(number)
+        assert bool(white) is good
+    better, worse = (run_block(t).per_run["log_score"] for t in (right, wrong))
+    gain = better - worse
+    assert gain.mean() > 4.0 * gain.std(ddof=1) / np.sqrt(len(gain))
+
+
+class Silent(Filter[Any]):
+    """A filter that does not tell its likelihood."""
+
+    def __init__(self) -> None:
+        self._kf = KF()
+
+    def init(self, model: Any, prior: Any, rng: Any) -> Any:
+        return self._kf.init(model, prior, rng)
+
+    def step(self, model: Any, state: Any, z: Array, k: int, rng: Any) -> Any:
+        return self._kf.step(model, state, z, k, rng)
+
+    def estimate(self, state: Any) -> Gaussian:
+        return self._kf.estimate(state)
+
+
+def test_a_filter_that_tells_no_likelihood_has_none() -> None:
+    silent: Any = Silent()
+    found = track(GAPPY, silent, 2, foretold=BOTH, hold_out=5).diagnostics
+    assert not {"log_likelihood", "held_log_likelihood"} & set(found)
+    own = track(GAPPY, KF(), 2, foretold=BOTH, hold_out=5).diagnostics
+    assert np.array_equal(found["anis"], own["anis"], equal_nan=True)
+
+
+def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:
+    class Wrong(Silent):
+        def log_likelihood(self, state: Any) -> Array:
+            return np.zeros((2, 2))
+
+    wrong: Any = Wrong()
+    with pytest.raises(ValueError, match="log_likelihood"):
+        track(GAPPY, wrong, 2, foretold=BOTH)

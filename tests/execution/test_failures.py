@@ -1,0 +1,293 @@
+"""One filter that fails does not stop the others, and the table says what happened."""
+
+import re
+from concurrent.futures import ProcessPoolExecutor
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.commands import spawned, trackbench
+from tests.papers import merwe_text
+from trackbench.config.load import load
+from trackbench.errors import UserError
+
+PLUGIN = """
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackbench.filters.particle_filters import PF
+from trackbench.filters.baselines import PriorMean
+from trackbench.registry import register
+
+
+@register("filters", "raises")
+@dataclass(frozen=True, kw_only=True)
+class Raises(PF):
+    def step(self, model, state, z, k, rng):
+        if k == 5:
+            raise ValueError("no fifth step")
+        return super().step(model, state, z, k, rng)
+
+
+@register("filters", "not-a-number")
+@dataclass(frozen=True, kw_only=True)
+class NotANumber(PriorMean):
+    def estimate(self, state):
+        return replace(state, mean=np.full_like(state.mean, np.nan))
+
+
+@register("filters", "far-away")
+@dataclass(frozen=True, kw_only=True)
+class FarAway(PriorMean):
+    def estimate(self, state):
+        return replace(state, mean=state.mean + 1e6)
+"""
+CONFIG = """
+name: failing
+runs: 20
+block: 10
+scenario: MERWE
+plugins: [bad.py]
+filters:
+  PF: {kind: pf, N: 20}
+  Raises: {kind: raises}
+  NaN: {kind: not-a-number}
+  Far: {kind: far-away}
+  UKF: {kind: ukf}
+tables:
+  t: {kind: metrics, columns: {RMSE: rms(rmse)}}
+""".replace("MERWE", merwe_text(T=10))
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_the_others_finish(tmp_path: Path, engine: str) -> None:
+    (tmp_path / "bad.py").write_text(PLUGIN)
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    done = trackbench(
+        *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    reason = (
+        "Raises failed: bad.py:16: ValueError: no fifth step (runs "  # either block may come first
+    )
+    assert f"error: {reason}" in done.stderr
+    assert "error: NaN failed: 20 of 20 runs lost, 20 because the estimate left" in done.stderr
+    assert "note: Far: 20 of 20 runs lost, 20 because the error passed the limit" in done.stderr
+    rows = {line.split(" | ")[0].strip("| "): line for line in done.stdout.splitlines()}
+    assert "±" in rows["PF"]
+    assert "±" in rows["UKF"]
+    assert "20 of 20" in rows["NaN"]
+    assert "all runs lost" in rows["Far"]
+    assert reason in done.stdout
+    table = (tmp_path / "results" / "failing" / "tables" / "t.md").read_text()
+    assert reason in table
+
+
+def test_every_filter_fails(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text(PLUGIN)
+    text = "".join(
+        line
+        for line in CONFIG.splitlines(keepends=True)
+        if "PF:" not in line and "UKF:" not in line
+    )
+    text = text.replace("  NaN: {kind: not-a-number}\n", "").replace(
+        "  Far: {kind: far-away}\n", ""
+    )
+    kinds = ("rmse-vs-time", "rmse-per-run", "bars", "critical-difference", "heat-map", "estimates")
+    text += "figures:\n" + "".join(f"  f{i}: {{kind: {k}}}\n" for i, k in enumerate(kinds))
+    text += "  g: {kind: rmse-vs-parameter, metric: mean(rmse)}\n"
+    text += "grid: {scenario.sensor.R: [0.1, 1.0]}\n"
+    (tmp_path / "c.yaml").write_text(text)
+    done = trackbench("run", "c.yaml", "--allow-plugins", "--format", "svg", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "Raises failed: bad.py:16: ValueError: no fifth step" in done.stdout
+
+
+def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "bad.py").write_text(PLUGIN)
+    (tmp_path / "c.yaml").write_text(CONFIG.replace("filters:", "only: [Raises]\nfilters:"))
+    done = trackbench(
+        *(
+            "sweep",
+            "c.yaml",
+            "--allow-plugins",
+            "--grid",
+            "scenario.sensor.R=0.1,1",
+            "--format",
+            "svg",
+        ),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    (header,) = (tmp_path / "results" / "failing-sweep" / "sweep.csv").read_text().splitlines()
+    assert header.startswith("scenario.sensor.R,filter,metric")
+
+
+LEAVING = """
+from dataclasses import dataclass
+from typing import Literal
+
+from trackbench.filters.baselines import PriorMean
+from trackbench.registry import register
+
+
+class Own(BaseException):
+    pass
+
+
+ENDS = {"exit": SystemExit, "interrupt": KeyboardInterrupt, "close": GeneratorExit, "own": Own}
+
+
+@register("filters", "leaves")
+@dataclass(frozen=True, kw_only=True)
+class Leaves(PriorMean):
+    'Ends the program.'
+
+    how: Literal["exit", "interrupt", "close", "own"] = "exit"
+    'what is raised'
+    where: str = "step"
+    'the method that raises it'
+
+    def __post_init__(self):
+        self._leave("__post_init__")
+
+    def init(self, model, prior, rng):
+        self._leave("init")
+        return super().init(model, prior, rng)
+
+    def step(self, model, state, z, k, rng):
+        self._leave("step")
+        return super().step(model, state, z, k, rng)
+
+    def estimate(self, state):
+        self._leave("estimate")
+        return super().estimate(state)
+
+    def diagnostics(self, state):
+        self._leave("diagnostics")
+        return {}
+
+    def _leave(self, where):
+        if where == self.where:
+            raise ENDS[self.how]()
+"""
+LEFT = """
+name: left
+runs: 20
+block: 10
+scenario: MERWE
+plugins: [leaving.py]
+filters:
+  UKF: {kind: ukf}
+  Exit: {kind: leaves}
+  Init: {kind: leaves, where: init}
+  Estimate: {kind: leaves, where: estimate}
+  Notes: {kind: leaves, where: diagnostics}
+  Interrupt: {kind: leaves, how: interrupt}
+  Close: {kind: leaves, how: close}
+  Own: {kind: leaves, how: own}
+""".replace("MERWE", merwe_text(T=5))
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_a_filter_cannot_end_the_program(tmp_path: Path, engine: str) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT)
+    done = spawned(
+        *("run", "c.yaml", "--allow-plugins", "--engine", engine, "--workers", "2", "--fresh"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    raised = dict.fromkeys(["Exit", "Init", "Estimate", "Notes"], "SystemExit")
+    raised |= {"Interrupt": "KeyboardInterrupt", "Close": "GeneratorExit", "Own": "Own"}
+    for label, name in raised.items():
+        assert sum(f"error: {label} failed: " in e and f" {name}()" in e for e in errors) == 1
+    assert len(errors) == len(raised)
+    assert "UKF,mean(rmse)," in (tmp_path / "results" / "left" / "summary.csv").read_text()
+
+
+def test_a_filter_that_ends_the_program_as_it_is_made_is_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT.replace("where: init", "where: __post_init__"))
+    with pytest.raises(UserError, match=r"leaving\.py:47: code of a .* raised SystemExit"):
+        load(tmp_path / "c.yaml", allow_plugins=True)
+
+
+def test_a_look_at_what_a_filter_notes_does_not_end_the_program(tmp_path: Path) -> None:
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    (tmp_path / "c.yaml").write_text(LEFT + "medians: [mode]\n")
+    load(tmp_path / "c.yaml", allow_plugins=True)
+
+
+WRITING = """
+from dataclasses import dataclass
+
+from trackbench.filters.ukf import UKF
+from trackbench.registry import register
+
+
+@register("filters", "writes")
+@dataclass(frozen=True, kw_only=True)
+class Writes(UKF):
+    def step(self, model, state, z, k, rng):
+        z -= 0.5
+        return super().step(model, state, z, k, rng)
+"""
+
+
+def test_a_filter_that_writes_to_the_measurements_spoils_no_other(tmp_path: Path) -> None:
+    (tmp_path / "writing.py").write_text(WRITING)
+    config = f"name: w\nruns: 4\nscenario: {merwe_text(T=5)}\nplugins: [writing.py]\n"
+    config += "filters: {Writes: {kind: writes}, UKF: {kind: ukf}}\n"
+    (tmp_path / "c.yaml").write_text(config)
+    options = ("run", "c.yaml", "--allow-plugins", "--engine", "serial", "--fresh")
+    both = trackbench(*options, "--out", "both", cwd=tmp_path)
+    alone = trackbench(*options, "--out", "alone", "--only", "UKF", cwd=tmp_path)
+    assert (both.returncode, alone.returncode) == (1, 0)
+    reason = "what a filter is given is read-only: copy it before you write to it"
+    assert f"error: Writes failed: writing.py:12: ValueError: {reason}" in both.stderr
+    for name in ("per_run.csv", "summary.csv"):
+        assert (tmp_path / "both" / name).read_text() == (tmp_path / "alone" / name).read_text()
+
+
+@pytest.mark.parametrize("deaths", [1, 99])
+def test_a_worker_that_dies_as_it_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deaths: int
+) -> None:
+    """The pool hears the end of a file then, which is no Ctrl-D of the user's."""
+    submit, tried = ProcessPoolExecutor.submit, count()
+
+    def dying(self: ProcessPoolExecutor, *words: Any) -> Any:
+        if next(tried) < deaths:
+            raise EOFError("unexpected EOF")
+        return submit(self, *words)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", dying)
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    text = CONFIG.replace("plugins: [bad.py]\n", "")
+    bad = [line for line in text.splitlines() if any(b in line for b in ("Raises", "NaN", "Far"))]
+    (tmp_path / "c.yaml").write_text(text.replace("\n".join(bad), ""))
+    done = trackbench("run", "c.yaml", "--workers", "2", "--format", "svg", cwd=tmp_path)
+    assert "Aborted" not in done.stderr
+    assert "a worker died" in done.stderr
+    assert done.returncode == (deaths > 1)
+    failed = re.findall(r"error: (PF|UKF) failed: its worker died 4 times", done.stderr)
+    assert failed == (["PF", "UKF"] if deaths > 1 else [])
+
+
+def test_only_the_user_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(*_: object) -> None:
+        raise EOFError
+
+    monkeypatch.setattr("trackbench.commands.stored_results.plot", ended)
+    with pytest.raises(RuntimeError, match="EOFError"):  # a mistake of ours, with its traceback
+        trackbench("plot", "somewhere")

@@ -1,0 +1,114 @@
+"""Figures that were drawn before are taken as they were, if nothing changed that they could show."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trackbench import api
+from trackbench.execution.cache import cache_folder, cache_size, clear_cache
+from trackbench.report import parallel_drawing
+from trackbench.report.figure_cache import KeptFigures
+from trackbench.report.parallel_drawing import drawing, drawn
+from trackbench.report.results import Results
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("MPLCONFIGDIR", str(tmp_path / "matplotlib"))
+    return Path(shutil.copytree(made, tmp_path / "results"))
+
+
+def files(folder: Path, processes: int = 2, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
+    results = api.load(folder)
+    with drawing(results, ["svg"], processes, **how) as draw:
+        return {name: draw(name, spec) for name, spec in results.parts("figures").items()}
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_what_was_drawn_is_not_drawn_again(
+    folder: Path, processes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results = api.load(folder)
+    first = files(folder, processes, fresh=False)
+    assert first == {n: drawn(s, results, ["svg"]) for n, s in results.parts("figures").items()}
+    monkeypatch.setattr(parallel_drawing, "pool", None)  # nobody who draws
+    assert files(folder, fresh=False) == first
+    with pytest.raises(TypeError):
+        files(folder, fresh=True)
+    assert cache_size(cache_folder()).figures.number == len(first)
+    clear_cache(cache_folder())
+    assert cache_size(cache_folder()).figures == (0, 0)
+    with pytest.raises(TypeError):
+        files(folder, fresh=False)
+
+
+def keys(folder: Path) -> dict[str, Path]:
+    """Where each figure would be kept."""
+    results = Results(folder)
+    kept = KeptFigures.of(results)
+    assert kept is not None
+    return {n: kept._path(spec, "svg") for n, spec in results.parts("figures").items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("per_run.csv", "\nPF,0,", "\nPF,1,"),
+        ("per_step.csv", "PF,1,", "PF,2,"),
+        ("config.yaml", "seed: 7", "seed: 8"),
+        ("manifest.json", '"steps": ', '"steps": 1'),
+        ("published/numbers.csv", "9.9", "9.8"),
+    ],
+)
+def test_what_a_figure_shows_is_looked_at(folder: Path, name: str, old: str, new: str) -> None:
+    before = keys(folder)
+    content = (folder / name).read_text()
+    assert old in content
+    (folder / name).write_text(content.replace(old, new, 1))
+    assert set(keys(folder).values()).isdisjoint(before.values())
+
+
+def test_a_figure_with_other_keys_is_another_one(folder: Path) -> None:
+    before = keys(folder)
+    config = (folder / "config.yaml").read_text()
+    (folder / "config.yaml").write_text(config.replace("RMSE <i>over</i> time", "Errors", 1))
+    after = keys(folder)
+    assert [name for name in before if after[name] != before[name]] == ["time"]
+
+
+def test_the_looks_of_lines_are_those_that_any_figure_gives_them(folder: Path) -> None:
+    """`floor` and `baseline` of one figure are the looks of these filters in every other figure."""
+    before = keys(folder)
+    config = (folder / "config.yaml").read_text()
+    for key, old in (("floor", "Exact"), ("baseline", "No data")):
+        assert config.count(f"{key}: {old}") == 2
+        changed = config.replace(f"{key}: {old}", f"{key}: PF")
+        (folder / "config.yaml").write_text(changed)
+        assert set(keys(folder).values()).isdisjoint(before.values())
+
+
+def test_of_other_figures_and_tables_a_figure_takes_nothing_but_looks(folder: Path) -> None:
+    before = files(folder, processes=1)
+    results = api.load(folder)
+    figures = results.parts("figures")
+    assert results._references
+    for key in ("figures", "tables"):
+        del results.config[key]
+    assert before == {name: drawn(spec, results, ["svg"]) for name, spec in figures.items()}
+
+
+def test_what_no_figure_shows_is_not(folder: Path) -> None:
+    before = keys(folder)
+    config = (folder / "config.yaml").read_text()
+    (folder / "config.yaml").write_text(config.replace("Median: median(rmse)", "M: mean(rmse)"))
+    (folder / "report.html").unlink()
+    assert keys(folder) == before
+
+
+def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "matplotlib").mkdir()
+    (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
+    assert KeptFigures.of(api.load(folder)) is None

@@ -1,0 +1,56 @@
+"""Figures as files: the layout is found once, and is matplotlib's own."""
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from trackbench.report.plotting import style
+from trackbench.report.plotting.figure import FORMATS, saved
+from trackbench.report.plotting.tick_labels import in_letters
+
+
+def figure() -> Any:
+    drawn, axes = style.subplots(2, 2)
+    for i, ax in enumerate(axes.flat):
+        ax.plot([1.0, 20.0, 300.0], [1e-3, 1.0, 1e3], label=f"line {i}")
+        ax.set_yscale("log")
+        ax.set_ylabel("RMSE (m)")
+    axes[0, 0].set_title("costs $5, no formula: $x^$")
+    axes[1, 1].set_aspect(0.2)
+    style.legend_outside(drawn)
+    style.title(drawn, "A title")
+    return drawn
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _house() -> Iterator[None]:
+    with style.house():
+        yield
+
+
+@pytest.fixture(scope="module")
+def svg(_house: None) -> bytes:
+    return saved(figure(), "svg")
+
+
+def test_the_svg_is_what_matplotlib_saves(svg: bytes) -> None:
+    by_itself, out = figure(), io.BytesIO()
+    for text in by_itself.findobj(lambda artist: "$5" in getattr(artist, "get_text", str)()):
+        text.set_parse_math(False)
+    in_letters(by_itself)
+    by_itself.savefig(out, format="svg", metadata=FORMATS["svg"], dpi=150)
+    assert out.getvalue() == svg
+
+
+@pytest.mark.parametrize("before", ["png", "pdf"])
+def test_the_svg_does_not_hang_on_what_was_saved_before(before: str, svg: bytes) -> None:
+    drawn = figure()
+    saved(drawn, before)
+    assert saved(drawn, "svg") == svg
+    style.close(drawn)
+
+
+def test_equal_figures_are_equal_files() -> None:
+    assert saved(figure(), "png") == saved(figure(), "png")

@@ -1,0 +1,289 @@
+"""The answer in words: what it says holds in the files, and it says nothing that chance decides."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from tests.conftest import ROOT
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.report.findings import cost_and_calibration
+from trackbench.report.findings.ranking import Candidate, standing_of, standings
+from trackbench.report.findings.sentences import _leader, answer
+from trackbench.report.results import Results
+from trackbench.results.folder_contents import COLUMNS
+from trackbench.results.point_facts import Given
+from trackbench.results.xz import opened, there
+
+SHIPPED = sorted(path.parent for path in ROOT.glob("results/*/config.yaml"))
+M = 200
+
+
+def folder(
+    at: Path, errors: dict, times: dict | None = None, nees: dict | None = None, **config: object
+) -> Results:
+    """A results folder of errors per run, NaN where lost, CPU seconds of a run, and NEES."""
+    labels, runs = list(errors), len(next(iter(errors.values())))
+    whole = {
+        "name": "s",
+        "title": "",
+        "runs": runs,
+        "filters": {b: {} for b in labels},
+        "grid": {},
+    }
+    (at / "config.yaml").write_text(yaml.safe_dump(whole | config, sort_keys=False))
+    rows = [
+        (label, run, metric, value)
+        for label, values in errors.items()
+        for metric, column in (("lost", np.isnan(values)), ("rmse_position", values))
+        for run, value in enumerate(column.astype(float))
+    ]
+    rows += [
+        (b, run, "nees", x) for b, column in (nees or {}).items() for run, x in enumerate(column)
+    ]
+    frame = pd.DataFrame(rows, columns=["filter", "run", "metric", "value"])
+    frame.to_csv(at / "per_run.csv", index=False, na_rep="nan")
+    pd.DataFrame(columns=COLUMNS["summary.csv"]).to_csv(at / "summary.csv", index=False)
+    timing = pd.DataFrame((times or {}).items(), columns=["filter", "cpu_s_per_run"])
+    timing = timing.reindex(columns=COLUMNS["timing.csv"], fill_value=1)
+    timing.to_csv(at / "timing.csv", index=False, na_rep="nan")
+    two = Given({}, {}, {}, [], [], {"": 2}, [])
+    return Results(at, facts={"failed": []}, points_given=(two,))
+
+
+@pytest.fixture
+def A(rng: np.random.Generator) -> np.ndarray:
+    return 10.0 + rng.standard_normal(M)
+
+
+def test_who_is_best_and_who_is_not_told_apart(tmp_path, rng, A) -> None:
+    apart = 0.1 * rng.standard_normal(M)
+    apart -= apart.mean() - 0.001
+    C = A + 1.0 + 0.1 * rng.standard_normal(M)
+    (line,) = answer(folder(tmp_path, {"C": C, "A": A, "B": A + apart}))
+    best = re.match(
+        r"A has the smallest mean position RMSE per run, (\S+) ± (\S+) m over 200", line
+    )
+    assert best is not None
+    assert float(best[1]) == pytest.approx(A.mean(), abs=0.006)
+    assert float(best[2]) == pytest.approx(A.std(ddof=1) / M**0.5, rel=0.05)
+    most = re.search(r"B is not told apart from it \(at most (\S+) % larger", line)
+    assert most is not None
+    high = 0.001 + 1.972 * apart.std(ddof=1) / M**0.5  # Student's t, 199 degrees of freedom
+    assert float(most[1]) == pytest.approx(100 * high / A.mean(), rel=0.1)
+    by = re.search(r"that of C is larger by (\S+) ± (\S+) m \((\S+) %\)", line)
+    assert by is not None
+    assert float(by[1]) == pytest.approx((C - A).mean(), abs=0.002)
+    assert float(by[3]) == pytest.approx(100 * (C - A).mean() / A.mean(), abs=0.3)
+
+
+def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
+    less = 0.1 * rng.standard_normal(M)
+    less -= less.mean() - 0.001
+    results = folder(tmp_path, {"A": A, "B": A - less})
+    path = tmp_path / "per_run.csv"
+    path.write_text(path.read_text().replace("rmse_position", "log_score"))
+    (line,) = answer(results)
+    assert line.startswith("A has the largest mean")
+    most = re.search(r"B is not told apart from it \(at most (\S+) nats smaller", line)
+    assert most is not None
+    high = 0.001 + 1.972 * less.std(ddof=1) / M**0.5
+    assert float(most[1]) == pytest.approx(high, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("leaders", "leader"), [("AAB", "A"), ("ABB", "B"), ("AABB", ""), ("", "")]
+)
+def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatch) -> None:
+    found = [SimpleNamespace(among_the_best=[SimpleNamespace(label=label)]) for label in leaders]
+    monkeypatch.setattr(cost_and_calibration, "over_points", lambda _, each: [each[0].label])
+    assert _leader(None, found) == [leader] * bool(leader)
+
+
+def test_equal_filters(tmp_path, A) -> None:
+    (line,) = answer(folder(tmp_path, {"A": A, "B": A.copy()}))
+    assert line.endswith("B is not told apart from it (equal in every run).")
+
+
+def test_a_filter_that_loses_more_is_not_the_best(tmp_path, A) -> None:
+    B = 0.5 * A
+    B[:1] = np.nan
+    assert answer(folder(tmp_path, {"A": A, "B": B}))[0].startswith("B has the smallest")
+    B[:40] = np.nan
+    first, second = answer(folder(tmp_path, {"A": A, "B": B}))
+    assert first.startswith("The mean position RMSE per run of A is ")
+    assert second == "Not ranked, for more lost runs than others have: B 40 of 200 (15 to 26 %)."
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_values_with_which_more_runs_are_lost_are_not_the_best(A, apart) -> None:
+    lost = (np.arange(M) < 40).astype(float)
+    few = Candidate("A", {}, lost, np.where(lost > 0, np.nan, 0.5 * A), {"N": 2})
+    many = Candidate("A", {}, 0.0 * lost, A, {"N": 400})
+    standing = standing_of([few, many], "rmse", apart=apart)
+    assert standing.best is many
+    assert (few in standing.losing) == apart
+
+
+def test_all_lost(tmp_path, A) -> None:
+    lost = np.full(M, np.nan)
+    assert answer(folder(tmp_path, {"A": lost, "B": lost})) == ["A and B lose every run."]
+    lines = answer(folder(tmp_path, {"A": A[:3], "B": lost[:3]}))  # too few for a sign test
+    assert lines[0].startswith("The mean position RMSE per run of A is ")
+    assert lines[1] == "B loses every run."
+
+
+def test_one_filter_and_one_run(tmp_path, A) -> None:
+    (line,) = answer(folder(tmp_path, {"A": A}))
+    assert re.fullmatch(r"The mean position RMSE per run of A is \S+ ± \S+ m over 200 runs\.", line)
+    (line,) = answer(folder(tmp_path, {"A": A[:1], "B": A[:1] + 1.0}))
+    assert line == "One run has no standard error: which filter is best is not decided."
+
+
+def test_the_reference_is_no_rival(tmp_path, rng, A) -> None:
+    B = 1.5 * A + 0.01 * rng.standard_normal(M)
+    results = folder(tmp_path, {"Exact": A, "B": B, "C": 2.0 * A}, reference="Exact")
+    (line,) = answer(results)
+    assert line.startswith("B has the smallest")
+    assert "runs, 50 % above the reference Exact; that of C is larger by" in line
+
+
+def test_a_contradiction_is_no_answer(tmp_path, rng) -> None:
+    """B is better in every run that both keep; A's mean is smaller, for it loses the hardest ones."""
+    hard = np.r_[np.full(4, 100.0), 10.0 + rng.random(M - 4)]
+    A, B = hard + 0.1 + 0.01 * rng.random(M), hard
+    A[:4] = np.nan
+    assert answer(folder(tmp_path, {"A": A, "B": B})) == []
+
+
+def test_times_that_differ_and_that_do_not(tmp_path, rng, A) -> None:
+    errors = {"A": A, "B": A + 0.2 * (rng.random(M) - 0.5), "C": A + 5.0}
+    clear = {"A": 4.1e-3, "B": 2e-3, "C": 1e-4}
+    line = answer(folder(tmp_path, errors, clear))[1]
+    assert line == (
+        "The cheapest of these is B: 2 ms of CPU time a run, against 4.1 ms of A; "
+        "the fastest of the others, C, is 20 times as fast."
+    )
+    line = answer(folder(tmp_path, errors, clear | {"A": 3.9e-3}))[1]
+    assert line == "A run takes 2 ms (B) to 3.9 ms (A) of CPU time."
+    line = answer(folder(tmp_path, errors, clear | {"C": 1.1e-3}))[1]
+    assert line.endswith("4.1 ms of A.")  # of the others nothing is decided
+
+
+def test_calibration_is_said_where_it_is_decided(tmp_path, rng, A) -> None:
+    """Of two components: chi-square of two degrees of freedom per step, here means of fifty."""
+    consistent = rng.chisquare(2.0, (M, 50)).mean(axis=1)
+    nees = {"A": consistent, "B": 1.5 * consistent, "C": 0.5 * consistent}
+    nees["D"] = 1.1 * np.r_[consistent[:3], np.full(M - 3, np.nan)]  # three runs decide nothing
+    close = {label: A + 0.2 * (rng.random(M) - 0.5) for label in nees}
+    (_, said) = answer(folder(tmp_path, close, nees=nees))
+    words = {}
+    for part in said.removesuffix(".").split("; "):
+        for label, value in re.findall(r"([ABCD]) \(ANEES (\S+) ± \S+\)", part):
+            words[label] = (float(value), part.rpartition(") ")[2])
+    assert {label: word for label, (_, word) in words.items()} == {
+        "A": "is calibrated within 10 %",
+        "B": "is overconfident",
+        "C": "is too cautious",
+    }
+    assert [value for value, _ in words.values()] == pytest.approx(
+        [nees[label].mean() / 2.0 for label in words], abs=0.006
+    )
+
+
+def test_equal_filters_are_told_apart_in_one_experiment_of_twenty(rng) -> None:
+    """The word is held for all pairs together, however many there are: 5 %, and 3 errors of that."""
+    wrong, experiments = 0, 400
+    for _ in range(experiments):
+        errors = rng.gamma(4.0, size=(6, 40))
+        found = [Candidate(str(i), {}, np.zeros(40), x) for i, x in enumerate(errors)]
+        wrong += bool(standing_of(found, "rmse").worse)
+    assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
+
+
+def test_equal_settings_are_told_apart_no_more_often(rng) -> None:
+    """Each filter at the best of ten settings: the correction is for all that was tried."""
+    wrong, experiments = 0, 200
+    for _ in range(experiments):
+        errors = rng.gamma(4.0, size=(20, 40))
+        found = [Candidate(str(i % 2), {}, np.zeros(40), x, {"k": i}) for i, x in enumerate(errors)]
+        standing = standing_of(found, "rmse")
+        assert standing.chosen
+        wrong += bool(standing.worse)
+    assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
+
+
+def test_runs_that_are_lost_by_chance_take_no_filter_out(rng) -> None:
+    wrong, experiments = 0, 150
+    for _ in range(experiments):
+        lost = rng.random((6, 100)) < 0.1
+        errors = np.where(lost, np.nan, 1.0 + rng.random((6, 100)))
+        found = [
+            Candidate(str(i), {}, gone.astype(float), x)
+            for i, (gone, x) in enumerate(zip(lost, errors, strict=True))
+        ]
+        wrong += bool(standing_of(found, "rmse").losing)
+    assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_what_is_said_of_shipped_results_is_in_their_files(path: Path) -> None:
+    """By pandas, from paired.csv and per_run.csv."""
+    results = Results(path)
+    if results.grid:
+        assert all(line.endswith(".") for line in answer(results))
+        return
+    lines, (found,) = answer(results), standings(results)
+    if found.best is None:  # of one run
+        assert results.config["runs"] == 1
+        assert len(lines) == 1
+        return
+    metric, best = str(found.metric), found.best.label
+    assert lines[0].startswith(found.best.name)
+    with opened(there(path / "per_run.csv")) as file:
+        runs = pd.read_csv(file, keep_default_na=False, na_values={"value": ["nan"]})
+    mine = runs[runs["metric"] == metric].groupby("filter")["value"].mean()
+    others = [c.label for c in (*(c for c, _ in found.ties), *(c for c, _ in found.worse))]
+    sign = -1.0 if found.more_is_better else 1.0
+    assert sign * mine[best] == (sign * mine[[best, *others]]).min()
+    pairs = pd.read_csv(path / "paired.csv", keep_default_na=False)
+    pairs = pairs[pairs["metric"] == metric]
+    for other, _ in found.worse:
+        (row,) = pairs[
+            ((pairs["filter_a"] == best) & (pairs["filter_b"] == other.label))
+            | ((pairs["filter_b"] == best) & (pairs["filter_a"] == other.label))
+        ].to_dict("records")
+        assert float(row["p_holm"]) < 0.05
+        assert (sign * row["difference"] < 0) == (row["filter_a"] == best)
+    lost = runs[runs["metric"] == "lost"].assign(value=lambda f: f["value"] > 0)
+    losses = lost.groupby("filter")["value"].sum()
+    for c in found.losing:
+        assert losses[c.label] > losses.min()
+
+
+CONFIG = """
+name: g
+runs: 40
+scenario: MERWE
+filters:
+  PF: {kind: pf, N: 5}
+  PF (N=60): {kind: pf, N: 60}
+grid: {scenario.sensor.R: [0.1, 1.0]}
+""".replace("MERWE", merwe_text(T=12, R=0.1))
+
+
+def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
+    (tmp_path / "g.yaml").write_text(CONFIG)
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", formats=())
+    report = api.run(tmp_path / "g.yaml", options)
+    ranks = report.per_run.query("metric == 'rmse'").groupby(["scenario.sensor.R", "filter"])
+    assert (ranks["value"].mean().unstack().idxmin(axis=1) == "PF (N=60)").all()
+    assert report.answer[0].startswith(
+        "By mean RMSE per run PF (N=60) is best, or not told apart from the best, at all 2 values of R"
+    )
+    assert report.answer[0] in (report.folder / "report.html").read_text()

@@ -1,0 +1,117 @@
+"""Units: each quantity of the package has its own, and an unknown one has none."""
+
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackbench.evaluation.metric_expression import measure
+from trackbench.metrics import _UNITS, quantity, unit_of
+from trackbench.models.base import moving
+from trackbench.registry import kinds
+from trackbench.report.findings.phrases import error_of, mean_of, metric_words, with_unit
+from trackbench.report.findings.phrases import quantity as words_of
+from trackbench.scenarios.score import Score
+
+UNITS = {
+    "m": {"position", "x", "y", "z", "range", "mean_range", "radial", "cross", "px", "py", "pz"},
+    "m/s": {"velocity", "vx", "vy", "vz", "range_rate"},
+    "m/s^2": {"acceleration", "ax", "ay", "az"},
+    "deg": {"azimuth_deg"},
+    "rad": {"azimuth", "elevation"},
+    "rad/s": {"turn_rate"},
+}
+KNOWN = {name: unit for unit, names in UNITS.items() for name in names}
+
+
+def made(group: Any) -> list[Any]:
+    """One of each kind of the package, with 1 for what it needs."""
+    every = [c for c in kinds(group).values() if c.__module__.startswith("trackbench.")]
+    return [c(**{f.name: 1.0 for f in fields(c) if f.default is MISSING}) for c in every]
+
+
+def test_every_error_of_the_package_has_its_unit() -> None:
+    names = {*Score().errors(made("sensors")[0], moving(3), *np.ones((2, 6, 1)))}
+    for sensor in made("sensors"):
+        names |= {*sensor.errors(*np.ones((2, 6, 1))), *sensor.observables(np.ones((6, 1)))}
+    assert {"position", "azimuth_deg", "vx"} < names
+    for name in names:
+        assert unit_of(f"rmse_{name}") == unit_of(f"distance_{name}") == KNOWN[name]
+
+
+def test_every_component_of_a_motion_has_its_unit() -> None:
+    names = {
+        name
+        for motion in made("motions")
+        for axes in (1, 2, 3)
+        if axes == motion_axes(motion, axes)
+        for name in motion.sampled(1.0, axes).components
+    }
+    assert {"px", "vz", "ay", "turn_rate", "x"} < names
+    for name in names - {"x"}:
+        assert unit_of(f"crps_{name}") == KNOWN[name]
+    assert unit_of("crps_x") == ""  # of a scalar motion
+
+
+def motion_axes(motion: Any, axes: int) -> int:
+    """The axes that it has when it is asked for so many; 0 if it refuses."""
+    try:
+        motion.sampled(1.0, axes)
+    except ValueError:
+        return 0
+    return axes
+
+
+def test_every_component_of_a_sensor_has_its_unit() -> None:
+    names = {name for sensor in kinds("sensors").values() for name in sensor.components}
+    assert {"range", "azimuth", "range_rate", "elevation", "z"} < names
+    for name in names - {"x", "y", "z"}:
+        for metric in ("rmse_predicted_{}", "bias_held_2.{}"):
+            assert unit_of(metric.format(name)) == KNOWN[name]
+    assert unit_of("rmse_predicted_z") == ""  # a height, or a scalar sensor's
+
+
+@pytest.mark.parametrize("name", ["heading", "temperature", "altitude", "power", "ax_bias"])
+def test_an_unknown_quantity_has_no_unit(name: str) -> None:
+    for metric in ("rmse", "bias", "std", "peak", "distance", "crps"):
+        assert unit_of(f"{metric}_{name}") == ""
+    m = measure(f"mean(rmse_{name})")
+    assert with_unit("3.1", m) == "3.1"
+    assert mean_of(m) == f"Mean {name.replace('_', ' ')} RMSE"
+
+
+def test_a_name_may_end_in_its_unit() -> None:
+    assert [unit_of(f"rmse_{n}") for n in ("heading_deg", "spin_deg_s", "clock_s", "way_km")] == [
+        *("deg", "deg/s", "s", "km")
+    ]
+    assert metric_words(measure("rmse_spin_deg_s")) == "spin RMSE"
+    assert words_of("scenario.sensor.sigma_azimuth_mrad") == ("sigma azimuth", "mrad")
+
+
+def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
+    quantity("temperature", "K")
+    try:
+        quantity("temperature", "K")  # as a plugin that is loaded twice
+        assert mean_of(measure("rmse_temperature")) == "Mean temperature RMSE (K)"
+        assert unit_of("crps_temperature") == unit_of("rmse_predicted_1.temperature") == "K"
+        for name, unit in (("temperature", "C"), ("position", "km")):
+            with pytest.raises(ValueError, match="already"):
+                quantity(name, unit)
+    finally:
+        del _UNITS["temperature"]
+
+
+@pytest.mark.parametrize(
+    ("expression", "label"),
+    [
+        ("mean(rmse_position)", "Position RMSE (m)"),
+        ("mean(rmse_heading)", "Heading RMSE"),
+        ("mean(rmse)", "RMSE"),
+        ("variance(rmse_position)", "variance(rmse_position)"),
+        ("mean(rmse_position[turns])", "mean(rmse_position[turns])"),
+        ("mean(nees)", "mean(nees)"),
+    ],
+)
+def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
+    assert error_of(measure(expression)) == label

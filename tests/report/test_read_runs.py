@@ -1,0 +1,82 @@
+"""per_run.csv read group by group: the same values as its data frame has, in little memory."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.execution.test_memory import peak
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.config.metric_names import number_per_run
+from trackbench.execution.plan import _read_bytes
+from trackbench.report.results import Results
+from trackbench.results.xz import pack
+
+CONFIG = """
+name: pieces
+runs: 9
+scenario: MERWE
+filters: {PF: {kind: pf, N: 5}, "10": {kind: ukf}, None: {kind: prior-mean}}
+reference: "10"
+""".replace("MERWE", merwe_text(T=8, lost_beyond=1.5))
+
+
+def made(folder: Path, *grid: str) -> Path:
+    (folder / "c.yaml").write_text(CONFIG)
+    options = api.Options(engine="serial", quiet=True, out=folder / "out", formats=(), grid=grid)
+    return api.run(folder / "c.yaml", options).folder
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        (),
+        ("scenario.sensor.R=1,0.5",),
+        ("filters.PF.resampling=systematic,residual", "filters.PF.N=4,6"),
+        ("scenario.score.lost_beyond=null,1.5",),
+    ],
+    ids=["plain", "numbers", "words", "nothing"],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_runs_in_groups_are_those_of_the_frame(
+    tmp_path: Path, grid: tuple[str, ...], packed: bool
+) -> None:
+    folder = made(tmp_path, *grid)
+    if packed:
+        pack(folder)
+        (folder / "per_run.csv").unlink()
+    results = Results(folder)
+    for point in results.points():
+        frame = results.at(results.per_run, point)
+        groups = list(frame.groupby(["filter", "metric"], sort=False))
+        found = results.runs(point)
+        assert list(found) == [key for key, _ in groups]
+        for key, rows in groups:
+            assert len(found[key]) == 9
+            np.testing.assert_array_equal(found[key], rows["value"].to_numpy())
+
+
+def test_many_runs_are_read_in_little_memory(tmp_path: Path) -> None:
+    folder, number = made(tmp_path), 80_000
+    labels = Results(folder).filters
+    with (folder / "per_run.csv").open("w") as file:
+        file.write("filter,run,metric,value\n")
+        for label in labels:
+            file.writelines(f"{label},{run},rmse,0.{run}\n" for run in range(number))
+    results = Results(folder)
+    assert results.points() == [{}]
+    taken = peak(results.runs, {})
+    assert {key: len(x) for key, x in results.runs({}).items()} == {
+        (label, "rmse"): number for label in labels
+    }
+    assert taken < 3 * 8 * len(labels) * number
+    assert taken < _read_bytes(api.prepare(folder / "config.yaml", api.Options(runs=number)))
+
+
+def test_no_more_metrics_are_kept_than_memory_is_reckoned_for(tmp_path: Path) -> None:
+    folder = made(tmp_path)
+    experiment, found = api.prepare(folder / "config.yaml", api.Options()), Results(folder).runs({})
+    for label, tracker in experiment.points[0].filters.items():
+        most = number_per_run(experiment.settings, experiment.points[0].scenario, label, tracker)
+        assert sum(label == of for of, _ in found) <= most

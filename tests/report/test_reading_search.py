@@ -1,0 +1,215 @@
+"""The table of readings: distances by hand, readings that are the same, readings that are lost."""
+
+from math import log, sqrt
+
+import numpy as np
+import pytest
+
+from tests.papers import merwe_text
+from trackbench import api
+from trackbench.config.published import PublishedNumber
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.estimates import Term
+from trackbench.report.results import Results
+from trackbench.report.tables.reading_search import Number, distance, ways_to_measure
+
+CONFIG = """
+name: search
+seed: 3
+runs: 40
+scenario: MERWE
+published: [numbers.csv, claims.csv]
+filters:
+  PF: {kind: pf, N: 10}
+  APF: {kind: apf, N: 10}
+  UKF: {kind: ukf}
+grid:
+  filters.PF.weights & filters.APF.weights: [log, naive]
+  filters.APF.first_stage: [mean, mode]
+  filters.UKF.kappa: [1, 2]
+tables:
+  joint: {kind: readings, of: original, rows: 3}
+  PF: {kind: readings, of: original, filters: [PF]}
+  nothing: {kind: readings, of: nowhere}
+  ways: {kind: readings, of: two ways, statistics: [mean, median], rows: 8}
+  claims: {kind: claim-readings, of: original, rows: 3}
+  none-claimed: {kind: claim-readings, of: nowhere}
+  gains:
+    kind: metrics
+    filters: [PF]
+    columns: {Mean: mean(rmse), Rms: rms(rmse)}
+    gain: {of: APF, over: PF}
+""".replace("MERWE", merwe_text(T=12, switch=6))
+
+NUMBERS = """\
+paper,table,filter,metric,value,digits,runs,experiment,label,expression,source,note
+p,1,PF,Mean,0.5,4,100,original,PF,mean(rmse),,
+p,1,PF,Variance,0.02,4,100,original,PF,variance(rmse),,
+p,1,APF,Mean,0.4,4,100,original,APF,mean(rmse),,
+p,1,PF,Gain,7,1,100,original,PF,"gain(mean(rmse), APF)",,
+p,1,PF,Bias,unbiased,0,100,original,PF,mean(bias),,
+p,1,EKF,Mean,0.4,4,100,original,EKF,mean(rmse),,
+p,1,PF,Mean,99,4,100,another,PF,mean(rmse),,
+p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse),,
+p,1,PF,Error,0.5,4,100,two ways,PF,mean(rmse[k<=6]),,
+"""
+
+CLAIMS = """\
+paper,claim,experiment,left,expression,relation,factor,right,right_expression,tolerance,point,source,note
+p,PF is not lost,original,PF,mean(rmse),<,1000,,,,,,
+p,PF is lost,original,PF,mean(rmse),>,1000,,,,,,
+p,An EKF is better,original,EKF,mean(rmse),<,1,PF,,,,,
+p,PF is fast,original,PF,cpu_s_per_run,<,1000,,,,,,
+p,PF estimates a delay,original,PF,mean(delay_s),<,1,,,,,,
+"""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    home = tmp_path_factory.mktemp("search")
+    (home / "search.yaml").write_text(CONFIG)
+    (home / "numbers.csv").write_text(NUMBERS)
+    (home / "claims.csv").write_text(CLAIMS)
+    options = api.Options(engine="serial", quiet=True, out=home / "out", formats=())
+    return Results(api.run(home / "search.yaml", options).folder)
+
+
+def by_hand(results: Results, point: dict, labels: tuple[str, ...]) -> float:
+    squares = []
+    for label, printed, statistic in (
+        ("PF", 0.5, np.mean),
+        ("PF", sqrt(0.02), lambda x: x.std(ddof=1)),
+        ("APF", 0.4, np.mean),
+    ):
+        if label in labels:
+            rmse = results.runs(point)[label, "rmse"]
+            squares.append(log(statistic(rmse) / printed) ** 2)
+    return sqrt(sum(squares) / len(squares))
+
+
+def test_distances_are_those_by_hand_and_sorted(results: Results) -> None:
+    table = results.tables["joint"]
+    # Eight points, of which UKF's kappa makes pairs that are one reading.
+    expected = sorted(by_hand(results, point, ("PF", "APF")) for point in results.points()[::2])
+    found = [cells[0].estimate.value for cells in table.cells]
+    np.testing.assert_allclose(found, expected[:3])
+    assert [keys[0] for keys in table.keys] == ["1", "2", "3"]
+    assert table.key_headers == ["Rank", "weights", "first_stage"]
+    assert table.notes[0].startswith("4 readings, 0 of which")
+    assert "3 printed numbers" in table.notes[0]
+    assert f"weights {table.keys[0][1]}, first_stage {table.keys[0][2]}" in table.notes[1]
+
+
+def test_one_filters_readings_are_its_own(results: Results) -> None:
+    table = results.tables["PF"]
+    assert table.key_headers == ["Rank", "weights"]
+    points = {
+        point["filters.PF.weights & filters.APF.weights"]: point for point in results.points()
+    }
+    for keys, cells in zip(table.keys, table.cells, strict=True):
+        expected = by_hand(results, points[keys[1]], ("PF",))
+        assert cells[0].estimate.value == pytest.approx(expected)
+    assert len(table.keys) == 2
+
+
+def test_nothing_published_is_said(results: Results) -> None:
+    assert results.tables["nothing"].notes == [
+        "Nothing is published about nowhere that these filters measure."
+    ]
+
+
+def test_statistics_and_ways_to_measure_are_readings(results: Results) -> None:
+    table = results.tables["ways"]
+    assert table.key_headers == ["Rank", "weights", "statistic", "Error"]
+    assert table.notes[0].startswith("8 readings, 0 of which")
+    assert "; 1 printed numbers." in table.notes[0]
+    points = {
+        point["filters.PF.weights & filters.APF.weights"]: point for point in results.points()
+    }
+    statistics = {"mean": np.mean, "median": np.median}
+    for (_, weights, statistic, metric), cells in zip(table.keys, table.cells, strict=True):
+        values = results.runs(points[weights])["PF", metric]
+        expected = abs(log(statistics[statistic](values) / 0.5))
+        assert cells[0].estimate.value == pytest.approx(expected)
+    found = [cells[0].estimate.value for cells in table.cells]
+    assert found == sorted(found)
+    assert len({tuple(keys[1:]) for keys in table.keys}) == 8
+
+
+def test_a_number_is_measured_one_way_at_a_time_and_a_variance_stays_one() -> None:
+    def row(metric: str, expression: str, table: str = "1") -> PublishedNumber:
+        where = {"paper": "p", "table": table, "filter": "A", "metric": metric}
+        return PublishedNumber(**where, value=1.0, label="A", expression=measure(expression))
+
+    numbers = [
+        row("Range", "mean(rmse_range)"),
+        row("Range", "mean(rmse_mean_range)"),
+        row("Range", "mean(rmse_range)", table="2"),
+        row("Range", "mean(rmse_mean_range)", table="2"),
+        row("Spread", "variance(rmse)"),
+        row("Last", "rmse@20"),
+    ]
+    heads, ways = ways_to_measure(numbers, ("rms",))
+    assert heads == ["statistic", "Range"]
+    assert [words for words, _ in ways] == [["rms", "rmse_range"], ["rms", "rmse_mean_range"]]
+    for (_, metric), kept in ways:
+        expected = [f"rms({metric})", f"rms({metric})", "variance(rmse)", "rmse@20"]
+        assert [str(n.expression) for n in kept] == expected
+    assert ways_to_measure(numbers[4:]) == ([], [([], numbers[4:])])
+
+
+def test_claims_are_counted_at_every_reading(results: Results) -> None:
+    """Of five claims two can be judged: one holds everywhere, one fails everywhere."""
+    table = results.tables["claims"]
+    assert table.key_headers == ["Rank", "weights", "first_stage", "kappa"]
+    assert table.value_headers == ["Holds", "Fails", "Not decided"]
+    assert [[cell.estimate.value for cell in cells] for cells in table.cells] == [[1, 1, 0]] * 3
+    assert table.notes[0].startswith("8 readings, 2 claims. Most hold at weights log")
+    assert table.notes[0].endswith(": 1; as many at 8 of the readings.")
+    assert table.notes[1:] == [
+        "PF is not lost: holds at 8, fails at 0 of the readings.",
+        "PF is lost: holds at 0, fails at 8 of the readings.",
+    ]
+
+
+def test_nothing_claimed_is_said(results: Results) -> None:
+    nothing = results.tables["none-claimed"]
+    assert nothing.keys == []
+    assert nothing.notes == ["Nothing is claimed in nowhere that these filters measure."]
+
+
+def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) -> None:
+    """Delta method on dependent means and a variance, against 400 repetitions of 100 runs."""
+    values, errors = [], []
+    for _ in range(400):
+        a = rng.gamma(16.0, 1.0 / 16.0, 100)
+        b = 0.5 * a + rng.gamma(4.0, 1.0 / 4.0, 100)
+        squares = np.square(b - b.mean())
+        found = distance(
+            [
+                Number("A", 0.7, Term(a.mean(), 0.0, a - a.mean(), 100)),
+                Number("B", 1.0, Term(b.mean(), 0.0, b - b.mean(), 100)),
+                Number("B", 0.2, Term(squares.mean(), 0.0, squares - squares.mean(), 100), True),
+            ]
+        )
+        values.append(found.value)
+        errors.append(found.cell.estimate.stderr)
+    assert np.mean(errors) == pytest.approx(np.std(values), rel=5 / sqrt(2 * 400))
+
+
+def test_a_reading_that_is_lost_is_infinitely_far() -> None:
+    good = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 10))
+    gone = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 4, lost=6))
+    nothing = Number("A", 1.0, Term(np.nan, np.nan, None, 0, lost=10))
+    assert distance([good]).value == 0.0
+    assert distance([good, gone]).value == np.inf
+    assert distance([good, nothing]).value == np.inf
+
+
+def test_a_gain_is_that_of_its_column(results: Results) -> None:
+    table = results.tables["gains"]
+    runs = results.runs(results.points()[0])
+    apf, pf = runs["APF", "rmse"], runs["PF", "rmse"]
+    mean, rms = (cell.estimate.value for cell in table.cells[1])
+    assert mean == pytest.approx(100 * (1 - apf.mean() / pf.mean()))
+    assert rms == pytest.approx(100 * (1 - np.sqrt((apf**2).mean() / (pf**2).mean())))

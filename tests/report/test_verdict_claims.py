@@ -1,0 +1,157 @@
+"""Claims: which comparison counts, which losses, and how counts of verdicts are written."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.report.test_expressions import RUNS, Folder, table
+from trackbench.config.published import Claim
+from trackbench.evaluation import binomial
+from trackbench.evaluation import statistics as st
+from trackbench.evaluation.intervals import studentised
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.estimates import Share, Term
+from trackbench.report.expressions import Expressions
+from trackbench.report.findings.ranking import Candidate, standing_of
+from trackbench.report.verdicts import files, rules
+from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.rules import Verdict
+from trackbench.results.read_csv import Columns
+
+NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
+NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])
+
+
+@dataclass
+class Steps(Folder):
+    """A folder with the steps of per_step.csv, too."""
+
+    per_step: Any = None
+
+
+def measured(
+    values: dict[tuple[str, str], np.ndarray], steps: Columns | None = None
+) -> Expressions:
+    rows = steps or table("filter metric step value stderr runs", [("-", "-", 0, 0.0, 0.0, 1)])
+    return Expressions(Steps(values, NONE, NO_TIMES, per_step=rows), {})
+
+
+def claimed(expression: str, **keys: Any) -> Claim:
+    return Claim(paper="p", claim="c", left="A", expression=measure(expression), **keys)
+
+
+def codes(lost: int) -> np.ndarray:
+    """One for so many runs that are lost: the code of those without a number."""
+    return (np.arange(RUNS) < lost).astype(float)
+
+
+@pytest.mark.parametrize(("of_b", "of_c", "word"), [
+    (0, 20, "not decided"), (20, 0, "not decided"), (20, 20, "holds"), (16, 16, "holds"),
+])  # fmt: skip
+def test_a_better_filter_may_not_lose_more_than_any_of_the_others(of_b, of_c, word, rng):
+    values = {}
+    for label, level, lost in (("A", 1.0, 20), ("B", 2.0, of_b), ("C", 3.0, of_c)):
+        values[label, "lost"] = codes(lost)
+        errors = level + 0.1 * rng.standard_normal(RUNS)
+        values[label, "rmse"] = np.where(codes(lost) > 0, np.nan, errors)
+    found = judge(claimed("mean(rmse)", right="B;C"), measured(values))
+    assert found.verdict.word == word
+    told = [f"A loses 20 runs, {label} 0" for label, n in (("B", of_b), ("C", of_c)) if n == 0]
+    assert [part for part in found.note.split("; ") if "loses" in part] == told
+
+
+@pytest.mark.parametrize(("events", "word"), [(28, "holds"), (23, "not decided")])
+def test_a_share_is_exact_so_that_three_standard_errors_show_it(events, word):
+    """28 of 120 against 12 %: z is 3.39; 23 of 120: 2.15."""
+    expressions = measured({("A", "strayed"): codes(events)})
+    z = binomial.z(events, RUNS, 0.12)
+    assert (3.0 < z < 5.0) == (word == "holds")
+    found = judge(claimed("mean(strayed)", relation=">", factor=0.12), expressions)
+    assert (found.verdict.word, found.verdict.z) == (word, z)
+    # A mean of the same size is not.
+    values = {("A", "rmse"): codes(events)}
+    found = judge(claimed("mean(rmse)", relation=">", factor=0.12), measured(values))
+    assert found.verdict.word == "not decided"
+
+
+def test_a_claim_at_many_steps_counts_those_that_hold_by_themselves(rng):
+    values, levels = {}, {2: 0.5, 3: 0.96, 4: 0.7, 9: 3.0}
+    for k, level in levels.items():
+        common = rng.standard_normal(RUNS)
+        values["A", f"rmse@{k}"] = level * np.abs(common + 0.1 * rng.standard_normal(RUNS))
+        values["B", f"rmse@{k}"] = np.abs(common)
+    values["B", "rmse@5"] = values["B", "rmse@4"]  # which A has not
+    found = judge(claimed("rmse@1..8", right="B"), measured(values))
+    assert found.verdict.word == "not decided"
+    assert "at step 3; 2 of 3 comparisons hold by themselves" in found.note
+
+
+def test_a_share_beside_an_error_or_of_no_run_is_normal():
+    share = Share(0.1, 0.03, None, 100)
+    plain = Term(0.1, 0.03, None, 100)
+    for other in (0.01, 0.9):
+        assert share.z(0.2, other) == plain.z(0.2, other)
+        assert share.interval(other=other) == plain.interval(other=other)
+    assert share.z(0.2) == binomial.z(10, 100, 0.2)
+    nothing = Share(np.nan, np.nan, None, 0)
+    assert np.isnan(nothing.z(0.2))
+    assert np.isnan(nothing.interval()).all()
+
+
+def test_a_term_that_is_divided_has_the_error_divided():
+    term = Term(3.0, 0.3, np.array([1.0, -1.0]), 2)
+    found = term.scaled(1.5, by=-2.0, over=4.0)
+    assert (found.value, found.stderr) == (1.5, pytest.approx(0.15))
+    assert found.influences.tolist() == [-0.5, 0.5]
+
+
+def test_a_difference_of_variances_under_stress_is_that_of_its_influences(rng):
+    """Its limits are those of the runs that were drawn."""
+    common = rng.standard_normal(RUNS)
+    x, y = 1.5 * common, common + 0.3 * rng.standard_normal(RUNS)
+    values = {("A", "rmse"): x, ("B", "rmse"): y}
+    term = measured(values).difference(*(measure("variance(rmse)").of(label) for label in "AB"))
+    assert term.pair is not None
+    influences = st.influence("variance", x) - st.influence("variance", y)
+    assert len(term.stressed()) == 2
+    less = np.delete(influences, np.argmax(np.abs(influences)))
+    for found, made_by in zip(term.stressed()[:1], [less], strict=True):
+        value = term.value + made_by.mean()
+        assert found.z() == pytest.approx(studentised(value, made_by - made_by.mean()))
+
+
+def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
+    def row(word, fragile=False):
+        return SimpleNamespace(verdict=Verdict(word, 1.0, (), fragile))
+
+    words = ["not measured", "differs", "agrees", "near", "agrees", "not decided", "chosen"]
+    rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
+    found = [(t.number, t.word, t.verb, t.fragile) for t in files.parts(rows)]
+    assert found == [
+        (2, "agrees", "agree", 0),
+        (2, "compatible", "compatible", 0),
+        (1, "near", "near", 0),
+        (1, "differs", "differs", 1),
+        (1, "chosen", "chosen", 0),
+        (1, "not decided", "not decided", 0),
+        (1, "not measured", "not measured", 0),
+    ]
+    claims = [row("not measured"), row("not decided"), row("fails"), *[row("holds", True)] * 3]
+    bar = files.Bar("6 claims", files.parts(claims))
+    assert bar.words == "6 claims: 3 hold (3 fragile), 1 fails, 1 not decided, 1 not measured"
+    assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
+
+
+def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):
+    common = rng.gamma(4.0, size=100)
+    found = [
+        Candidate("A", {}, np.zeros(100), common + off, {"N": n})
+        for n, off in ((1, 0.5), (2, 0.0), (3, 0.9))
+    ]
+    standing = standing_of(found, "rmse", apart=True)
+    assert (standing.best, [c for c, _ in standing.worse]) == (found[1], [found[0], found[2]])
+    assert not standing.chosen
+    assert standing_of(found, "rmse").chosen

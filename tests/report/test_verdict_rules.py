@@ -1,0 +1,144 @@
+"""Constants of the verdicts' rules, each from both of its sides."""
+
+from math import inf, nan, sqrt
+
+import numpy as np
+import pytest
+
+from tests.report.test_verdicts import number
+from trackbench.evaluation.intervals import interval_of
+from trackbench.report import lost_runs
+from trackbench.report.estimates import Term
+from trackbench.report.verdicts import rules
+from trackbench.report.verdicts.rules import of_claim, of_number, settled, weakest
+
+
+def word(published, value, stderr, *parts, runs=400):
+    terms = (Term(x, e, None, runs) for x, e in parts)
+    return of_number(published, Term(value, stderr, None, runs), list(terms)).word
+
+
+@pytest.mark.parametrize(("side", "decided"), [(-0.001, False), (0.001, True)])
+def test_five_standard_errors_of_all_runs_decide_and_three_without_a_batch(side, decided):
+    published, biased = number(1.0, runs=0), number("biased", margin=0.5)
+    for sign in (1, -1):
+        claim = "holds" if sign > 0 else "fails"
+        for z, parts in ((5.0 + side, (9.0,) * 4), (9.0, (9.0, 3.0 + side, 9.0, 9.0))):
+            found = of_claim(sign * z, [sign * part for part in parts])
+            assert found.word == (claim if decided else "not decided")
+            values = [(1.0 + sign * 0.2 * part / 9.0, 0.2 / 9.0) for part in parts]
+            measured = word(published, 1.0 + sign * 0.2, 0.2 / z, *values)
+            assert measured == ("differs" if decided else "not decided")
+            values = [(sign * (0.5 + 0.2 * part / 9.0), 0.2 / 9.0) for part in parts]
+            measured = word(biased, sign * 0.7, 0.2 / z, *values)
+            assert measured == ("agrees" if decided else "not decided")
+
+
+@pytest.mark.parametrize(("side", "shown"), [(-0.001, False), (0.001, True)])
+def test_three_standard_errors_show_what_is_equal_or_exact(side, shown):
+    z = 3.0 + side
+    for exact in (False, True):
+        assert (of_claim(z, equal=True, exact=exact).word == "holds") == shown
+    assert (of_claim(-z, exact=True).word == "fails") == shown
+    assert of_claim(-z, equal=True).word == "not decided"  # that it is not equal takes five
+    assert (of_claim(-z - 2.0, equal=True).word == "fails") == shown
+    unbiased = number("unbiased", margin=0.5)
+    assert (word(unbiased, 0.2, 0.3 / z) == "agrees") == shown
+    # Parts contradict what is equal from three on.
+    assert (of_claim(9.0, [9.0, -z], equal=True).word == "not decided") == shown
+    assert (of_claim(9.0, [9.0, -z], exact=True).word == "not decided") == shown
+    assert (word(number(1.0, runs=0), 1.0, 0.01, (1.0 + 0.2, 0.2 / z)) == "not decided") == shown
+
+
+@pytest.mark.parametrize(("side", "off"), [(-0.001, False), (0.001, True)])
+def test_a_number_is_compatible_up_to_three_standard_errors(side, off):
+    z = 3.0 + side
+    published = number(1.0, runs=0)
+    assert word(published, 1.3, 0.3 / z) == ("not decided" if off else "compatible")
+    # Its interval reaches 5 % off, half the room, by where it lies and by its error.
+    assert word(published, 1.03, 0.03 / z) == ("not decided" if off else "agrees")
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_tenth_of_the_published_number_is_near(sign):
+    published = number(-2.0, runs=0)
+    for share, expected in ((0.0999, "near"), (0.1001, "differs")):
+        assert word(published, -2.0 * (1.0 + sign * share), 1e-3) == expected
+    for reach, expected in ((0.1999, "agrees"), (0.2001, "compatible")):
+        stderr = 0.1 / 1.9599639845400543  # the interval reaches 0.1 from the number
+        assert word(published, -2.0 + sign * (reach - 0.1), stderr) == expected
+
+
+def test_a_number_agrees_whose_interval_rounds_to_the_printed_digits():
+    published = number(1.0, digits=2, runs=0)
+    for reach, expected in ((0.0049, "agrees"), (0.0051, "near")):
+        assert word(published, 1.0 + reach - 1e-6, 1e-6 / 1.9599639845400543) == expected
+
+
+@pytest.mark.parametrize(("kept", "gone", "expected"), [
+    (50, 50, "agrees"), (49, 50, "differs"), (34, 66, "differs"), (1, 2, "differs"), (0, 3, "differs"),
+])  # fmt: skip
+def test_more_lost_runs_than_others_differ(kept, gone, expected):
+    measured = Term(1.0 if kept else nan, 0.01, None, kept, lost=gone)
+    assert of_number(number(1.0, runs=0), measured, []).word == expected
+
+
+def test_a_few_lost_runs_of_which_none_has_a_number_differ():
+    assert of_number(number(1.0), Term(inf, nan, None, 90, lost=10), []).word == "differs"
+    assert of_number(number(1.0), Term(inf, nan, None, 90), []).word == "not measured"
+
+
+def test_another_seed_lies_within_164_errors_of_a_difference_of_two():
+    """nine in ten: 1.6449 sqrt(2)."""
+    another = 1.6448536269514722 * sqrt(2.0)
+    for z, side in ((5.0, 1), (5.0, -1)):
+        for off, fragile in ((-1e-3, True), (1e-3, False)):
+            assert of_claim(side * (z + another + off)).fragile == fragile
+    published = number(1.0, digits=9, runs=0)
+    for off, fragile in ((-1e-3, True), (1e-3, False)):
+        measured = Term(1.1 + 1e-4 * (another + off), 1e-4, None, 100)
+        assert of_number(published, measured, []).fragile == fragile
+
+
+def test_a_chosen_number_is_never_fragile_and_an_undecided_one_neither():
+    measured = Term(1.101, 0.001, None, 100)
+    assert of_number(number(1.0, digits=9, runs=0), measured, []).fragile
+    assert not of_number(number(1.0, digits=9, runs=0, chosen="R"), measured, []).fragile
+    assert not of_number(number(1.0, runs=0), Term(1.35, 0.1, None, 100), []).fragile
+
+
+def test_words_are_contradicted_by_their_opposites_only():
+    for parts, expected in (
+        (["agrees", "compatible"], "agrees"),
+        (["agrees", "near"], "not decided"),
+        (["differs"], "not decided"),
+    ):
+        assert settled("agrees", parts) == expected
+        assert settled("compatible", parts) == expected.replace("agrees", "compatible")
+    assert settled("near", ["differs", "near"]) == "near"
+    assert settled("differs", ["near", "compatible"]) == "not decided"
+    assert settled("holds", ["fails"]) == "not decided"
+
+
+def test_the_weakest_of_many_steps_fails_for_certain_only():
+    assert weakest([3.0, -1.0, 2.0]) == -1.0
+    assert np.isnan(weakest([3.0, nan]))
+    # Bonferroni: -4 of 100 has the probability 100 * 3.167e-5, a z of -2.73.
+    assert weakest([-4.0] + [9.0] * 99, steps=100) == pytest.approx(-2.7304, abs=1e-3)
+    assert weakest([-0.5] * 100, steps=100) == pytest.approx(0.0, abs=1e-12)
+    assert weakest([0.5] * 100, steps=100) == 0.5
+
+
+def test_the_interval_of_the_rules_is_of_95_percent():
+    rng = np.random.default_rng(1)
+    x = rng.standard_normal(100)
+    term = Term(1.0, 0.1, x - x.mean(), 100)
+    assert term.interval() == interval_of(1.0, x - x.mean(), 0.95)
+
+
+@pytest.mark.parametrize(("more", "chance"), [(7, True), (6, False)])
+def test_seven_lost_runs_to_none_are_no_chance(more, chance):
+    """2^-7 is 0.8 %, 2^-6 is 1.6 %."""
+    a, b = (np.arange(100) < n for n in (more, 0))
+    assert lost_runs.loses_more(a.astype(float), b.astype(float)) == chance
+    assert rules.SURE < rules.DECIDED

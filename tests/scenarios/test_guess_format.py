@@ -1,0 +1,99 @@
+"""`trackbench new experiment --from`: what it makes of tables, and that what it writes runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.commands import trackbench
+from tests.conftest import EXPERIMENTS
+from trackbench.config.load import load
+from trackbench.scenarios.recordings.guess_format import recognised
+
+T = np.arange(0.0, 60.0, 0.5)
+NOISE = np.random.default_rng(5).normal(size=(2, len(T)))
+X, Y = 100.0 + 20.0 * T + 3.0 * NOISE[0], 50.0 - 10.0 * T + 3.0 * NOISE[1]
+STAMPS = [f"2026-05-04T10:{int(t // 60):02}:{t % 60:06.3f}Z" for t in T]
+
+
+def table(path: Path, names: str, *columns: object) -> Path:
+    rows = [",".join(map(str, row)) for row in zip(*columns, strict=True)]  # type: ignore[call-overload]
+    path.write_text("\n".join([names, *rows]) + "\n")
+    return path
+
+
+TABLES = {
+    "metres": ("t,east_m,north_m", T, X, Y),
+    "steps": ("step,px,py", range(len(T)), X, Y),
+    "dates": ("Track ID,Time (UTC),x (km),y (km)", [4] * len(T), STAMPS, X / 1e3, Y / 1e3),
+    "a radar": (
+        "timestamp_ms,range,bearing",
+        (1.7e12 + 1000 * T).astype(int),
+        np.hypot(X + 9e3, Y),
+        np.rad2deg(np.arctan2(Y, X + 9e3)) % 360.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("what", TABLES)
+def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
+    table(tmp_path / "My data.csv", *TABLES[what])
+    made = trackbench("new", "experiment", "--from", "My data.csv", cwd=tmp_path)
+    assert made.stdout == "wrote my_data.yaml\nrun it: trackbench run my_data.yaml\n", made.stderr
+    done = trackbench("run", "my_data.yaml", "--workers", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "results" / "my-data" / "figures" / "track.png").exists()
+    again = trackbench("new", "experiment", "--from", "My data.csv", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "there is a file my_data.yaml" in again.stderr
+
+
+def test_its_numbers_are_near(tmp_path: Path) -> None:
+    guess = recognised(str(table(tmp_path / "m.csv", *TABLES["dates"])))
+    assert {name: f.column for name, f in guess.columns.items()} == {
+        "time": "Time (UTC)",
+        "run": "Track ID",
+        "x": "x (km)",
+        "y": "y (km)",
+    }
+    assert guess.units == {"x": "km", "y": "km"}
+    assert 2.0 <= guess.sigma[0] <= 4.0
+    assert guess.speed == 20.0  # 22.4 to one digit
+    guess = recognised(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
+    assert (guess.units["time"], guess.units["azimuth"]) == ("ms", "deg")
+
+
+def test_the_ferries(tmp_path: Path) -> None:
+    data = EXPERIMENTS / "data" / "solent-ais.csv"
+    made = trackbench("new", "experiment", "ferry", "--from", str(data), cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    scenario = load(tmp_path / "ferry.yaml").points[0].scenario
+    assert scenario.target.runs == (235013375,)
+    assert [sensor.kind for sensor in scenario.sensor] == ["position", "velocity"]
+    assert len(scenario.steps) == 1138
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("a,b", "m.csv:1:1: no column looks like a time or a step; there are a, b"),
+        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, or range"),
+        ("time,x,y", "m.csv:1:1: has no rows"),
+    ],
+)
+def test_a_table_of_which_nothing_can_be_made(tmp_path: Path, names: str, expected: str) -> None:
+    (tmp_path / "m.csv").write_text(names + "\n")
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(expected), done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.glob("*.yaml"))
+
+
+def test_only_experiments_are_made_from_data(tmp_path: Path) -> None:
+    done = trackbench("new", "filter", "x", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "a filter is not made from data" in done.stderr
+    done = trackbench("new", "filter", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "is required without --from" in done.stderr

@@ -1,0 +1,184 @@
+"""A number edited in any file that can be made again is found, the manifest made to agree with it."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from tests.papers import merwe_text
+from tests.report.forging import edit, reseal
+from trackbench import api
+from trackbench.results.xz import pack
+from trackbench.verify.verify import verdict, verify
+
+FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
+
+
+@pytest.fixture
+def nothing_computed(monkeypatch):
+    """Only what follows from the stored runs."""
+    monkeypatch.setattr("trackbench.verify.verify.computed_again", lambda *_: [])
+
+
+def change(folder, name, wanted, column, by):
+    """Another number in the first row that has these words in it."""
+    path = folder / name
+    head, *rows = csv.reader(path.read_text().splitlines())
+    row = next(row for row in rows if set(wanted) <= set(row))
+    i = head.index(column)
+    row[i] = str(by(float(row[i]))) if callable(by) else by
+    with path.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([head, *rows])
+    reseal(folder)
+
+
+def more(x):
+    return float(f"{1.0001 * x:.7g}")
+
+
+def one_more(x):
+    return int(x) + 1
+
+
+CHANGES = {
+    "mean": (["summary.csv", ["PF", "mean(rmse)"], "value", more], "summary.csv: 1 of "),
+    "error": (["summary.csv", ["PF", "median(rmse)"], "stderr", more], "summary.csv: 1 of "),
+    "runs": (["summary.csv", ["PF", "rms(rmse)"], "runs", one_more], "summary.csv: 1 of "),
+    "lost": (["summary.csv", ["PF", "rms(rmse)"], "lost", one_more], "summary.csv: 1 of "),
+    "name": (["summary.csv", ["PF", "anees"], "metric", "mean(no)"], "summary.csv: 2 of "),
+    "mean over time": (
+        ["summary.csv", ["PF", "time-mean(rmse)"], "value", more],
+        "per_step.csv: 1 of ",
+    ),
+    "a late run": (
+        ["per_run.csv", ["PF", "rmse", "377"], "value", lambda x: 2 * x],
+        "summary.csv: ",
+    ),
+    "a step": (
+        ["per_step.csv", ["PF", "rmse", "5"], "value", lambda x: 1.01 * x],
+        "per_step.csv: ",
+    ),
+    "a bias": (
+        ["per_step.csv", ["PF", "bias", "5"], "value", lambda x: x + 0.01],
+        "per_step.csv: ",
+    ),
+    "a NEES": (
+        ["per_step.csv", ["Exact", "anees", "5"], "value", lambda x: x + 0.01],
+        "per_step.csv: ",
+    ),
+    "an error of a step": (
+        ["per_step.csv", ["PF", "rmse", "5"], "stderr", lambda x: 1.01 * x],
+        "per_step.csv: ",
+    ),
+    "a table": (["tables/table1.csv", ["PF"], "Mean", more], "tables/table1.csv: 1 rows "),
+    "published": (
+        ["comparison.csv", ["MCMC"], "published", "2.0"],
+        "comparison.csv: 1 rows ",
+    ),
+    "measured": (["comparison.csv", ["PF50"], "measured", more], "comparison.csv: 1 rows "),
+    "a claim": (["claims.csv", ["PF equals itself"], "z", more], "claims.csv: 1 rows "),
+    "a pair": (["paired.csv", ["PF", "Exact"], "p_holm", "0.2"], "paired.csv: 1 rows "),
+}
+
+
+@pytest.mark.parametrize("case", CHANGES)
+@pytest.mark.usefixtures("nothing_computed")
+def test_an_edited_number_is_found(folder, case):
+    what, begin = CHANGES[case]
+    change(folder, *what)
+    found = verify(folder, 1)
+    assert verdict(found) == "changed"
+    assert [f.text for f in found if f.text.startswith(begin)], [f.text for f in found]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "line"),
+    [
+        ("tables/table1.md", "| PF | 0.", "| PF | 1.", "tables/table1.md: 1 rows "),
+        ("comparison.md", "plainly wrong", "right", "comparison.md: 1 rows "),
+        ("comparison.csv", ",near,", ",agrees,", "comparison.csv: 1 rows do not follow"),
+        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
+        ("claims.csv", ",no\n", ",no", "claims.csv: has "),
+        ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 rows "),
+        ("config.yaml", "floor: Exact", "floor: PF", None),
+        ("config.yaml", "runs: 400", "runs: 399", "per_run.csv: has not as many runs"),
+    ],
+)
+@pytest.mark.usefixtures("nothing_computed")
+def test_an_edited_word_is_found(folder, name, old, new, line):
+    edit(folder, name, old, new)
+    found = [finding.text for finding in verify(folder, 1)]
+    assert [text for text in found if text.startswith(line)] if line else found == []
+
+
+@pytest.mark.usefixtures("nothing_computed")
+def test_a_packed_file_is_looked_into(folder):
+    change(folder, "summary.csv", ["PF", "mean(rmse)"], "value", more)
+    pack(folder)
+    for name in ("per_run.csv", "per_step.csv", "summary.csv"):
+        (folder / name).unlink()
+    first = verify(folder, 1)[0].text
+    assert first.endswith("the first is that of PF, mean(rmse)")
+
+
+@pytest.mark.usefixtures("nothing_computed")
+def test_a_removed_table_is_found_and_one_of_somebody_else_is_not_looked_at(folder):
+    (folder / "tables" / "own.csv").write_text("a,b\n")
+    assert verify(folder, 1) == []
+    (folder / "tables" / "table1.md").unlink()
+    assert [f.text for f in verify(folder, 1)] == [
+        f"{folder}: tables/table1.md is missing: run the experiment again",
+        "tables/table1.md: is not there",
+    ]
+
+
+@pytest.mark.usefixtures("nothing_computed")
+def test_another_order_of_sums_is_rounding(folder):
+    change(folder, "paired.csv", ["PF", "Exact"], "z", lambda x: x * (1 + 1e-13))
+    (finding,) = verify(folder, 1)
+    assert finding.is_rounding
+    assert finding.text.startswith("paired.csv: 1 numbers differ, by 1.0e-13 at most")
+
+
+CONFIG = """
+name: all
+runs: 12
+scenario: MERWE
+filters: {PF: {kind: pf, N: 50}, UKF: {kind: ukf}}
+medians: [nees]
+figures: {t: {kind: estimates, run: 2}}
+""".replace("MERWE", merwe_text(T=6))
+WHOLE = {
+    "an error": (["UKF", "anees", "5"], "stderr"),
+    "a spread": (["UKF", "std", "5"], "value"),
+    "a median": (["UKF", "median(nees)", "5"], "value"),
+}
+
+
+@pytest.fixture
+def small(tmp_path):
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "out", save_tracks=True)
+    return api.run(tmp_path / "c.yaml", options).folder
+
+
+@pytest.mark.parametrize("case", WHOLE)
+def test_all_steps_are_looked_at_where_all_runs_are_computed(small, case):
+    assert verify(small, 12) == []
+    wanted, column = WHOLE[case]
+    change(small, "per_step.csv", wanted, column, lambda x: 1.01 * x)
+    assert verify(small, 11) == []
+    (finding,) = verify(small, 12)
+    assert finding.text.startswith("per_step.csv: 1 of ")
+    assert not finding.is_rounding
+
+
+@pytest.mark.parametrize("name", ["shown.npz", "tracks.npz"])
+def test_tracks_are_looked_at(small, name):
+    with np.load(small / name) as arrays:
+        tracks = dict(arrays)
+    tracks["mean/UKF"][0, 3, 1] += 0.01
+    np.savez(small / name, **tracks)
+    reseal(small)
+    (finding,) = verify(small, 2)
+    assert finding.text == f"{name}: mean/UKF differs by 1.6e-03 at most, more than rounding"

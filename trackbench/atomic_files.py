@@ -1,0 +1,156 @@
+"""Files that are written whole or not at all."""
+
+import csv
+import errno
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from io import StringIO
+from itertools import chain, count, islice
+from pathlib import Path
+from typing import IO, Any
+
+from trackbench.errors import WriteError
+
+Row = Iterable[Any]
+
+_AT_ONCE = 4096  # rows
+_LONGEST = 76  # characters of a name that gets a number
+_touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
+
+
+def free_name(name: str, taken: Iterable[str]) -> str:
+    """Return the name, or with the first number that makes it differ from all that are taken.
+
+    Names that differ in case only are one file on some systems.
+    """
+    folded = {other.casefold() for other in taken}
+    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
+    return next(free for free in chain([name], numbered) if free.casefold() not in folded)
+
+
+def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
+    """A CSV with numbers in their shortest exact form."""
+    with replacing(path) as file:
+        writer = CsvWriter(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def shortened(numbers: Iterable[float], digits: int) -> list[str]:
+    """Numbers of so many significant digits as `csv` writes them, in half its time."""
+    spec = f".{digits}g"
+    texts = [format(x, spec) for x in numbers]
+    return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file atomically."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with replacing(path) as file:
+        file.write(content)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """Temporary file, fsync, rename: the old file stands until the new one is complete.
+
+    Raises WriteError if the disk is full or the folder may not be written.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.unlink(missing_ok=True)
+        with partial.open("xb") as file:  # never through a link that was put there
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+        _note(path)
+    except OSError as error:
+        raise WriteError(path, error) from error
+    finally:
+        with suppress(OSError):  # what keeps a file from being written may keep it, too
+            partial.unlink(missing_ok=True)
+
+
+def made(folder: Path) -> Path:
+    """Return the folder, created with its parents if needed; raises WriteError if it cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(folder, error) from error
+    return folder
+
+
+def within(folder: Path, name: str) -> Path:
+    """Return the path of a folder inside a results folder; raises WriteError if it is a link.
+
+    A results folder from elsewhere may hold a link to any folder of its reader.
+    """
+    if (folder / name).is_symlink():
+        what = "is a link, and results stay inside their folder; remove the link"
+        raise WriteError(folder / name, OSError(errno.ELOOP, what))
+    return folder / name
+
+
+def remove(path: Path) -> None:
+    """Remove a file if it is there; raises WriteError if it may not be."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise WriteError(path, error) from error
+    _note(path)
+
+
+@contextmanager
+def touched() -> Iterator[list[Path]]:
+    """The files that are written and removed meanwhile, in this order."""
+    paths: list[Path] = []
+    token = _touched.set(paths)
+    try:
+        yield paths
+    finally:
+        _touched.reset(token)
+
+
+def _note(path: Path) -> None:
+    paths = _touched.get()
+    if paths is not None:
+        paths.append(path)
+
+
+class CsvWriter:
+    """Writes rows as they come, as `csv.writer` does, thousands at a time."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def writerow(self, row: Row) -> None:
+        """Write one."""
+        self.writerows([row])
+
+    def writerows(self, rows: Iterable[Row]) -> None:
+        """Write all of them."""
+        left = iter(rows)
+        while some := list(islice(left, _AT_ONCE)):
+            self.write(_lines(some))
+
+    def write(self, text: str) -> None:
+        """Write lines that are a CSV's already."""
+        self._file.write(text.encode())
+
+
+def cells(row: Row) -> str:
+    """A row's beginning, or all of it, as a CSV has it between its commas."""
+    return _lines([row])[:-1]
+
+
+def _lines(rows: Iterable[Row]) -> str:
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

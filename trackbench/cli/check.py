@@ -1,0 +1,92 @@
+"""The commands that look before a run: at a config, a filter of one's own, and the kept blocks."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from trackbench.cli.completion import configs
+from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options
+from trackbench.cli.output import echo_line
+
+if TYPE_CHECKING:
+    from trackbench.api import Options
+
+
+def check(
+    config: Annotated[
+        Path | None, typer.Argument(help="as of `run`", autocompletion=configs)
+    ] = None,
+    set_: Set = None,
+    only: Only = None,
+    allow_plugins: AllowPlugins = False,
+    contract: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="hold the filters of a Python file to it")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Validate a config and run nothing, or hold a filter of one's own against the contract."""
+    if config is None and contract is None:
+        raise typer.BadParameter("name a config, or a Python file with --contract")
+    if config is not None:
+        _check_config(config, api_options(locals()), json)
+    if contract is not None:
+        _check_contract(contract, json)
+
+
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="remove all of it")] = False,
+    prune: Annotated[
+        bool, typer.Option("--prune", help="remove blocks that other versions of the code made")
+    ] = False,
+) -> None:
+    """Show or clear what is kept for the next run: finished blocks, drawn figures."""
+    from trackbench.errors import counted
+    from trackbench.execution.cache import Held, cache_folder, cache_size, clear_cache
+
+    root = cache_folder()
+    if clear or prune:
+        clear_cache(root, old_only=not clear)
+    size = cache_size(root)
+
+    def told(held: Held, word: str = "block") -> str:
+        return f"{counted(held.number, word)}, {held.bytes / 1e6:.1f} MB"
+
+    typer.echo(f"{root}/: {told(size.blocks)}")
+    if size.old_blocks.number:
+        old = told(size.old_blocks)
+        typer.echo(f"of other versions of the code: {old}; remove them with --prune")
+    if size.figures.number:
+        typer.echo(f"drawn before: {told(size.figures, 'figure file')}; they go with the blocks")
+
+
+def _check_config(config: Path, options: "Options", json: bool) -> None:
+    from trackbench import api
+    from trackbench.config.training_scenario import training_cautions
+    from trackbench.errors import counted
+    from trackbench.execution.plan import check_memory
+
+    experiment = api.prepare(config, options)
+    check_memory(experiment, workers=1)
+    for caution in training_cautions(experiment):
+        typer.echo(f"note: {caution}", err=True)
+    points, filters = len(experiment.points), list(experiment.points[0].filters)
+    if json:
+        settings = experiment.settings
+        found = {"experiment": settings.name, "runs": settings.runs, "points": points}
+        echo_line({"good": True, "config": str(config), **found, "filters": filters})
+        return
+    grid = f" at {points} points" if points > 1 else ""
+    typer.echo(f"{config}: good, {counted(len(filters), 'filter')}{grid}")
+
+
+def _check_contract(path: Path, json: bool) -> None:
+    from trackbench.contract import check_file, report
+
+    found = check_file(path)
+    for line in report(found) if not json else ():
+        typer.echo(line)
+    for kind, findings in found.items() if json else ():
+        echo_line({"file": str(path), "kind": kind, "contract": [vars(f) for f in findings]})
+    if any(finding.verdict == "bad" for findings in found.values() for finding in findings):
+        raise typer.Exit(1)

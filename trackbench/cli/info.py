@@ -1,0 +1,150 @@
+"""The commands about what a config may say: the kinds, their keys, and files to start from."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trackbench.cli.completion import all_kinds, configs, groups
+from trackbench.cli.options import AllowPlugins, Json, Name, one_of
+from trackbench.cli.output import echo_line
+
+
+def list_(
+    group: Annotated[
+        str | None,
+        typer.Argument(
+            help="filters, ..., metrics, statistics, experiments; default: all groups of kinds",
+            autocompletion=groups,
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Argument(
+            help="an experiment whose metrics and windows are listed", autocompletion=configs
+        ),
+    ] = None,
+    allow_plugins: AllowPlugins = False,
+    json: Json = False,
+) -> None:
+    """List what a config may name; `list metrics CONFIG`: what can be measured in an experiment."""
+    from trackbench.help import metrics
+    from trackbench.help.kinds import rows
+    from trackbench.registry import GROUPS
+
+    known = (*GROUPS, "experiments", "metrics", "statistics")
+    word = None if group is None else one_of("list", group, known)
+    asked = config if word == "metrics" else None
+    if not json:
+        typer.echo(_listing(word, asked, allow_plugins))
+        return
+    every = (*GROUPS, "experiments") if word is None else (word,)
+    for row in metrics.rows_of_config(asked, allow_plugins) if asked else rows(every):
+        echo_line(row)
+
+
+def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
+    """What is listed under a word; under none all groups of kinds."""
+    from trackbench.help import metrics
+    from trackbench.help.kinds import experiments, listing
+    from trackbench.registry import GROUPS
+
+    if config:
+        return metrics.metrics_of_config(config, allow_plugins)
+    if word is None:
+        return f"{listing(GROUPS)}\n\n{experiments()}"
+    others = {
+        "statistics": metrics.statistics,
+        "metrics": metrics.metrics,
+        "experiments": experiments,
+    }
+    return others[word]() if word in others else listing((word,))
+
+
+def describe(
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="a kind, metric or statistic of `trackbench list`, or a group",
+            autocompletion=all_kinds,
+        ),
+    ],
+    json: Json = False,
+) -> None:
+    """Print a kind's parameters, defaults and source; of a group, what its classes may offer."""
+    from trackbench.help.kinds import description, entries
+
+    if json:
+        for entry in entries(kind):
+            echo_line(entry)
+        return
+    typer.echo(description(kind))
+
+
+def show(name: Name) -> None:
+    """Print a shipped experiment's config."""
+    from trackbench.config.shipped_experiments import named
+
+    typer.echo(named(name).read_text(encoding="utf-8"), nl=False)
+
+
+def copy(
+    name: Name,
+    to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
+) -> None:
+    """Copy a shipped experiment and its parts to be edited; nothing is written over."""
+    from trackbench.config.shipped_experiments import copied
+
+    written = copied(name, to)
+    for path in written:
+        typer.echo(f"wrote {path}")
+    typer.echo(f"run it: trackbench run {to / name}.yaml")
+
+
+def new(
+    what: Annotated[str, typer.Argument(help="filter, sensor, motion, scenario or experiment")],
+    name: Annotated[
+        str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option("--from", help="of an experiment: the table of data it is to use")
+    ] = None,
+    per_run: Annotated[
+        bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
+    ] = False,
+) -> None:
+    """Write a commented starting file that runs as it is, and its test.
+
+    With --from an experiment on recorded data: what their columns, units and errors are is guessed.
+    """
+    from trackbench.scaffold import WHAT, write_config_for, write_new
+
+    one_of("new", what, WHAT)
+    if data is not None and what != "experiment":
+        raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
+    if data is not None:
+        paths = write_config_for(data, name or _plain(data.stem), Path())
+    elif name is None:
+        raise typer.BadParameter("is required without --from", param_hint="NAME")
+    else:
+        paths = write_new(what, name, Path(), per_run)
+    for path in paths:
+        typer.echo(f"wrote {path}")
+    config = next(path for path in paths if path.suffix == ".yaml")
+    plugins = "" if what == "experiment" else " --allow-plugins"
+    typer.echo(f"run it: trackbench run {config}{plugins}")
+
+
+def _plain(stem: str) -> str:
+    """A file's name as one of an experiment."""
+    return re.sub("[^A-Za-z0-9]+", "-", stem).strip("-")
+
+
+def schema() -> None:
+    """Print the JSON Schema of an experiment file, for editors."""
+    import json
+
+    from trackbench.help.json_schema import schema
+
+    typer.echo(json.dumps(schema(), indent=1))

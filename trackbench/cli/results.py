@@ -1,0 +1,107 @@
+"""The commands on a results folder: no run is computed, but by `verify`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from trackbench.cli.options import AllowPlugins, Folder, Json, formats, one_of
+from trackbench.cli.output import echo_line
+
+
+def compare(folder: Folder, json: Json = False) -> None:
+    """Hold stored results against the published numbers and claims; computes no run."""
+    from trackbench.commands import stored_results
+    from trackbench.report.results import Results
+    from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+    from trackbench.report.verdicts.files import claim_rows, markdown, number_rows
+
+    found, results = stored_results.compare(folder), Results(folder)
+    times = time_tables(time_verdicts(results))
+    if json:
+        for row in (*number_rows(found), *claim_rows(found)):
+            echo_line(row)
+        return
+    if not found.rows and not found.claims and not times:
+        typer.echo(f"{folder}: nothing is published about this experiment", err=True)
+        return
+    typer.echo("\n".join([markdown(results, found), *(table.markdown() for table in times)]))
+
+
+def plot(
+    folder: Folder,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
+    ] = None,
+    format_: Annotated[
+        str | None,
+        typer.Option(
+            "--format", help="png, svg, pdf, tex (as pdf), with commas [png,svg; for a paper pdf]"
+        ),
+    ] = None,
+    style: Annotated[
+        str,
+        typer.Option(
+            help="screen, or paper: NAME-column and NAME-page, 3.5 and 7.2 in wide, letters of 8 pt"
+        ),
+    ] = "screen",
+    allow_plugins: AllowPlugins = False,
+) -> None:
+    """Draw the figures of stored results again; computes no run."""
+    from trackbench.commands import stored_results
+
+    look: Any = one_of("--style", style, ("screen", "paper"))
+    forms = formats(format_ or {"screen": "png,svg", "paper": "pdf"}[look])
+    _say(lambda: stored_results.plot(folder, forms, tuple(only or ()), allow_plugins, look))
+
+
+def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
+    """Write report.html of stored results; over a folder of several, index.html and a ledger."""
+    from trackbench.commands import stored_results
+
+    _say(lambda: stored_results.report(folder, allow_plugins))
+
+
+def _say(write: Callable[[], list[Path]]) -> None:
+    """Print what is written; say what could not be made, and leave with 1 then."""
+    from trackbench.report.plugin_exhibits import PartlyMadeError
+
+    lines: list[str] = []
+    try:
+        paths = write()
+    except PartlyMadeError as error:
+        paths, lines = error.written, error.lines
+    for path in paths:
+        typer.echo(path)
+    for line in lines:
+        typer.echo(f"error: {line}", err=True)
+    if lines:
+        raise typer.Exit(1)
+
+
+def verify(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
+    runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
+    allow_plugins: AllowPlugins = False,
+) -> None:
+    """Compute the first runs of stored results again, make the rest from what is stored, and compare."""
+    from trackbench.errors import Problem, UserError
+    from trackbench.verify import verify
+
+    verdicts: list[str] = []
+    problems: list[Problem | str] = []
+    for folder in folders:
+        try:
+            found = verify.verify(folder, runs, allow_plugins)
+        except UserError as error:
+            problems += error.problems
+            continue
+        verdicts.append(verify.verdict(found))
+        typer.echo(f"{folder}: {verdicts[-1]}")
+        for finding in found:
+            typer.echo(f"  {finding.text}")
+    if problems:
+        raise UserError(*problems)
+    if verify.CHANGED in verdicts:
+        raise typer.Exit(1)

@@ -1,0 +1,168 @@
+"""The commands that run an experiment: once, over a grid, with tuned filters."""
+
+import signal
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from trackbench.cli.options import (
+    Config,
+    Configs,
+    Grid,
+    Product,
+    Quick,
+    SaveTracks,
+    api_options,
+    runs_experiments,
+)
+from trackbench.cli.output import echo_line, reported, tell, this_command, told
+
+if TYPE_CHECKING:
+    from trackbench.api import Options, Report
+
+_SWEEP_ROWS = 20
+"""Longer tables of a sweep, of every filter at every point, are not printed."""
+
+
+@runs_experiments
+def run(
+    configs: Configs,
+    quick: Quick = False,
+    save_tracks: SaveTracks = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="run again when the config or a file it names is saved")
+    ] = False,
+    **given: Any,
+) -> None:
+    """Run experiments and write tables, figures and CSV files."""
+    _begin(given)
+    execute("run", configs, given | {"quick": quick, "save_tracks": save_tracks}, watch)
+
+
+@runs_experiments
+def sweep(
+    config: Config,
+    grid: Grid,
+    product: Product = False,
+    out: Annotated[Path | None, typer.Option(help="results folder [results/NAME-sweep]")] = None,
+    quick: Quick = False,
+    save_tracks: SaveTracks = False,
+    **given: Any,
+) -> None:
+    """Run the grids' values; also writes sweep.csv, figures over them and each filter's best values."""
+    _begin(given)
+    given |= {"grid": grid, "product": product, "out": out}
+    execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
+
+
+@runs_experiments
+def tune(
+    config: Config,
+    metric: Annotated[
+        str | None,
+        typer.Option(help="what is made small: rms(rmse_position), anees, {log_score: 1, ...}"),
+    ] = None,
+    evaluations: Annotated[int | None, typer.Option(min=2, help="trials of each filter")] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
+    ] = False,
+    **given: Any,
+) -> None:
+    """Tune the filters that the config's `tune` names, and run what is found beside them."""
+    also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
+    words = [f"{key}={value}" for key, value in also.items() if value is not None]
+    execute("tune", [config], given | {"fresh": fresh, "set_": [*(given["set_"] or ()), *words]})
+
+
+def _begin(given: dict[str, Any]) -> None:
+    """Let processes import what they need while this one imports and reads, which takes as long."""
+    from trackbench.execution.engines import begin
+    from trackbench.report import DRAWER
+
+    if not given["dry_run"]:
+        begin(given["engine"], given["workers"], DRAWER)
+
+
+def execute(
+    command: str, configs: list[Path], given: dict[str, Any], watched: bool = False
+) -> None:
+    """Do what `run`, `sweep` or `tune` asks for by its options, print what came out, and exit."""
+    from trackbench import api
+    from trackbench.plugins.interrupts import interrupt
+
+    options, dry_run, json = api_options(given), given["dry_run"], given["json"]
+    if command == "tune":
+        api.check_tuned(configs, options)
+    if dry_run:
+        for line in api.preview(configs, options):
+            if json:
+                echo_line({"would": line})
+            else:
+                typer.echo(line)
+        return
+    signal.signal(signal.SIGTERM, interrupt)
+    if watched:
+        _watch(configs, options, json)
+    elif not _run(command, configs, options, json):
+        raise typer.Exit(1)
+
+
+def _run(command: str, configs: list[Path], options: "Options", json: bool) -> bool:
+    """Run and print; whether all filters worked."""
+    from trackbench import api
+
+    sweeps = (api.sweep(config, options) for config in configs)
+    reports = sweeps if command == "sweep" else api.run_all(configs, options)
+    good = True
+    try:
+        with closing(reports):
+            for report in reports:
+                _print(report, json, most_rows=_SWEEP_ROWS if command == "sweep" else None)
+                good &= not report.failed
+    except KeyboardInterrupt:
+        typer.echo(f"\ninterrupted; finished blocks are kept, to go on: {this_command()}", err=True)
+        raise typer.Exit(130) from None
+    return good
+
+
+def _watch(configs: list[Path], options: "Options", json: bool) -> None:
+    """Run one config again and again, whatever is wrong with it; Ctrl-C between runs ends it well."""
+    from trackbench.cli.watch import watch
+    from trackbench.commands.prepare import say
+    from trackbench.config.shipped_experiments import located
+    from trackbench.errors import Mark, Problem, UserError
+
+    if len(configs) > 1 or str(configs[0]) == "-":
+        raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
+    config = located(configs[0], lambda line: say(line, options))
+
+    def go() -> None:
+        try:
+            _run("run", [config], options, json)
+        except Exception as error:
+            tell(told(error))
+
+    with suppress(KeyboardInterrupt):
+        watch(config, go)
+
+
+def _print(report: "Report", json: bool, most_rows: int | None) -> None:
+    if json:
+        echo_line(reported(report))
+    else:
+        for name, table in report.tables.items():
+            if most_rows is None or len(table.keys) <= most_rows:
+                typer.echo(table.markdown())
+            else:
+                typer.echo(f"{len(table.keys)} rows: {report.folder}/tables/{name}.md", err=True)
+        for best in report.best:
+            typer.echo(f"best: {best}")
+        for line in report.answer:
+            typer.echo(line)
+    for note in report.notes:
+        typer.echo(f"note: {note}", err=True)
+    for failure in report.failed:
+        typer.echo(f"error: {failure}", err=True)
+    typer.echo(f"results in {report.folder}/", err=True)

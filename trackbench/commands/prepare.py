@@ -1,0 +1,230 @@
+"""What a command asks for: its options, and each config as a job, validated before anything runs."""
+
+import os
+import stat
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from trackbench.config import load as configurations
+from trackbench.config.dump import as_yaml
+from trackbench.config.experiment import Experiment
+from trackbench.config.from_mapping import Config
+from trackbench.config.shipped_experiments import located
+from trackbench.config.tuned_entries import Chosen
+from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.evaluation.stopping_rule import looks
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import Engine, cpu_count, engine
+from trackbench.execution.plan import Plan, announced, check_memory, make_plan
+from trackbench.execution.stop_when_precise import begun
+from trackbench.report.sweep import as_sweep
+from trackbench.results.folder_contents import MADE, RAW
+from trackbench.tuning.record import Record
+from trackbench.tuning.tuner import tune
+from trackbench.yaml_source import read
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to run an experiment; of these only set, only, runs, seed, grid and product change numbers."""
+
+    set: Sequence[str] = ()
+    """overrides of keys, `PATH=VALUE` as on the command line"""
+    only: Sequence[str] = ()
+    """labels of the filters to be run"""
+    runs: int | None = None
+    """Monte Carlo runs"""
+    seed: int | None = None
+    """seed of every random number"""
+    grid: Sequence[str] = ()
+    """grids, `PATH=V1,V2,...`, `a..b:n` or `log:a..b:n`"""
+    product: bool = False
+    """run every combination of keys of different filters, not one filter after the other"""
+    out: Path | str | None = None
+    """results folder; of several configs the one that holds theirs; default: results/NAME"""
+    engine: Engine = "processes"
+    """processes, serial or dask"""
+    workers: int | None = None
+    """worker processes; default: all processors"""
+    scheduler: str | None = None
+    """address of a dask cluster, tcp://host:port"""
+    fresh: bool = False
+    """compute again what is kept from before"""
+    times: bool = True
+    """measure CPU times where a table, a figure, a published number or a claim names them"""
+    save_tracks: bool = False
+    """write every run's track to tracks.npz"""
+    formats: Sequence[str] = ("png", "svg")
+    """of figures and tables: png, svg, pdf, tex"""
+    allow_plugins: bool = False
+    """run the code of the config's plugins"""
+    quiet: bool = False
+    """say nothing of the progress"""
+
+
+def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
+    """The file of a config, or of the shipped experiment of this name; a mapping is what it is."""
+    if isinstance(config, Mapping):
+        return config
+    return located(Path(config), lambda line: say(line, options))
+
+
+def prepare(
+    config: Config, options: Options, found: Mapping[str, Chosen] | None = None
+) -> Experiment:
+    """Read and validate a config, with the options' overrides.
+
+    ``found`` is what tuning found.
+    """
+    return configurations.load(
+        file_of(config, options),
+        options.set,
+        options.only,
+        options.runs,
+        options.seed,
+        options.grid,
+        options.product,
+        options.allow_plugins,
+        found,
+    )
+
+
+class Job(NamedTuple):
+    """An experiment that is going to be run, where, and a line that says so."""
+
+    config: Config
+    experiment: Experiment
+    folder: Path
+    plan: Plan
+    line: str
+    most: int
+    """runs at most"""
+    tuning: Mapping[str, Record] = MappingProxyType({})
+    """what tuning tried, by label"""
+
+
+def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
+    """What the configs ask for; raises UserError with the mistakes of all of them."""
+    jobs: list[Job] = []
+    problems: dict[Problem | str, None] = {}
+    for config in configs:
+        try:
+            job = _job(config, options, alone=len(configs) == 1)
+        except UserError as error:
+            problems |= dict.fromkeys(error.problems)
+            continue
+        if job.folder in [other.folder for other in jobs]:
+            mark = job.experiment.source.mark(("name",))
+            what = f"another config of this command writes into {job.folder}/, too"
+            problems[Problem(mark, "name", what)] = None
+        jobs.append(job)
+    if not _may_write(cache_folder()):
+        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+    if problems:
+        raise UserError(*problems)
+    return jobs
+
+
+def _job(config: Config, options: Options, alone: bool) -> Job:
+    experiment = prepare(config, options)
+    if options.grid:
+        experiment = as_sweep(experiment)
+    folder = Path("results" if options.out is None else options.out)
+    if options.out is None or not alone:
+        folder /= experiment.settings.name
+    _check_out(folder)
+    check_memory(experiment, 1, options.save_tracks)
+    most = experiment.settings.runs
+    plan = plan_of(experiment, most, options)
+    workers = min(most_workers(options), len(plan.unique))
+    needed = check_memory(experiment, workers, options.save_tracks)
+    line = announced(experiment, plan, workers, needed)
+    first = begun(experiment)
+    return Job(config, first, folder, plan_of(first, most, options), line, most)
+
+
+def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
+    """The plan of an experiment of at most so many runs, which `until` may end earlier."""
+    settings = experiment.settings
+    stops = list(looks(settings.min_runs, most)) if settings.until else []
+    return make_plan(experiment, options.save_tracks, stops)
+
+
+def with_tuned(job: Job, options: Options) -> Job:
+    """The experiment with the values that tuning finds on runs of its own."""
+    workers, store = most_workers(options), BlockStore(cache_folder())
+    open_engine = engine(options.engine, workers, options.scheduler)
+    tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
+    found = {label: record.best.values for label, record in tuning.items()}
+    experiment = begun(prepare(job.config, options, found))
+    plan = plan_of(experiment, job.most, options)
+    return job._replace(experiment=experiment, plan=plan, tuning=tuning)
+
+
+def most_workers(options: Options) -> int:
+    """Workers that there may be."""
+    return options.workers or cpu_count()
+
+
+def most_drawers(options: Options) -> int:
+    """Processes that may draw figures: as many as compute, where those are this machine's."""
+    return most_workers(options) if options.engine == "processes" else 1
+
+
+def say(text: str, options: Options) -> None:
+    """A line for the user, unless quiet is wanted."""
+    if not options.quiet:
+        print(text, file=sys.stderr)
+
+
+def _check_out(folder: Path) -> None:
+    """Raise UserError if something else stands where the folder is to be."""
+    for path in (folder, *folder.parents):
+        try:
+            bad = "" if stat.S_ISDIR(path.stat().st_mode) else f"{path} is a file, not a folder"
+        except (FileNotFoundError, NotADirectoryError):
+            bad = f"{path} is a link to nothing" if path.is_symlink() else ""
+        except OSError as error:
+            bad = f"{path}: {reason(error)}"
+        if bad:
+            raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
+    if (foreign := _foreign_file(folder)) is not None:
+        what = "is there, and no run's: it would be replaced; another folder: --out DIR"
+        raise UserError(Problem(Mark(str(foreign)), "", what))
+    if not _may_write(folder):
+        what = "may not be written in; another folder: --out DIR"
+        raise UserError(Problem(Mark(f"{folder}/"), "", what))
+
+
+def _foreign_file(folder: Path) -> Path | None:
+    """Return a file that a run would replace in a folder that no run has written; None if there is none.
+
+    A run that was killed has left a manifest, its points, or a config alone, as it is written.
+    """
+    if any((folder / name).exists() for name in ("manifest.json", "points.json")):
+        return None
+    for name in ("config.yaml", *RAW, *MADE):
+        path = folder / name
+        if path.is_file() and not (name == "config.yaml" and _is_written(path)):
+            return path
+    return None
+
+
+def _is_written(config: Path) -> bool:
+    """Return whether a config has the form in which runs write theirs."""
+    with suppress(OSError, UserError, ValueError, LookupError):
+        text = config.read_text(encoding="utf-8")
+        return as_yaml(read(config).data) == text
+    return False
+
+
+def _may_write(folder: Path) -> bool:
+    """Whether the folder, or the first above it that is there, may be written in."""
+    there = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
+    return os.access(there, os.W_OK | os.X_OK)

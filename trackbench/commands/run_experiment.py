@@ -1,0 +1,223 @@
+"""From configs to results folders: what is run, on which workers, and what is said of it."""
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+from trackbench.atomic_files import touched
+from trackbench.commands.prepare import (
+    Job,
+    Options,
+    jobs_of,
+    most_drawers,
+    most_workers,
+    plan_of,
+    say,
+    with_tuned,
+)
+from trackbench.config.experiment import Experiment
+from trackbench.config.from_mapping import Config
+from trackbench.config.training_scenario import held_out, training_cautions
+from trackbench.errors import counted
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.cpu_times import Times, times_of
+from trackbench.execution.engines import begin, engine
+from trackbench.execution.plan import Key, Plan, cautions
+from trackbench.execution.runner import Outcome, execute
+from trackbench.execution.stop_when_precise import grown, why_ended
+from trackbench.report import DRAWER
+from trackbench.report.findings.sentences import answer
+from trackbench.report.html.report_page import write_report
+from trackbench.report.notebook import results_html
+from trackbench.report.render import render
+from trackbench.report.results import Results
+from trackbench.report.sweep import Best, best_points, write_sweep
+from trackbench.report.table import Table
+from trackbench.report.verdicts.cpu_times import time_line
+from trackbench.report.verdicts.files import summary_lines
+from trackbench.report.verdicts.numbers import Comparison
+from trackbench.results.folder_contents import seal
+from trackbench.results.lock import locked
+from trackbench.results.write import Losses, write_results
+from trackbench.tuning.record import write_tuning
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@dataclass(repr=False)
+class Report:
+    """Where the results are, the tables, and what went wrong; a notebook shows it."""
+
+    folder: Path
+    tables: dict[str, Table]
+    comparison: Comparison
+    notes: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    best: list[Best] = field(default_factory=list)
+    """of a sweep: each filter's best values"""
+    answer: list[str] = field(default_factory=list)
+    """what was found, in sentences"""
+
+    def __repr__(self) -> str:
+        failed = f"; {len(self.failed)} failed" if self.failed else ""
+        return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
+
+    def _repr_html_(self) -> str:
+        lines = [f"{self.folder}/", *self.failed, *answer(self.results)]
+        lines += summary_lines(self.comparison)
+        tables = (table.texts() for table in self.tables.values())
+        return results_html(self.results.title, lines, tables, self._repr_png_())
+
+    def _repr_png_(self) -> bytes | None:
+        return self.results._repr_png_()
+
+    def figure(self, name: str = "") -> "Figure":
+        """A figure of the config, for matplotlib to go on with; the key figure if none is named."""
+        return self.results.figure(name)
+
+    @cached_property
+    def results(self) -> Results:
+        """The folder's files as data frames."""
+        return Results(self.folder)
+
+    @property
+    def per_run(self) -> "pd.DataFrame":
+        """``filter,run,metric,value``."""
+        return self.results.per_run
+
+    @property
+    def per_step(self) -> "pd.DataFrame":
+        """``filter,step,time,metric,value,stderr,runs``."""
+        return self.results.per_step
+
+    @property
+    def summary(self) -> "pd.DataFrame":
+        """``filter,metric,value,stderr,runs,lost``."""
+        return self.results.summary
+
+
+def run_all(
+    configs: Sequence[Config], options: Options | None = None, **changes: Any
+) -> Generator[Report]:
+    """Run experiments one after the other on the same workers, which do not wait for reports.
+
+    Yields each one's report when it is written. Of several experiments ``out`` is the folder that
+    holds their folders. Raises UserError, before anything runs, with the mistakes of all configs.
+    """
+    yield from run_each(configs, replace(options or Options(), **changes))
+
+
+def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
+    """The same, with what a ``sweep`` writes and says besides."""
+    begin(options.engine, options.workers, DRAWER)
+    jobs = jobs_of(configs, options)
+    workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
+    open_engine = engine(options.engine, workers, options.scheduler)
+    for job in jobs:
+        say(job.line, options)
+        for caution in [*cautions(job.experiment.points), *training_cautions(job.experiment)]:
+            say(f"note: {caution}", options)
+
+    def more(i: int, outcome: Outcome) -> Plan | None:
+        bigger = grown(jobs[i].experiment, jobs[i].most, outcome)
+        if bigger is None:
+            return None
+        plan = plan_of(bigger, jobs[i].most, options)
+        jobs[i] = jobs[i]._replace(experiment=bigger, plan=plan)
+        return plan
+
+    if most_drawers(options) > 1:
+        Thread(target=_import_ahead, daemon=True).start()
+    with ExitStack() as stack:
+        locks = {}
+        for folder in sorted(job.folder for job in jobs):  # in one order: nobody waits in a circle
+            locks[folder] = stack.enter_context(ExitStack())
+            locks[folder].enter_context(locked(folder, lambda line: say(line, options)))
+        jobs = [with_tuned(job, options) if job.experiment.tuned else job for job in jobs]
+        outcomes = execute(
+            [job.plan for job in jobs],
+            BlockStore(cache_folder()),
+            open_engine,
+            workers,
+            fresh=options.fresh,
+            progress=not options.quiet,
+            more=more,
+        )
+        for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
+            report = _reported(jobs[i], outcome, options, sweep)
+            locks[report.folder].close()  # who gets the report may plot it
+            yield report
+
+
+def _import_ahead() -> None:
+    """What tables and verdicts need, while this process waits for blocks."""
+    with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
+        import_module("scipy.special")
+
+
+def preview(configs: Sequence[Config], options: Options) -> list[str]:
+    """What `run_all` would do, in a line for each."""
+    return [job.line for job in jobs_of(configs, options)]
+
+
+def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
+    """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
+    for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
+        say(line, options)
+    times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
+    for label, why in times.failed.items():
+        say(f"note: {label} has no measured CPU time: {why}", options)
+    with touched() as paths:
+        losses, facts = write_results(
+            job.folder, job.experiment, outcome, options.save_tracks, times.measured
+        )
+        if job.tuning:
+            write_tuning(job.folder / "tuning.csv", job.tuning)
+            facts["training_holds_out"] = held_out(job.experiment)
+            trained_s = sum(record.cpu_s for record in job.tuning.values())
+            facts["cpu_s"] = round(facts["cpu_s"] + trained_s, 3)
+        results = Results(job.folder, facts)
+        tables, comparison = render(results, options.formats, most_drawers(options), options.fresh)
+        write_report(results, comparison)
+        if sweep:
+            write_sweep(results)
+    seal(job.folder, facts, paths)
+    notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
+    failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
+    best = list(best_points(results)) if sweep else []
+    return Report(job.folder, tables, comparison, notes, failed, best, answer(results))
+
+
+def _what_happened(outcome: Outcome) -> Iterator[str]:
+    if outcome.reused:
+        kept = outcome.reused + outcome.computed
+        yield f"reused {outcome.reused} of {counted(kept, 'block')} from {outcome.store.root}/"
+    if outcome.damaged:
+        yield f"{_were(outcome.damaged, 'damaged block')} computed again"
+    if outcome.deaths:
+        yield f"note: a worker died; {_were(outcome.deaths, 'block')} started again"
+
+
+def _were(number: int, word: str) -> str:
+    return f"{counted(number, word)} {'was' if number == 1 else 'were'}"
+
+
+def _notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
+    for key, loss in losses.items():
+        if loss.lost and not loss.is_total:
+            yield f"{experiment.title_of(key)}: {loss}"
+
+
+def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]) -> Iterator[str]:
+    for key, why in outcome.failures.items():
+        yield f"{experiment.title_of(key)} failed: {why}"
+    for key, loss in losses.items():
+        if loss.is_total:
+            yield f"{experiment.title_of(key)} failed: {loss}"

@@ -1,0 +1,119 @@
+"""What is done with a results folder: nothing of it computes a run, or imports what would."""
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from trackbench.atomic_files import touched
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.report.open import check_folder, open_results, open_with_notes, using
+from trackbench.report.plotting.page_formats import Style
+from trackbench.report.plugin_exhibits import PartlyMadeError
+from trackbench.report.render import write_figures
+from trackbench.report.results import Results
+from trackbench.report.verdicts.files import write_comparison, write_paired
+from trackbench.report.verdicts.numbers import Comparison
+from trackbench.report.verdicts.numbers import compare as hold_against_published
+from trackbench.results.folder_contents import seal
+from trackbench.results.lock import locked
+
+
+def load(folder: Path | str) -> Results:
+    """The results of an earlier run, as data frames."""
+    return open_results(Path(folder))
+
+
+def compare(folder: Path | str) -> Comparison:
+    """Hold a results folder against what is published again; writes comparison and paired.csv.
+
+    The published numbers are taken as they now are, and are in the manifest as that. Into a folder
+    that cannot be written nothing is.
+    """
+    if _is_read_only(folder):
+        with using(folder):
+            return hold_against_published(open_with_notes(Path(folder)))
+    with _written_again(folder) as (results, paths):
+        comparison = hold_against_published(results)
+        write_comparison(results, comparison)
+        write_paired(results)
+        paths += [results.folder / name for name in results.config["published"]]
+    return comparison
+
+
+def plot(
+    folder: Path | str,
+    formats: Sequence[str] = ("png", "svg"),
+    only: Sequence[str] = (),
+    allow_plugins: bool = False,
+    style: Style = "screen",
+) -> list[Path]:
+    """Draw the figures of a results folder again; returns the files written.
+
+    ``style="paper"`` makes NAME-column and NAME-page, as wide as those of a journal, without titles.
+    Those of plugins are drawn if their code may be run, and else left as they are. Where that fails
+    it raises PartlyMadeError after the others are written.
+    """
+    with _written_again(folder, allow_plugins) as (results, _):
+        written = write_figures(results, formats, only, style)
+    return _whole(results, written)
+
+
+def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
+    """Write report.html of a results folder, or index.html and the ledger over a folder of them.
+
+    That of a folder that cannot be written goes into the working directory, as NAME-report.html.
+    """
+    from trackbench.report.html.index_page import write_overview
+    from trackbench.report.html.report_page import write_report
+
+    folder = Path(folder)
+    if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name
+        _check_writable(folder)
+        return write_overview(folder)
+    if _is_read_only(folder):
+        here = Path(f"{folder.resolve().name}-report.html")
+        with using(folder):
+            results = open_with_notes(folder, allow_plugins)
+            return _whole(results, [write_report(results, path=here)])
+    with _written_again(folder, allow_plugins) as (results, _):
+        written = [write_report(results)]
+    return _whole(results, written)
+
+
+def _whole(results: Results, written: list[Path]) -> list[Path]:
+    """What was written; raises PartlyMadeError if tables or figures of plugins are not in it."""
+    if results.unmade:
+        raise PartlyMadeError(results.unmade_lines, written)
+    return written
+
+
+def _check_writable(folder: Path | str) -> None:
+    if _is_read_only(folder):
+        raise UserError(Problem(Mark(f"{folder}/"), "", "may not be written in"))
+
+
+def _is_read_only(folder: Path | str) -> bool:
+    return os.path.isdir(folder) and not os.access(folder, os.W_OK)
+
+
+@contextmanager
+def _written_again(
+    folder: Path | str, allow_plugins: bool = False
+) -> Iterator[tuple[Results, list[Path]]]:
+    """Open results of which some files are written again; the manifest follows them.
+
+    A run that writes into the folder is waited for. What else was changed since the run is noted, and
+    stays in the manifest as it was.
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    _check_writable(folder)
+    with locked(folder, lambda line: print(line, file=sys.stderr)), using(folder):
+        results = open_with_notes(folder, allow_plugins)
+        with touched() as paths:
+            try:
+                yield results, paths
+            finally:
+                seal(results.folder, results.manifest, paths)

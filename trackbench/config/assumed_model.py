@@ -1,0 +1,43 @@
+"""What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
+
+from trackbench.config.build_kinds import build_plain
+from trackbench.config.experiment import Point
+from trackbench.extension_points import foreign_within
+from trackbench.field_types import MistakenKeyError
+from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.errors import blamed
+from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import Source
+
+
+def read_assumed(source: Source, label: str) -> Assume | None:
+    """The model that a filter's entry names, if it names one."""
+    entry = source.data["filters"][label]
+    if not isinstance(entry, dict) or entry.get("assume") is None:
+        return None
+    keys = ("filters", label, "assume")
+    if label == source.data.get("reference"):
+        source.blame_key(keys, "the reference filter assumes what makes the data")
+    return build_plain(Assume, source, keys)
+
+
+def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
+    """The scenario as this filter sees it; None, with the reason said, if there is no such model."""
+    keys = ("filters", label, "assume")
+    try:
+        seen = point.seen_by(label)
+        _ = seen.model
+    except MistakenKeyError as error:
+        own = (*keys[:2], *error.path) if label in point.assumed else ("scenario", *error.path)
+        source.blame(own, str(error))
+        return None
+    except ValueError as error:
+        source.blame(keys, str(error))
+        return None
+    except Exception as error:
+        foreign = foreign_within(point.assumed.get(label))
+        if not foreign:
+            raise
+        source.blame(keys, blamed(error, *foreign))
+        return None
+    return seen

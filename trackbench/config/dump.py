@@ -1,0 +1,131 @@
+"""A validated experiment written out again: plain data with every default, to be rerun as it is."""
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
+
+from trackbench.config.build_dataclass import at, file_keys
+from trackbench.config.experiment import Experiment
+from trackbench.config.grid import single_paths
+from trackbench.config.includes import split_path
+from trackbench.config.tuning_settings import tuned
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.extension_points import Part
+from trackbench.yaml_source import Keys, scalar
+
+
+def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
+    """The config as plain data with every default; a grid keeps its list of values.
+
+    A part whose kind or preset the grid or tuning varies has only the keys that were given, since each
+    kind and preset has other defaults.
+
+    A filter that ``only`` leaves out stays in it, so that tables, figures and published numbers may
+    go on naming it.
+
+    Paths are relative to ``folder``, where the config is to be written.
+    """
+    first, unfilled = experiment.points[0], _with_varied_defaults(experiment)
+    out = asdict(experiment.settings)
+
+    def relative(path: str) -> str:
+        return os.path.relpath(path, folder)
+
+    def written(part: Any, keys: Keys) -> Any:
+        full = as_config(part, relative)
+        return _only_given(full, at(experiment.source, keys)) if keys in unfilled else full
+
+    out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    # A results folder holds copies of the files under these names, so that it stands alone.
+    out["published"] = [f"published/{name}" for name in experiment.published.files]
+    out["scenario"] = written(first.scenario, ("scenario",))
+    trained = out["tuning"].pop("scenario")  # what was given: the rest is the scenario's
+    if trained is not None and experiment.training is not None:
+        whole = as_config(experiment.training.scenario, relative)
+        out["tuning"]["scenario"] = _only_given(whole, trained)
+    every = first.filters | experiment.left_out
+    filters = {label: every[label] for label in experiment.settings.filters}
+    groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)
+    for group, built in groups.items():
+        out[group] = {name: written(part, (group, name)) for name, part in built.items()}
+    if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
+        out["key_figure"] = None
+    for label, assume in first.assumed.items():
+        keys = ("filters", label, "assume")
+        assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}
+        if keys[:2] in unfilled:
+            assumed = _only_given(assumed, at(experiment.source, keys))
+        out["filters"][label]["assume"] = assumed
+    return out
+
+
+def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
+    """Where the parts stand of which the grid or tuning varies a kind or preset."""
+    settings = experiment.settings
+    paths = [path for joint in settings.grid for path in single_paths(joint)]
+    for label, keys in settings.tune.items():
+        paths += [f"filters.{of}.{key}" for of in (label, tuned(label)) for key in keys]
+    varied = [split_path(experiment.source, path) for path in paths]
+    varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
+    return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
+
+
+def _only_given(full: Any, given: Any) -> Any:
+    """``full`` without the keys that were not given."""
+    if isinstance(full, dict) and isinstance(given, dict):
+        return {key: _only_given(full.get(key, value), value) for key, value in given.items()}
+    if isinstance(full, list) and isinstance(given, list):
+        return [_only_given(*pair) for pair in zip(full, given, strict=True)]
+    return full
+
+
+def as_yaml(data: Any) -> str:
+    """Plain data as YAML in the order it is given, such that `source.read` gives the same again."""
+    return yaml.dump(
+        data,
+        Dumper=_Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=None,
+        width=100,
+    )
+
+
+class _Dumper(yaml.SafeDumper):
+    def represent_word(self, word: str) -> yaml.ScalarNode:
+        """Quoted also where only YAML 1.2 takes a plain word for a number, such as 1e5."""
+        quoted = "'" if scalar(word) != word else None
+        if "\x85" in word:  # a line break to YAML, which only double quotes can say
+            quoted = '"'
+        return self.represent_scalar("tag:yaml.org,2002:str", word, style=quoted)
+
+
+_Dumper.add_representer(str, _Dumper.represent_word)
+
+
+def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
+    """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
+    files = file_keys(type(part))
+    out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
+    for key in (field for field in fields(part) if field.init):
+        value = getattr(part, key.name)
+        if key.name in files and value is not None:
+            value = shown(value) if isinstance(value, str) else [shown(path) for path in value]
+        out[key.name] = _plain(value, shown)
+    return out
+
+
+def _plain(value: Any, shown: Callable[[str], str]) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        if isinstance(value, Part):
+            return as_config(value, shown)
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Measure):
+        return str(value)
+    if isinstance(value, dict):
+        return {k: _plain(v, shown) for k, v in value.items()}
+    return [_plain(v, shown) for v in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,220 @@
+"""What an experiment is: the top level of its file, and what becomes of it once it is validated."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
+
+from annotated_types import Ge
+from pydantic import AfterValidator, StringConstraints
+
+from trackbench.config.plugins import Plugin
+from trackbench.config.published import Published
+from trackbench.config.tuning_settings import Axis, Tuning
+from trackbench.extension_points import Part
+from trackbench.field_types import ONE_LINE, Count, Natural
+from trackbench.filters.base import AnyFilter
+from trackbench.models.assumed_sensor import Assume
+from trackbench.registry import Group
+from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import Source
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+
+
+def _error(value: float | str) -> float | str:
+    """A standard error, or a share of the number that it belongs to; ValueError if it is neither."""
+    is_share = isinstance(value, str) and value.endswith("%")
+    try:
+        number = (
+            float(str(value).removesuffix("%")) if is_share or not isinstance(value, str) else 0
+        )
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < float("inf"):
+        raise ValueError("give a number greater than 0, or a share of the value such as 1%")
+    return value
+
+
+Error = Annotated[float | str, AfterValidator(_error)]
+"""How exact a number is to be: 0.02, or 1% of it."""
+
+_AS_IT_IS = Tuning()
+
+Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """The top level of an experiment file."""
+
+    name: Name
+    """name of the experiment, and of its folder under results/"""
+    title: str = ""
+    """one line for people; here and in titles of tables and figures {runs} is their number"""
+    paper: str = ""
+    """what it reproduces: authors and title"""
+    seed: Natural = 0
+    """seed of every random number"""
+    runs: Count = 100
+    """Monte Carlo runs; with `until`: at most so many"""
+    until: dict[str, Error] = field(default_factory=dict)
+    """standard errors that end the runs once every filter's is as small: {rms(rmse): 1%, anees: 0.02}"""
+    min_runs: Count = 1000
+    """with `until`: runs before the first look at those errors; fewer do not see a rare far run"""
+    verdict_seeds: Count = 4
+    """batches, of streams of their own, that the runs are split into: a verdict on what is published
+    has to show without any one of them"""
+    block: Count | Literal["fit"] | None = None
+    """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
+    always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""
+    scenario: dict[str, Any]
+    """what is simulated: kind and keys, a path, or {use: path, key: value}"""
+    filters: dict[Label, dict[str, Any]]
+    """filters by label, each like the scenario"""
+    reference: Label | None = None
+    """label of the filter whose estimates the others' distances are measured to"""
+    only: list[Label] = field(default_factory=list)
+    """labels of the filters that are run, beside the reference; default: all"""
+    bound: Label | None = None
+    """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
+    hold_out: Annotated[int, Ge(2)] | None = None
+    """every so many-th measurement of a run is not given to the filters, and predicted instead; 5"""
+    medians: list[str] = field(default_factory=list)
+    """series whose median per step is wanted, such as nees"""
+    metrics: list[str] | None = None
+    """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
+    per_step: list[str] | None = None
+    """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
+    grid: dict[str, list[Any]] = field(default_factory=dict)
+    """paths and the values they take; `a & b` take a value together, or of a list [1, 2] one each"""
+    product: bool = True
+    """run every combination of the grid's values; else keys of different filters are varied one filter
+    after the other, at the first values of the others: a sweep does so"""
+    tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
+    """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
+    of choices. What is found is run as one more filter, `KF (tuned)`"""
+    tuning: Tuning = _AS_IT_IS
+    """by what they are tuned, on how many training runs, and how often each may try"""
+    tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """tables to write, by name"""
+    figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    """figures to draw, by name"""
+    key_figure: Name | None = None
+    """name of the figure that the report begins with; default: the first"""
+    published: list[str] = field(default_factory=list)
+    """CSV files of published numbers and claims that the results are held against"""
+    plugins: list[str] = field(default_factory=list)
+    """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
+
+
+def labels_to_run(
+    filters: Iterable[str], only: Collection[str], reference: str | None
+) -> list[str]:
+    """All filters in their order, or those of ``only`` and the reference."""
+    return [label for label in filters if not only or label in only or label == reference]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One combination of the grid's values, with its scenario and filters by label."""
+
+    values: dict[str, Any]
+    scenario: Scenario
+    filters: dict[str, AnyFilter]
+    assumed: dict[str, Assume] = field(default_factory=dict)
+    """what filters assume that is not the scenario's, by label"""
+
+    def seen_by(self, label: str) -> Scenario:
+        """The scenario with the model that this filter assumes."""
+        if label not in self.assumed:
+            return self.scenario
+        return self.scenario.believing(self.assumed[label])
+
+
+class Labelled:
+    """Base of what holds labels of filters."""
+
+    label_keys: ClassVar[tuple[str, ...]] = ()
+    """keys, beside ``filters``, that hold labels, alone or in mappings and lists"""
+
+
+class Exhibit(Labelled, Part):
+    """Base of tables and figures: what they show, and what they need for it."""
+
+    needs: ClassVar[dict[str, str]] = {}
+    """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
+
+    @property
+    def filters(self) -> tuple[str, ...] | None:
+        """Labels of the filters that it shows, a key of most; None shows all."""
+        return None
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """What it cannot show of these points, by key (``""``: as a whole)."""
+        return {}
+
+
+class DrawnExhibit(Exhibit):
+    """Base of figures: what must be kept of the runs for them."""
+
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """which of its keys ``run`` and ``component`` are numbers of these, from 1"""
+
+    @property
+    def shown_runs(self) -> int:
+        """Runs whose tracks must be kept."""
+        return 0
+
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether the tracks' covariances must be kept, too."""
+        return False
+
+    @property
+    def shown_components(self) -> tuple[int, ...] | None:
+        """The components of the tracks, if lines of them over the plane are all that is drawn."""
+        return None
+
+    @property
+    def shown_measurements(self) -> bool:
+        """Whether the positions that the first run's measurements tell must be kept."""
+        return False
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A validated experiment; ``source`` is its config with positions, ``left_out`` is not run."""
+
+    settings: Settings
+    points: list[Point]
+    left_out: dict[str, AnyFilter]
+    tables: dict[str, Exhibit]
+    figures: dict[str, DrawnExhibit]
+    source: Source
+    published: Published
+    plugins: tuple[Plugin, ...] = ()
+    tuned: dict[str, tuple[Axis, ...]] = field(default_factory=dict)
+    """keys that are tuned, by label of the filter"""
+    training: Point | None = None
+    """the first point, with the scenario that filters are tuned on"""
+
+    @property
+    def parts(self) -> dict[Group, dict[str, Exhibit]]:
+        """Tables and figures by name."""
+        return {"tables": self.tables, "figures": {**self.figures}}
+
+    @property
+    def shown_runs(self) -> int:
+        """How many runs' whole tracks the figures need."""
+        return max((f.shown_runs for f in self.figures.values()), default=0)
+
+    @property
+    def shown_covariances(self) -> bool:
+        """Whether a figure needs those tracks' covariances too."""
+        return any(f.shown_covariances for f in self.figures.values())
+
+    def title_of(self, key: tuple[int, str]) -> str:
+        """A filter at a grid point, for people."""
+        values = self.points[key[0]].values
+        at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
+        return f"{key[1]} at {at_point}" if at_point else key[1]

@@ -1,0 +1,212 @@
+"""Which combinations of a grid's values are points: all, or the keys of one filter after the other's.
+
+Filters do not know of each other, so a filter comes out the same whatever others are given. What all
+depend on, the scenario and the reference filter, is combined with everything.
+"""
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import product
+from math import prod
+from typing import Any, TypeAlias
+
+from trackbench.config.checks import blame_label
+from trackbench.config.experiment import Settings
+from trackbench.config.includes import override, split_assignment, split_path
+from trackbench.config.tuning_settings import RANGE
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.yaml_source import Keys, Source, dotted, scalar
+
+Places: TypeAlias = tuple[int, ...]
+"""The number of each path's value."""
+
+
+def single_paths(path: str) -> list[str]:
+    """The paths of a grid's key, which take a value together: the same one, or each its own."""
+    return path.split(" & ")
+
+
+def values_of(path: str, value: Any) -> list[Any]:
+    """What each of the paths takes: the value, or of a list with a value for each its own."""
+    paths = single_paths(path)
+    each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
+    return value if each else [value] * len(paths)
+
+
+def filters_of(path: str, labels: Iterable[str]) -> list[str]:
+    """Labels of the filters of which a grid's key varies something; a label may have dots."""
+    found = []
+    for single in single_paths(path):
+        mine = [label for label in labels if single.startswith(f"filters.{label}.")]
+        found += [max(mine, key=len)] if mine else []
+    return found
+
+
+def is_of_scenario(path: str) -> bool:
+    """Whether a grid's key varies something of the scenario."""
+    return any(single.startswith("scenario.") for single in single_paths(path))
+
+
+def separate(
+    grid: Iterable[str], labels: Collection[str], reference: str | None
+) -> list[list[str]]:
+    """Paths that vary filters by themselves, together where they have a filter in common."""
+    found: list[tuple[set[str], list[str]]] = []
+    for path in grid:
+        mine = set(filters_of(path, labels))
+        if is_of_scenario(path) or reference in mine:
+            continue
+        joined, paths = mine, [path]
+        for others, known in [item for item in found if item[0] & mine]:
+            found.remove((others, known))
+            joined, paths = joined | others, [*known, *paths]
+        found.append((joined, paths))
+    return [paths for _, paths in found]
+
+
+def combinations(
+    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+) -> list[Places]:
+    """The points in the order of their values: every combination, or one group of filters at a time.
+
+    While one group is varied, the others keep their first values.
+    """
+    if every:
+        return list(product(*(range(len(values)) for values in grid.values())))
+    apart = separate(grid, labels, reference)
+    held = {path for paths in apart for path in paths}
+    points: set[Places] = set()
+    for paths in apart or [[]]:
+        varied = {path for path in grid if path not in held or path in paths}
+        points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))
+    return sorted(points)
+
+
+def number_of_points(
+    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+) -> int:
+    """How many `combinations` gives."""
+    if every:
+        return prod(len(values) for values in grid.values())
+    apart = separate(grid, labels, reference)
+    alone = [prod(len(grid[path]) for path in paths) for paths in apart]
+    held = {path for paths in apart for path in paths}
+    together = prod(len(values) for path, values in grid.items() if path not in held)
+    return together * (1 + sum(n - 1 for n in alone))
+
+
+_MOST_POINTS = 10_000
+
+
+def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+    """Of each point the value of each path, and where it is written."""
+    grid = settings.grid
+    if not _is_possible(source, settings):
+        return []
+    out = []
+    for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
+        chosen = dict(zip(grid, numbers, strict=True))
+        taken = {path: grid[path][i] for path, i in chosen.items()}
+        marks = {path: source.mark(("grid", path, i)) for path, i in chosen.items()}
+        out.append((taken, marks))
+    return out
+
+
+def take(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
+    """Give the config the values of one point, which stand at these marks."""
+    for joint, value in values.items():
+        for path, own in zip(single_paths(joint), values_of(joint, value), strict=True):
+            override(source, split_path(source, path), own, marks[joint])
+
+
+def _is_possible(source: Source, settings: Settings) -> bool:
+    grid = settings.grid
+    for path, values in grid.items():
+        where = ("grid", path)
+        for keys in (split_path(source, single) for single in single_paths(path)):
+            if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
+                source.blame_key(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
+                return False
+            if keys[0] == "filters" and keys[1] not in settings.filters:
+                blame_label(source, settings, where, str(keys[1]))
+                return False
+        if not values:
+            source.blame(where, "has no values")
+        _check_repeated(source, path, values)
+    overlaps = _overlapping(source, grid)
+    number = number_of_points(grid, settings.filters, settings.reference, settings.product)
+    if number > _MOST_POINTS:
+        source.blame(("grid",), f"{number} points; a grid has at most {_MOST_POINTS}")
+        return False
+    return not overlaps
+
+
+def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
+    """Of two axes that set the same value, one would head rows with what the other took back."""
+    varied: dict[Keys, str] = {}
+    found = False
+    for path in grid:
+        for keys in (split_path(source, single) for single in single_paths(path)):
+            for other, name in varied.items():
+                if all(a == b for a, b in zip(keys, other, strict=False)):
+                    what = f"{dotted(max(keys, other, key=len))} is varied by {name!r}, too"
+                    source.blame_key(("grid", path), what)
+                    found = True
+            varied[keys] = path
+    return found
+
+
+def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
+    """Two points of the same values would be one point with every run twice."""
+    for i, value in enumerate(values):
+        if value in values[:i]:
+            source.blame(("grid", path, i), f"{value!r} is given twice")
+
+
+_RANGE = re.compile(rf"{RANGE}:([0-9]{{1,9}})")
+_MOST_VALUES = 1000
+
+
+def add_axis(source: Source, text: str) -> None:
+    """Add one ``--grid`` option to the config's grid; raises UserError."""
+    keys, values, mark = split_assignment(source, text, "--grid")
+    path = dotted(keys)
+    if not isinstance(source.data.get("grid"), dict):
+        source.data["grid"] = {}
+        source.marks["grid",] = source.key_marks["grid",] = mark
+    if path in source.data["grid"] and not source.mark(("grid", path)).line:
+        raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
+    found = source.data["grid"][path] = axis_values(values, mark)
+    for at in (("grid", path), *(("grid", path, i) for i in range(len(found)))):
+        source.marks[at] = source.key_marks[at] = mark
+
+
+def axis_values(text: str, mark: Mark) -> list[Any]:
+    """The values of one axis: a list, or a range that is linear or logarithmic."""
+    match = _RANGE.fullmatch(text)
+    if match is None:
+        if ".." in text:
+            what = f"{text!r}: a range is a..b:n or log:a..b:n"
+            raise UserError(Problem(mark, "", what))
+        return [scalar(part.strip()) for part in text.split(",")]
+    log, first, last, number = match.groups()
+    if not 1 <= int(number) <= _MOST_VALUES:
+        raise UserError(Problem(mark, "", f"{number} values: write 1 to {_MOST_VALUES}"))
+    if log and not (float(first) > 0 and float(last) > 0):
+        raise UserError(Problem(mark, "", "a logarithmic range has ends above zero"))
+    values = _spaced(float(first), float(last), int(number), bool(log))
+    if isinstance(scalar(first), int) and isinstance(scalar(last), int):
+        whole = [round(v) for v in values]
+        if all(abs(v - w) < 1e-9 * max(1.0, abs(v)) for v, w in zip(values, whole, strict=True)):
+            return whole
+    return values
+
+
+def _spaced(first: float, last: float, number: int, log: bool) -> list[float]:
+    """As typed, to twelve digits: 0.3 and not 0.30000000000000004."""
+    share = [i / (number - 1) if number > 1 else 0.0 for i in range(number)]
+    if log:
+        values = [first * (last / first) ** s for s in share]
+    else:
+        values = [first + (last - first) * s for s in share]
+    return [float(f"{value:.12g}") for value in values]

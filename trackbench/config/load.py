@@ -1,0 +1,269 @@
+"""An experiment file: read, put together from its parts, overridden, validated.
+
+All mistakes are collected before anything runs. A grid (``grid: {scenario.R: [0.1, 1]}``) makes one
+point per combination; without one there is a single point. Paths joined by `` & `` take each value
+together, as ``filters.A.q & filters.B.q: [0, 1]``.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from trackbench.config.assumed_model import check_assumed, read_assumed
+from trackbench.config.build_dataclass import build
+from trackbench.config.build_kinds import build_kind
+from trackbench.config.checks import (
+    check_bound,
+    check_drawable,
+    check_figures,
+    check_fit,
+    check_idle,
+    check_key_figure,
+    check_named_filters,
+    chosen_labels,
+    with_recorded_runs,
+)
+from trackbench.config.defaults_without_truth import fill_in
+from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.from_mapping import source_of
+from trackbench.config.grid import add_axis, grid_points, take
+from trackbench.config.includes import assignment, inline_parts, override
+from trackbench.config.metric_checks import check_metrics, check_trained_metrics
+from trackbench.config.plugin_checks import mistake_of
+from trackbench.config.plugins import Plugin, load_plugins
+from trackbench.config.published import Published
+from trackbench.config.published_csv import read_published
+from trackbench.config.training_scenario import training_point
+from trackbench.config.tuned_entries import Chosen, add_tuned, tuned_axes, with_defaults
+from trackbench.errors import Mark, Problem, RunError, UserError
+from trackbench.plugins.errors import foreign_line
+from trackbench.plugins.interrupts import guarded
+from trackbench.registry import Group
+from trackbench.yaml_source import Source, read, unseen
+
+_ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
+_ALONE = {
+    *("name", "title", "seed", "runs", "verdict_seeds", "block"),
+    *("medians", "metrics", "per_step", "published"),
+}
+
+
+class MistakenNamesError(UserError):
+    """Metrics that are asked for, or rows of published files, and nothing else: the rest is made."""
+
+    def __init__(self, experiment: Experiment, *problems: Problem) -> None:
+        super().__init__(*problems)
+        self.experiment = experiment
+
+
+def load(
+    config: Path | Mapping[str, Any],
+    overrides: Sequence[str] = (),
+    only: Sequence[str] = (),
+    runs: int | None = None,
+    seed: int | None = None,
+    grid: Sequence[str] = (),
+    product: bool = False,
+    allow_plugins: bool = False,
+    found: Mapping[str, Chosen] | None = None,
+) -> Experiment:
+    """Read and validate an experiment; raises UserError with every mistake found.
+
+    Paths in a file count from it, those in a mapping from the working folder.
+    ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
+    ``product`` whether every combination of them is a point where the file has no grid;
+    ``found`` are the values that tuning gave the keys of filters, by label.
+    """
+    source, home = _source(config)
+    if not isinstance(source.data, dict):
+        raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
+    unread = inline_parts(source, home)
+    for text in overrides:
+        override(source, *assignment(source, text))
+    _set_numbers(source, runs=runs, seed=seed)
+    _set_grid(source, grid, product)
+    _set_only(source, only)
+    add_tuned(source, found or {})
+    plugins = load_plugins(source, home, allow_plugins)
+    try:
+        experiment = _told(source, home, plugins)
+    except UserError as error:
+        raise _with_unread(unread, error) if unread else error from None
+    if unread:
+        raise _with_unread(unread, UserError())
+    return experiment
+
+
+def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
+    """What a config says, and the folder that its paths count from."""
+    if isinstance(config, Mapping):
+        return source_of(config), Path()
+    return read(config), config.parent
+
+
+def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
+    """The mistakes found, but of a part that could not be read only why."""
+    parts = tuple(f"{part}." for part in unread)
+    found = [p for p in error.problems if isinstance(p, Problem)]
+    other = [p for p in found if not f"{p.path}.".startswith(parts)]
+    return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
+
+
+def _set_numbers(source: Source, **numbers: int | None) -> None:
+    for key, number in numbers.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
+
+
+def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:
+    if axes and not source.data.get("grid") and "product" not in source.data:
+        override(source, ("product",), product, Mark("--product"))
+    for text in axes:
+        add_axis(source, text)
+
+
+def _set_only(source: Source, labels: Sequence[str]) -> None:
+    for label in labels:
+        if unseen(label):
+            raise UserError(Problem(Mark(f"--only {label}"), "", str(unseen(label))))
+    if labels:
+        override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
+    for i, label in enumerate(labels):
+        override(source, ("only", i), label, Mark(f"--only {label}"))
+
+
+def _told(source: Source, folder: Path, plugins: tuple[Plugin, ...]) -> Experiment:
+    """The experiment; what a plugin raises where nobody expects it is a mistake with its line."""
+    try:
+        with guarded():
+            return _validated(source, folder, plugins)
+    except UserError:
+        raise
+    except Exception as error:
+        what = foreign_line(error) or (str(error) if isinstance(error, RunError) else None)
+        if what is None:
+            raise
+        raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
+
+
+def _settings(source: Source, whole: Settings | None) -> Settings:
+    """The settings, without their mistakes if they have any; raises UserError if none are left."""
+    settings = whole or _without_mistakes(source)
+    if settings is not None and not settings.filters:  # of which no label can be known
+        source.blame(("filters",), "name at least one filter")
+        settings = None
+    if settings is None:
+        _sections(source)
+        raise UserError(*sorted(set(source.problems)))
+    return settings
+
+
+def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
+    # Go on after a mistake as far as can be, so that one round of corrections is enough.
+    whole = build(Settings, source, ())
+    settings = _settings(source, whole)
+    labels = chosen_labels(source, settings)
+    tried = []
+    for values, marks in grid_points(source, settings):
+        take(source, values, marks)
+        tried.append(_point(source, labels, values))
+    points = [point for point in tried if point is not None]
+    whole_grid = points if len(points) == len(tried) else []
+    if not source.problems:
+        check_idle(source, whole_grid)
+    others = [label for label in settings.filters if label not in labels]
+    left_out = _filters(source, others)
+    if whole:
+        settings = with_recorded_runs(source, settings, points)
+    training = training_point(source, points[0]) if settings.tune and points else None
+    settings = with_defaults(source, settings, points, training)
+    axes = tuned_axes(source, settings, points, training)
+    if whole:
+        fill_in(source, settings, points)
+    tables = _parts("tables", source)
+    figures = _parts("figures", source)
+    parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
+    for group, built in parts.items():
+        check_named_filters(source, settings, group, built)
+        check_drawable(source, group, built, whole_grid)
+    check_key_figure(source, settings)
+    if whole:  # else the runs may not be known
+        check_figures(source, settings, figures, points)
+    sound = not source.problems
+    check_metrics(source, settings, whole_grid, parts, left_out)
+    check_trained_metrics(source, settings, training)
+    published = _published(source, settings, folder, whole_grid)
+    parsed = (tables, figures, source, published, plugins, axes, training)
+    made = Experiment(settings, points, left_out, *parsed)
+    if sound and source.problems:
+        raise MistakenNamesError(made, *sorted(set(source.problems)))
+    source.check()
+    return made
+
+
+def _without_mistakes(source: Source) -> Settings | None:
+    """The settings without their mistakes, if no other part of the file hangs on those keys."""
+    mistaken = {p.path.partition(".")[0] for p in source.problems}
+    known = [key.name for key in fields(Settings)]
+    # A key that nobody knows is left out, unless it may be one of those that others hang on.
+    meant = {near for key in mistaken for near in get_close_matches(key, known, 1, _ALIKE)}
+    if not meant <= _ALONE:
+        return None
+    data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
+    return build(Settings, Source(data, source.marks, source.key_marks), ())
+
+
+def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point | None:
+    scenario = build_kind("scenarios", source, ("scenario",))
+    filters = _filters(source, labels)
+    assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
+    if scenario is None:
+        return None
+    what = mistake_of(scenario, bounded=source.data.get("bound") is not None)
+    if what is not None:
+        source.blame(("scenario",), what)
+        return None
+    point = Point(dict(values), scenario, filters, assumed)
+    check_bound(source, scenario)
+    for label, tracker in filters.items():
+        seen = check_assumed(source, point, label)
+        if tracker is not None and seen is not None:
+            check_fit(source, ("filters", label), tracker, seen)
+    return point
+
+
+def _filters(source: Source, labels: list[str]) -> dict[str, Any]:
+    return {b: build_kind("filters", source, ("filters", b)) for b in labels}
+
+
+def _sections(source: Source) -> None:
+    if isinstance(source.data.get("scenario"), dict):
+        build_kind("scenarios", source, ("scenario",))
+    for group in ("filters", "tables", "figures"):
+        if isinstance(source.data.get(group), dict):
+            for label in source.data[group]:
+                build_kind(group, source, (group, label))
+
+
+def _parts(group: Group, source: Source) -> dict[str, Any]:
+    """The tables or figures, without those that have mistakes."""
+    names = source.data.get(group) or {}
+    built = {name: build_kind(group, source, (group, name)) for name in names}
+    return {name: part for name, part in built.items() if part is not None}
+
+
+def _published(source: Source, settings: Settings, folder: Path, points: list[Point]) -> Published:
+    mark, labels = source.mark(("published",)), [*settings.filters]
+    labels += [settings.bound] if settings.bound else []
+    paths = [("grid",), *(("grid", path) for path in settings.grid)]
+    own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
+    values = [point.values for point in points] if own else None
+    also = [str(table.get("of")) for table in settings.tables.values()]
+    try:
+        return read_published(folder, settings.published, settings.name, labels, mark, values, also)
+    except UserError as error:
+        source.problems += [p for p in error.problems if isinstance(p, Problem)]
+        return Published()

@@ -1,0 +1,222 @@
+"""Names of metrics: which of them an experiment has, and which it keeps."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache, cached_property
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+
+from trackbench.config.experiment import Point, Settings
+from trackbench.core.random_streams import block_stream
+from trackbench.evaluation.block import simulate
+from trackbench.evaluation.calibration import calibration_series
+from trackbench.evaluation.consistency import sizes
+from trackbench.evaluation.error_series import StepSums, over_steps
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.predictive_scores import foretold_series
+from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.field_types import is_number
+from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
+from trackbench.metrics import METRICS, is_reserved, joined
+from trackbench.plugins.interrupts import guarded
+from trackbench.registry import of_kind
+from trackbench.scenarios.base import Scenario, in_window
+
+Made: TypeAlias = AnyFilter | None
+"""A filter, or None for one whose keys are mistaken."""
+
+_FEW = 10
+"""Particles that are enough to see what a filter notes."""
+_MOST_NOTED, _MOST_OF_RUNS = 6, 50
+"""Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
+
+
+def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
+    """Base names of the metrics that a CSV file keeps; None keeps all of them."""
+    if file == "per_step.csv" and settings.per_step is not None:
+        return frozenset(measured(name).base for name in settings.per_step)
+    names = settings.metrics
+    return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
+
+
+def number_per_run(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+    """How many metrics of a filter per_run.csv holds, rather too many: it is not asked what it notes."""
+    wanted = kept_metrics(settings, "per_run.csv")
+    if wanted is not None:
+        return len(wanted) * len(scenario.windows)
+    series = number_of_series(settings, scenario, label, tracker)
+    return series * len(scenario.windows) + _MOST_OF_RUNS
+
+
+def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+    """Bound from above how many metrics of a filter per_step.csv holds at each step."""
+    wanted = kept_metrics(settings, "per_step.csv")
+    return number_of_series(settings, scenario, label, tracker) if wanted is None else len(wanted)
+
+
+def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+    """Bound from above how many series a filter has."""
+    return len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
+
+
+@dataclass
+class Names:
+    """Every name in the files of a results folder."""
+
+    series: set[str] = field(default_factory=set)
+    per_run: set[str] = field(default_factory=set)
+    per_step: set[str] = field(default_factory=set)
+    summary: set[str] = field(default_factory=set)
+    given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
+    """numbers beside them: times, and the filters' keys"""
+    made: set[str] = field(default_factory=set)
+    """what is made of a filter's runs and the reference's"""
+    windows: set[str] = field(default_factory=set)
+    has_truth: bool = True
+    """whether there are errors at all"""
+    unasked: list[type] = field(default_factory=list)
+    """kinds of filters that are mistaken or fail, so that what they note is not known"""
+    _added: set[object] = field(default_factory=set)
+
+    @cached_property
+    def bases(self) -> set[str]:
+        """Metrics without statistic, window and step, once all are there."""
+        return {measured(name).base for name in self.per_run | self.per_step}
+
+    def of(self, role: str) -> set[str]:
+        """What a key of such a role may name."""
+        if role == "summary":
+            return self.summary | self.given
+        return self.summary if role == "row" else getattr(self, role)
+
+    def add(
+        self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
+    ) -> None:
+        """Take over the names that a filter's series give."""
+        self.series |= series
+        values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
+        with np.errstate(all="ignore"):
+            own, of, windows = scenario.run_metrics(values), sizes(scenario), [*scenario.windows]
+            names = frozenset((*own, *windows, *of)), counts, series
+            if names in self._added:  # as at another point of a sweep
+                return
+            self._added.add(names)
+            somewhere = np.arange(len(scenario.steps)) == 0  # as in any window
+            over = [name for name, _ in over_steps(values, somewhere, counts)]
+            per_run = {"lost", *own, *(in_window(n, w) for n in over for w in windows)}
+            one = StepSums(np.ones(1), np.ones(1), np.ones(1))
+            medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
+            steps = dict.fromkeys(sorted(series), one)
+            result = FilterResult({"lost": np.zeros(1)}, steps, medians, None, [])
+            everywhere = {name: np.ones(1, dtype=bool) for name in windows}
+            self.per_run |= per_run
+            self.per_step |= {row.metric for row in step_rows(result, of)}
+            self.summary |= {row.metric for row in summary_rows(result, of, everywhere)}
+            self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
+            self.made |= set(_efficiencies(per_run))
+
+    def may_be_noted(self, name: str) -> bool:
+        """Whether a filter that could not be asked may note this; our own note registered metrics."""
+        own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
+        return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
+
+
+@cache
+def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
+    """Rows of a metric per run in summary.csv: the same at every point, and there are thousands."""
+    result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
+    return frozenset(row.metric for row in summary_rows(result, sizes, {}))
+
+
+def names_of(
+    settings: Settings, points: Sequence[Point], others: dict[str, AnyFilter], noted: bool
+) -> Names:
+    """The names of all filters and of ``others``; if wanted, with those that they note.
+
+    They are asked at the first point of each scenario, and at the last.
+    """
+    names = Names(has_truth=all(p.scenario.has_truth for p in points))
+    first = {point.scenario: point for point in reversed(points)}
+    for point in {id(p): p for p in (*first.values(), points[-1])}.values():
+        names.windows |= set(point.scenario.windows)
+        # By what they count: series are named one by one.
+        found: dict[frozenset[str], set[str]] = {}
+        for label, tracker in (point.filters | others).items():
+            series = frozenset(_series(settings, point.scenario, label, tracker))
+            series |= set(_foretold(settings, point.scenario, tracker))
+            counts = frozenset() if tracker is None else tracker.counts
+            if noted:
+                try:
+                    series |= _noted(settings, point.seen_by(label), tracker)
+                except Exception:  # its own run will say what is wrong
+                    names.unasked.append(_kind(settings, label))
+            found.setdefault(counts, set()).update(series)
+        for counts, every in found.items():
+            names.add(settings, point.scenario, counts, frozenset(every))
+    for point in points:
+        for label, tracker in (point.filters | others).items():
+            names.given |= _numbers(tracker) if tracker is not None else set()
+            if tracker is None:
+                names.given |= {key.name for key in fields(cast(Any, _kind(settings, label)))}
+    return names
+
+
+def _kind(settings: Settings, label: str) -> type:
+    kind = settings.filters[label].get("kind")
+    return (of_kind("filters", kind) if isinstance(kind, str) else None) or Settings
+
+
+def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
+    for m in map(measured, per_run):
+        if m.metric.partition("_")[0] == "distance":
+            yield m._replace(metric=joined("efficiency", m.family[1])).name
+
+
+def _numbers(tracker: AnyFilter) -> set[str]:
+    """The keys of a filter that are numbers."""
+    values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
+    return {key for key, value in values.items() if is_number(value)}
+
+
+def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
+    """What is there for whoever asks for it."""
+    scores = tracker is not None and tells_likelihood(tracker)
+    names = foretold_series(scenario.true_sensor.components, scores, settings.hold_out)
+    if scenario.has_truth:
+        names += calibration_series(scenario.components, scores and settings.reference is not None)
+    return names
+
+
+def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -> Iterator[str]:
+    if not scenario.has_truth:
+        return
+    nowhere = np.zeros((len(scenario.components), 1))
+    for quantity, error in scenario.errors(nowhere, nowhere).items():
+        yield joined("squared", quantity)
+        if len(error) == 1:
+            yield joined("error", quantity)
+        if settings.reference is not None and label != settings.reference:
+            yield joined("distance", quantity)
+    yield from ("nees", "outside", *(f"nees_{name}" for name in scenario.marginals))
+    if tracker is not None and knows_expectations(tracker):
+        for name in scenario.observables(nowhere):
+            yield from (f"squared_{name}", f"error_{name}")
+
+
+def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
+    """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
+    if tracker is None:
+        raise ValueError("mistaken")
+    if tells_notes(type(tracker)):
+        return set(tracker.notes)
+    data = simulate(scenario, settings.seed, 0, 1)
+    model, rng = scenario.model, block_stream(settings.seed, 0)
+    if "N" in _numbers(tracker):  # nothing is known of the memory yet
+        tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _FEW))
+    with guarded(), np.errstate(all="ignore"):
+        state = tracker.init(model, prior_of(data, model), rng)
+        k = int(scenario.steps[1])
+        return set(tracker.diagnostics(tracker.step(model, state, data.measurements[:, 0], k, rng)))

@@ -1,0 +1,132 @@
+"""The experiments that come with the package: found by their names, listed, and copied to be edited.
+
+A wheel holds them beside the code; in a checkout, editable installs included, they are the repository's.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trackbench.atomic_files import made, write_bytes
+from trackbench.errors import Mark, Problem, UserError
+
+_TIMES = "times.csv"
+
+
+class Shipped(NamedTuple):
+    """A shipped experiment: name, title, the paper that it reproduces, and seconds on one processor."""
+
+    name: str
+    title: str
+    paper: str
+    cpu_s: float | None
+
+
+def folder() -> Path:
+    """Where the shipped experiments, their parts and the published numbers are."""
+    home = Path(str(files("trackbench")))
+    inside = home / "experiments"
+    return inside if inside.is_dir() else home.parent / "experiments"
+
+
+def names() -> list[str]:
+    """Every shipped experiment's name, sorted."""
+    return sorted(path.stem for path in folder().glob("[!_]*.yaml"))
+
+
+def listed() -> list[Shipped]:
+    """Every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
+    with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
+        times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
+    texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
+    return [
+        Shipped(name, _title(text), _line("paper", text), times.get(name))
+        for name, text in texts.items()
+    ]
+
+
+def located(config: Path, say: Callable[[str], None]) -> Path:
+    """The file of a config: of that path, or else the shipped experiment of that name.
+
+    Raises UserError for a word that is neither; says so if it is both.
+    """
+    word = str(config)
+    if config.is_file() or not _is_name(word):
+        if word in names():
+            say(f"note: {word} is a file here and is what is meant; shipped is {_file(word)}, too")
+        return config
+    if config.exists():
+        say(f"note: {word} is a folder here; the shipped experiment of this name is meant")
+    return named(word)
+
+
+def named(name: str) -> Path:
+    """The file of the shipped experiment; raises UserError if there is none of this name."""
+    if name in names():
+        return _file(name)
+    from trackbench.config.build_dataclass import unknown
+
+    what = f"is neither a file nor a shipped experiment; {unknown(name, names())}"
+    raise UserError(Problem(Mark(name), "", what))
+
+
+def copied(name: str, target: Path) -> list[Path]:
+    """Copy a shipped experiment and its parts into a folder; returns the files written.
+
+    A file that is there already with the same content is left alone; raises UserError, before anything
+    is written, for every one with another content.
+    """
+    home, wanted = folder(), sorted(part for part in with_parts(named(name)) if part.is_file())
+    content = {target / path.relative_to(home): path.read_bytes() for path in wanted}
+    there = {path for path in content if path.exists()}
+    other = [p for p in sorted(there) if not p.is_file() or p.read_bytes() != content[p]]
+    if other:
+        what = "is there with another content"
+        raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in other))
+    for path in content.keys() - there:
+        made(path.parent)
+        write_bytes(path, content[path])
+    return sorted(content.keys() - there)
+
+
+def with_parts(file: Path, found: frozenset[Path] = frozenset()) -> frozenset[Path]:
+    """A YAML file and every file that it names, and that those name, whether it is there or not.
+
+    Raises UserError if one of them is no YAML.
+    """
+    from trackbench.yaml_source import read
+
+    found |= {file}
+    if file.suffix in (".yaml", ".yml") and file.is_file():
+        parts = {file.parent / word for word in _words(read(file).data)}
+        for part in sorted(part for part in parts - found if part.suffix):
+            found = with_parts(part, found)
+    return found
+
+
+def _words(data: Any) -> Iterator[str]:
+    inner = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
+    for value in inner:
+        yield from [value] if isinstance(value, str) else _words(value)
+
+
+def _is_name(word: str) -> bool:
+    return re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word) is not None
+
+
+def _file(name: str) -> Path:
+    return folder() / f"{name}.yaml"
+
+
+def _title(text: str) -> str:
+    """The title, with the number of runs where it asks for it."""
+    return _line("title", text).replace("{runs}", _line("runs", text) or "100")
+
+
+def _line(key: str, text: str) -> str:
+    """The value of a key that stands on a line of its own."""
+    found = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
+    return found[1].strip("\"'") if found else ""

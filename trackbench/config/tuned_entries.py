@@ -1,0 +1,253 @@
+"""Tuned filters in a config: each an entry beside the one it is tuned from."""
+
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from trackbench.atomic_files import free_name
+from trackbench.config.assumed_model import check_assumed, read_assumed
+from trackbench.config.build_dataclass import at
+from trackbench.config.build_kinds import build_kind
+from trackbench.config.checks import blame_label, check_fit
+from trackbench.config.experiment import Point, Settings
+from trackbench.config.includes import override, split_path
+from trackbench.config.training_scenario import KEYS, same_recordings
+from trackbench.config.tuning_objective import bad_terms, default_metric
+from trackbench.config.tuning_settings import Axis, read_axis, tuned
+from trackbench.errors import Mark, Problem
+from trackbench.filters.base import AnyFilter
+from trackbench.models.assumed_sensor import Assume
+from trackbench.yaml_source import Keys, Source
+
+Chosen = Mapping[str, Any]
+"""Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
+
+
+def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
+    """Beside each filter that is tuned one with what was ``found``, or before that with its own keys.
+
+    An entry that stands there already, as in the config of a results folder, stays unless something
+    is found. A table and a figure per filter say what tuning did.
+    """
+    wanted = [label for label in _mapping(source, ("tune",)) if _is_entry(source, label)]
+    if not wanted:
+        return
+    for label in wanted:
+        _check_own(source, label)
+        if label in found or not _is_entry(source, tuned(label)):
+            _copy(source, ("filters", label), ("filters", tuned(label)))
+        _set(source, tuned(label), label, found.get(label, {}))
+    _order(source, wanted)
+    run = _with_tuned_of_only(source, wanted)
+    _add_part(source, "tables", "tuning", {"kind": "tuning"})
+    for label in run:
+        _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
+
+
+def _check_own(source: Source, label: str) -> None:
+    """Blame an entry that has the tuned filter's label, but is not this filter with other values."""
+    keys = _mapping(source, ("tune",))[label]
+    if not isinstance(keys, dict) or not _is_entry(source, tuned(label)):
+        return
+    both = [label, tuned(label)]
+    one, other = (with_values(source, of, dict.fromkeys(keys)).data["filters"][of] for of in both)
+    if one != other:
+        what = f"tuning gives this label to the tuned {label}: give this filter another label"
+        source.blame_key(("filters", tuned(label)), what)
+
+
+def with_values(source: Source, label: str, values: Chosen) -> Source:
+    """A config of which this filter has other values; the rest is shared."""
+    data = {**source.data, "filters": {**source.data["filters"]}}
+    data["filters"][label] = copy.deepcopy(data["filters"][label])
+    own = Source(data, dict(source.marks), dict(source.key_marks))
+    _set(own, label, label, values)
+    return own
+
+
+def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
+    for path, value in values.items():
+        mark = source.mark(("tune", tuned_as, path))
+        override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
+
+
+def _mapping(source: Source, keys: Keys) -> dict[str, Any]:
+    value = source.data.get(keys[0])
+    return value if isinstance(value, dict) else {}
+
+
+def _is_entry(source: Source, label: str) -> bool:
+    return isinstance(_mapping(source, ("filters",)).get(label), dict)
+
+
+def _copy(source: Source, keys: Keys, to: Keys) -> None:
+    """The value with the positions of all that is in it."""
+    at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
+    source.graft(to, source.part(keys, copied))
+
+
+def _order(source: Source, labels: Iterable[str]) -> None:
+    """Each tuned filter behind its own."""
+    filters = source.data["filters"]
+    mine = {tuned(label): filters.pop(tuned(label)) for label in labels}
+    out: dict[str, Any] = {}
+    for label, entry in filters.items():
+        out[label] = entry
+        if tuned(label) in mine:
+            out[tuned(label)] = mine[tuned(label)]
+    source.data["filters"] = out
+
+
+def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
+    """Let ``only: [KF]`` run the tuned one, too; returns the labels that are tuned."""
+    only = source.data.get("only")
+    if not isinstance(only, list) or not only:
+        return labels
+    for label in labels:
+        if label in only and tuned(label) not in only:
+            mark = source.mark(("only", only.index(label)))
+            only.append(tuned(label))
+            source.marks["only", len(only) - 1] = mark
+    return [label for label in labels if tuned(label) in only]
+
+
+def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> None:
+    """A table or figure of tuning, unless the config has it."""
+    parts = source.data.setdefault(group, {})
+    if not isinstance(parts, dict) or part in parts.values():
+        return
+    if any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
+        return
+    mark = source.key_mark(("tune",))
+    override(source, (group, free_name(name, parts)), part, mark if mark.line else Mark("tune"))
+
+
+def _file_name(label: str) -> str:
+    words = "".join(c if c.isascii() and c.isalnum() else " " for c in label).split()
+    return "-".join(["tuning", *words])[:80]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A filter and what it assumes."""
+
+    filter: AnyFilter
+    assume: Assume | None
+
+
+def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tried | list[Problem]:
+    """The filter with these values; the reasons if there is none."""
+    changed = with_values(source, label, values)
+    tracker: Any = build_kind("filters", changed, ("filters", label))
+    assume = read_assumed(changed, label)
+    if tracker is not None and not changed.problems:
+        assumed = {label: assume} if assume is not None else {}
+        tried = Point(point.values, point.scenario, {label: tracker}, assumed)
+        seen = check_assumed(changed, tried, label)
+        if seen is not None:
+            check_fit(changed, ("filters", label), tracker, seen)
+    return changed.problems or Tried(tracker, assume)
+
+
+_MOST_KEYS = 5
+
+
+def with_defaults(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> Settings:
+    """Metric and runs written out, if anything is tuned by them."""
+    if training is None:
+        return settings
+    tuning, scenario = settings.tuning, training.scenario
+    if tuning.metric is None:
+        # Without a truth in either scenario, the metric is one that needs none.
+        least = min(points[0], training, key=lambda point: point.scenario.has_truth)
+        tuning = replace(tuning, metric=default_metric(least.scenario))
+    if scenario.training is not None and "runs" not in (source.data.get("tuning") or {}):
+        tuning = replace(tuning, runs=scenario.recorded_runs or tuning.runs)
+    return replace(settings, tuning=tuning)
+
+
+def tuned_axes(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> dict[str, tuple[Axis, ...]]:
+    """The axes of the keys of each filter that is tuned and run."""
+    if not settings.tune:
+        return {}
+    before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
+    _check(source, settings, points, training)
+    for label, keys in settings.tune.items():
+        if label == KEYS[1] and label not in settings.filters:
+            what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
+            source.blame_key(("tune", label), what)
+        elif label not in settings.filters:
+            blame_label(source, settings, ("tune", label), label)
+        elif not 1 <= len(keys) <= _MOST_KEYS:
+            what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
+            source.blame_key(("tune", label), what)
+        elif label == settings.reference:
+            source.blame_key(("tune", label), "the reference filter is what others are measured to")
+        else:
+            axes = [_axis(source, label, key, keys[key]) for key in keys]
+            good = len(source.problems) == before
+            if None not in axes and training is not None and good:
+                whole = _tried(source, training, label, [a for a in axes if a is not None])
+                if not settings.only or tuned(label) in settings.only:
+                    out[label] = whole
+    return out
+
+
+def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
+    tuning = settings.tuning
+    if settings.grid:
+        what = "each point of a grid has values of its own: tune one experiment per point"
+        source.blame_key(("tune",), what)
+    for word, what in bad_terms(tuning.metric):
+        keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
+        source.blame(keys, what)
+    most = 0 if training is None else training.scenario.recorded_runs or 0
+    in_time = training is not None and training.scenario.training is not None
+    shared = training is not None and not in_time and same_recordings(points[0], training)
+    beside = settings.runs if shared else 0
+    if most and beside + tuning.runs > most:
+        what = (
+            f"{tuning.runs} training runs beside {settings.runs} of the results are more than the "
+            f"{most} recorded ones: ask for fewer `runs`, or fewer here, or share out their time "
+            "(the scenario's `score: {train: 0.5}`)"
+            if beside
+            else f"{tuning.runs} is more than the {most} recorded runs"
+        )
+        source.blame(("tuning", "runs"), what)
+
+
+def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
+    try:
+        return read_axis(key, written)
+    except ValueError as error:
+        source.blame(("tune", label, key), str(error))
+        return None
+
+
+def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
+    """The axes, those of whole numbers found out by trying; both ends and every choice must do."""
+    middle: dict[str, Any] = {axis.key: axis.at(0.5) for axis in axes}
+    out = []
+    for axis in axes:
+        if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
+            between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
+            if not isinstance(make_trial(source, point, label, between), Tried):
+                axis = replace(axis, whole=True)
+                middle[axis.key] = axis.at(0.5)
+        out.append(axis)
+    for axis in out:
+        for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
+            tried = make_trial(source, point, label, {**middle, axis.key: value})
+            for problem in [] if isinstance(tried, Tried) else tried:
+                source.blame(("tune", label, axis.key), f"at {value}: {_said(problem, label)}")
+    return tuple(out)
+
+
+def _said(problem: Problem, label: str) -> str:
+    path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
+    return f"{path}: {problem.what}" if path else problem.what

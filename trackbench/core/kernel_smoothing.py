@@ -1,0 +1,106 @@
+"""Kernels that turn a resampled cloud into draws from a continuous density.
+
+Musso, Oudjane & Le Gland (2001), section 12.2: whiten by the cloud's covariance, add ``h`` times a draw
+from the kernel, with the bandwidth that is optimal for a Gaussian target.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import pi, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core import elementary, linalg
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.random_streams import Streams
+
+Kernel = Literal["epanechnikov", "gaussian"]
+
+
+class Mode(NamedTuple):
+    """A mode of a cloud: its particles (M, N) and share of the weight (M,) if not all; cov (n, n, M)."""
+
+    there: Mask | None
+    share: Array | None
+    cov: Array
+
+
+def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
+    """Optimal bandwidth for N particles, () or (M,), in n dimensions.
+
+    Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
+    unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
+    """
+    if kernel == "gaussian":
+        factor = 4.0 / (n + 2.0)
+    else:
+        factor = 8.0 * (n + 4.0) / _unit_ball(n)
+        for _ in range(n):
+            factor *= 2.0 * sqrt(pi)
+    return elementary.power(factor / np.asarray(N), 1.0 / (n + 4))
+
+
+def _unit_ball(n: int) -> float:
+    """Volume of the ball of radius one in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
+
+
+def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
+    """Draws (n, *batch) from the standard kernel.
+
+    An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
+    dimensions (each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1);
+    the other four enter through their squared norm only, twice a Gamma(2) variate.
+    """
+    e = rng.standard_normal(shape)
+    if kernel == "gaussian":
+        return e
+    square: Array = rng.standard_gamma(2, shape[1:])
+    square *= 2.0
+    for row in e:
+        square += row * row
+    e /= np.sqrt(square, out=square)
+    return e
+
+
+def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
+    """``x + scale h A e`` for a cloud x (n, M, N), with ``A A'`` the cloud's covariance (n, n, M).
+
+    A cloud without spread in some direction (its covariance is singular) is left as it is.
+    """
+    return jitter_each(x, [Mode(None, None, cov)], kernel, rng, scale)
+
+
+def jitter_each(
+    x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
+) -> Array:
+    """`jitter` of a cloud of one or several modes, each by its own particles' number and spread."""
+    n, _, N = x.shape
+    e = kernel_draws(kernel, x.shape, rng)
+    for mode in modes:
+        move = linalg.lower_product(
+            scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e
+        )
+        moved = move if mode.there is None else np.where(mode.there, move, 0.0)
+        moved += x
+        x = moved
+    return x
+
+
+def _bandwidth_of(mode: Mode, n: int, N: int, kernel: Kernel) -> Array:
+    """By the number of a mode's own particles, () or (M,)."""
+    if mode.share is None:
+        return _bandwidth_of_all(n, N, kernel)
+    return bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+
+
+@lru_cache
+def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
+    return bandwidth(n, N, kernel)
+
+
+def _spread(cov: Array) -> Array:
+    """Cholesky's factor (n, n, M), zero where there is none."""
+    A = linalg.cholesky(cov)
+    return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)

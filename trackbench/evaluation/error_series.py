@@ -1,0 +1,153 @@
+"""From estimates and truth to series per step, and from series to numbers per run.
+
+A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
+names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalised error squared,
+``outside`` whether that is more than it is once in a million times for a consistent filter,
+``distance_<quantity>`` the squared distance to the reference filter's estimate. `foretelling` has more.
+"""
+
+import re
+from collections.abc import Collection, Iterator
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import total
+from trackbench.evaluation.validate_output import checked_metrics
+from trackbench.filters.base import ReturnedError
+from trackbench.metrics import is_reserved, joined, metrics_of
+from trackbench.scenarios.base import Scenario, in_window
+
+_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
+FOUND, NOT_FINITE, TOO_FAR = 0.0, 1.0, 2.0
+LOST_BECAUSE = {NOT_FINITE: "the estimate left the numbers", TOO_FAR: "the error passed the limit"}
+
+
+class StepSums(NamedTuple):
+    """Per step (T + 1,): sum and sum of squares over the runs that are not lost, and their number."""
+
+    total: Array
+    squares: Array
+    number: Array
+
+    def plus(self, other: "StepSums") -> "StepSums":
+        """The sums over both sets of runs."""
+        return StepSums(*(a + b for a, b in zip(self, other, strict=True)))
+
+
+def series(
+    scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
+) -> dict[str, Array]:
+    """Every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M).
+
+    Recorded data without a truth have no errors; where the truth has a gap, so have they.
+    """
+    out: dict[str, Array] = {}
+    if scenario.has_truth:
+        for quantity, error in scenario.errors(mean, truth).items():
+            out[joined("squared", quantity)] = total(np.square(error), axis=0)
+            if len(error) == 1:
+                out[joined("error", quantity)] = error[0]
+        out["nees"] = nees
+        out["outside"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
+    if exact is not None:
+        for quantity, error in scenario.errors(mean, exact).items():
+            out[joined("distance", quantity)] = total(np.square(error), axis=0)
+    return out
+
+
+def per_run_metrics(
+    scenario: Scenario, values: dict[str, Array], counts: Collection[str], finite: Mask
+) -> dict[str, Array]:
+    """Numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
+
+    ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
+    says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
+    """
+    lost = lost_runs(scenario, values, finite)
+    out: dict[str, Array] = {"lost": lost}
+    for window, mask in scenario.windows.items():
+        for name, numbers in over_steps(values, mask, counts):
+            out[in_window(name, window)] = numbers
+    for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
+        if name in out and (name == "lost" or is_reserved(name)):
+            raise ReturnedError("run_metrics", f"{name!r} is a metric of every scenario: rename it")
+        if name in out:
+            raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
+        out[name] = numbers
+    return {n: v if n == "lost" else np.where(lost > 0, np.nan, v) for n, v in out.items()}
+
+
+def over_steps(
+    values: dict[str, Array], mask: Mask, counts: Collection[str]
+) -> Iterator[tuple[str, Array]]:
+    """Each metric's name and numbers per run (M,) over the steps of one window."""
+    for series, rows in values.items():
+        for metric, name in metrics_of(series, counts):
+            if metric.over_steps:
+                yield name, _OVER_STEPS[metric.over_steps](rows[mask])
+    yield from _of_innovations(values, mask)
+
+
+def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
+    """Sums over the steps and all measured components, over their number and over those of lag 0."""
+    if "innovations" not in values:
+        return
+    nis = _sum((values["anis"] * values["innovations"])[mask])
+    yield "anis", nis / _sum(values["innovations"][mask])
+    for name, rows in values.items():
+        if name.startswith("autocovariance_"):
+            paired = ~np.isnan(rows[mask]).all(axis=0)
+            found = np.where(paired, _sum(rows[mask]) / nis, np.nan)
+            yield name.replace("covariance", "correlation"), found
+
+
+def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
+    """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
+    errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
+    if not errors:
+        return np.where(finite, FOUND, NOT_FINITE)
+    first = errors[0]
+    lost = np.where(finite & ~np.isinf(first).any(axis=0), FOUND, NOT_FINITE)
+    limit = scenario.lost_beyond
+    if limit is not None:
+        lost = np.where((lost == FOUND) & (first > limit * limit).any(axis=0), TOO_FAR, lost)
+    return lost
+
+
+def step_sums(rows: Array, lost: Array) -> StepSums:
+    """Sums over the runs that are not lost and whose value exists."""
+    counted: Mask = (lost == FOUND) & ~np.isnan(rows)
+    kept = np.where(counted, rows, 0.0)
+    return StepSums(total(kept), total(np.square(kept)), counted.sum(axis=1).astype(float))
+
+
+@cache
+def _gate(n_x: int) -> float:
+    """The chi-square value that is exceeded with probability 1e-6."""
+    from scipy.special import chdtri
+
+    return float(chdtri(n_x, 1e-6))
+
+
+def _mean(rows: Array) -> Array:
+    """Mean over steps of the values that exist; NaN where none does."""
+    there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
+    return np.asarray(total(np.where(there, rows, 0.0), axis=0) / there.sum(axis=0))
+
+
+def _rms(rows: Array) -> Array:
+    return np.sqrt(_mean(rows))  # of squares
+
+
+def _sum(rows: Array) -> Array:
+    return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
+
+
+def _last(rows: Array) -> Array:
+    return np.asarray(rows[-1])
+
+
+_OVER_STEPS = {"mean": _mean, "rms": _rms, "sum": _sum, "last": _last}

@@ -1,0 +1,176 @@
+"""How well a filter foretells measurements: what can be said of it without a truth.
+
+Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
+
+``log_likelihood``   log p(z_k | z_1..k-1) by the filter's own method of that name
+``squared_predicted_<component>``, ``error_predicted_<component>``  z_k minus its prediction
+``innovations``      number of components measured
+``anis``             normalised innovation squared over that number, 1 if consistent
+``autocovariance_<l>``  whitened innovation times the l-th one before it, summed over the components
+``held_log_likelihood``, ``squared_held_<component>``, ``error_held_<component>``  the same of
+                     measurements that the filter is not given (``hold_out``)
+
+Any filter can be asked for a prediction: it is a step without a measurement, and the measurement's
+moments are those that its estimate gives by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4,
+judge innovations). Whoever is asked goes on from where it was, with the noise that it would have drawn.
+"""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, Mask, frozen
+from trackbench.core.distributions import Gaussian
+from trackbench.core.kalman import Innovation
+from trackbench.core.sums import total
+from trackbench.evaluation.validate_output import checked_numbers
+from trackbench.filters.base import AnyFilter, tells_likelihood
+from trackbench.models.base import Model
+from trackbench.models.gaussian_steps import predicted_innovation
+
+Kind = Literal["score", "prediction"]
+"""What is wanted: the filters' own log-likelihoods; all that a prediction of each measurement tells."""
+LAGS = 10
+_SCORE = "log_likelihood"
+
+
+def held_out(measurements: Array, every: int) -> Mask:
+    """Which measurements (T, M) are held back: in each run every so many-th of those there are."""
+    there = ~np.isnan(measurements).all(axis=0)
+    return np.asarray(there & (np.cumsum(there, axis=0) % every == 0))
+
+
+def foretold_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
+    """Names of all series that may be asked for; ``scores``: the filter tells its log-likelihood."""
+    out = [_SCORE] if scores else []
+    out += ["anis", "innovations", *(f"autocovariance_{lag}" for lag in range(1, LAGS + 1))]
+    heads = ["predicted"] + (["held"] if hold_out else [])
+    if scores and hold_out:
+        out.append(f"held_{_SCORE}")
+    return out + [f"{e}_{h}_{c}" for h in heads for c in components for e in ("squared", "error")]
+
+
+class Told(NamedTuple):
+    """One step: where the filter was, where it came, its whole estimate, the step."""
+
+    before: Any
+    after: Any
+    found: Gaussian
+    k: int
+
+
+class Foretelling:
+    """The series of one filter over one block, step by step."""
+
+    def __init__(
+        self,
+        tracker: AnyFilter,
+        model: Model,
+        measurements: Array,
+        wanted: Sequence[str],
+        hold_out: int | None,
+        rng: Generator,
+    ) -> None:
+        self._tracker, self._model, self._rng = tracker, model, rng
+        self._wanted = {"score", "prediction"}.intersection(wanted)
+        self._all = measurements
+        self._held = held_out(measurements, hold_out) if hold_out else None
+        self.given = measurements
+        if self._held is not None:
+            self.given = frozen(np.where(self._held, np.nan, measurements))
+        self._rows: dict[str, list[Array]] = {}
+        self._past = np.full((LAGS, *measurements[:, 0].shape), np.nan)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is to be told."""
+        return not self._wanted and self._held is None
+
+    def kept(self, state: Any) -> Any:
+        """The state as it is now: objects of one run change with each step."""
+        if not self._tracker.one_by_one:
+            return state
+        return deepcopy(state, {id(self._model): self._model})
+
+    def add(self, told: Told, i: int) -> None:
+        """The step that was given measurement i."""
+        z = self.given[:, i]
+        if "score" in self._wanted:
+            self._note(self._scores(told.after, _measured(z)))
+        if "prediction" in self._wanted:
+            nothing = frozen(np.full_like(z, np.nan))
+            _, found = self._aside(told, nothing)
+            self._predicted(predicted_innovation(self._model, found, z, told.k))
+        if self._held is not None:
+            self._held_back(told, np.where(self._held[i], self._all[:, i], np.nan))
+
+    def series(self) -> dict[str, Array]:
+        """Values (T + 1, M) by the name of their series; of the first state there are none."""
+        return {name: after_first(np.stack(values)) for name, values in self._rows.items()}
+
+    def _aside(self, told: Told, z: Array) -> tuple[Any, Gaussian]:
+        before = self.kept(told.before)
+        state = self._tracker.step(self._model, before, z, told.k, self._rng)
+        return state, self._tracker.estimate(state)
+
+    def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
+        if not tells_likelihood(self._tracker):
+            return {}
+        own: Any = self._tracker.log_likelihood(state)
+        found = checked_numbers("series", {_SCORE: own}, len(measured))
+        return {_SCORE: np.where(measured, found[_SCORE], np.nan)}
+
+    def _predicted(self, seen: Innovation) -> None:
+        self._note(self._errors("predicted", seen.nu))
+        missing = np.isnan(seen.nu)
+        number = (~missing).sum(axis=0)
+        rows = linalg.whitened(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
+        white = np.where(missing, np.nan, np.stack(list(rows)))
+        nis = _sum_of_known(np.square(white))
+        self._note({"anis": nis / number, "innovations": np.where(number, number, np.nan)})
+        for lag, earlier in enumerate(self._past, 1):
+            self._note({f"autocovariance_{lag}": _sum_of_known(white * earlier)})
+        moved = np.concatenate([white[None], self._past[:-1]])
+        self._past = np.where(missing, self._past, moved)
+
+    def _held_back(self, told: Told, z: Array) -> None:
+        """Of the runs whose measurement is held back the estimate is the prediction."""
+        measured = _measured(z)
+        nu = z  # of nothing there is no error
+        if measured.any():
+            nu = predicted_innovation(self._model, told.found, z, told.k).nu
+        self._note(self._errors("held", nu))
+        if tells_likelihood(self._tracker):
+            scores = {_SCORE: np.full(len(measured), np.nan)}
+            if measured.any():
+                scores = self._scores(self._aside(told, frozen(z))[0], measured)
+            self._note({f"held_{_SCORE}": scores[_SCORE]})
+
+    def _errors(self, head: str, nu: Array) -> dict[str, Array]:
+        names = self._model.sensor.components
+        squares = {f"squared_{head}_{c}": e * e for c, e in zip(names, nu, strict=True)}
+        return squares | {f"error_{head}_{c}": e for c, e in zip(names, nu, strict=True)}
+
+    def _note(self, values: dict[str, Array]) -> None:
+        for name, row in values.items():
+            self._rows.setdefault(name, []).append(row)
+
+
+def after_first(rows: Array) -> Array:
+    """Series (T + 1, M) of values (T, M) that the first state has none of: NaN before them."""
+    return np.vstack([np.full_like(rows[:1], np.nan), rows])
+
+
+def _measured(z: Array) -> Mask:
+    """Where (M,) there is a measurement, or a component of one."""
+    return np.asarray(~np.isnan(z).all(axis=0))
+
+
+def _sum_of_known(rows: Array) -> Array:
+    """Sum over the components (n, M) of those that are known; NaN where none is."""
+    there = ~np.isnan(rows)
+    return np.where(there.any(axis=0), total(np.where(there, rows, 0.0), axis=0), np.nan)

@@ -1,0 +1,165 @@
+"""A filter's way through its block: every step timed, its estimates checked and held to the truth."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core import memoize
+from trackbench.core.arrays import Array, Seal, frozen
+from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.random_streams import aside_stream, block_stream
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.calibration import Calibration
+from trackbench.evaluation.consistency import ConsistencySeries, observed
+from trackbench.evaluation.predictive_scores import Foretelling, Told, after_first
+from trackbench.evaluation.validate_output import (
+    check_axes,
+    check_estimate,
+    check_names,
+    checked_numbers,
+    told_to_copy,
+)
+from trackbench.extension_points import foreign_within
+from trackbench.filters.base import ReturnedError
+from trackbench.models.augmented_prior import extended
+from trackbench.models.base import Model, extra_std
+from trackbench.scenarios.base import Simulation
+
+
+class Filtered(NamedTuple):
+    """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
+
+    mean: Array
+    nees: Array
+    cov: Array | None
+    diagnostics: dict[str, Array]
+    cpu_s: float
+
+
+@lru_cache(maxsize=2)
+def passed(task: BlockTask, covariances: int) -> Filtered:
+    """A filter's way through its block, read-only; cached for tasks that only score it otherwise.
+
+    And for those of other filters that have it as their reference.
+    """
+    return frozen(estimate(task, task.data, covariances))
+
+
+@told_to_copy()
+def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtered:
+    """Run the filter over the block's data; estimates of every step, the prior's included.
+
+    Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
+    filter writes to what it is given, or gives back what is no estimate.
+    """
+    tracker, model = task.filter, frozen(task.seen.model)
+    rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
+    telling = Foretelling(tracker, model, data.measurements, task.foretold, task.hold_out, aside)
+    prior, kept, clock = prior_of(data, model), _Kept(task, data, model, covariances), _Clock()
+    with _sealed(task, data, telling.given, prior, model):
+        with clock:
+            state = tracker.init(model, prior, rng)
+            found = tracker.estimate(state)
+        kept.add(state, found)
+        check_axes(found, prior.mean)
+        for i, k in enumerate(task.scenario.steps[1:].tolist()):
+            before = state if telling.is_idle else telling.kept(state)
+            with clock:
+                state = tracker.step(model, state, telling.given[:, i], k, rng)
+                found = tracker.estimate(state)
+            kept.note(tracker.diagnostics(state))
+            kept.add(state, found)
+            if not telling.is_idle:
+                telling.add(Told(before, state, found, k), i)
+        return kept.filtered(telling.series(), clock.cpu_s)
+
+
+@contextmanager
+def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
+    """Raise ReturnedError if code of a plugin writes to what filters share, and undo it.
+
+    numpy cannot write to it; a library that takes an array's address can.
+    """
+    if not foreign_within((task.filter, task.scenario, task.assume)):
+        yield
+        return
+    seal = Seal(shared, memoize.remembered())
+    try:
+        yield
+    finally:
+        if seal.mend():
+            what = "writes to measurements, a prior or matrices that all filters of the block share"
+            raise ReturnedError("step", f"{what}: copy an array before you write to it")
+
+
+def prior_of(data: Simulation, model: Model) -> Distribution:
+    """The prior of the state that a filter assumes, which may have more components than the truth."""
+    if len(model.motion.components) <= len(data.truth):
+        return data.prior
+    return frozen(extended(data.prior, extra_std(model.motion)))
+
+
+class _Kept:
+    """What is kept, step by step: copies, since the filter may go on writing to its own."""
+
+    def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
+        self._task, self._data, self._covariances = task, data, covariances
+        self._sizes = len(data.truth), len(model.motion.components)
+        self._means: list[Array] = []
+        self._covs: list[Array] = []
+        self._noted: list[dict[str, Array]] = []
+        self._observed: list[dict[str, Array]] = []
+        scenario, tracker = task.scenario, task.filter
+        self._consistency = ConsistencySeries(scenario, task.width)
+        wanted = task.foretold if scenario.has_truth else ()
+        self._judged = Calibration(tracker, scenario.components, wanted)
+
+    def note(self, diagnostics: dict[str, Array]) -> None:
+        """What the filter says of a step."""
+        self._noted.append(checked_numbers("diagnostic", diagnostics, self._task.width))
+
+    def add(self, state: Any, found: Gaussian) -> None:
+        """The next step's state and estimate; of the estimate the truth's components are judged."""
+        check_estimate(found, self._sizes, self._task.width)
+        (n, _), truth = self._sizes, self._data.truth[:, len(self._means)]
+        if len(found.mean) > n:
+            found = Gaussian(found.mean[:n], found.cov[:n, :n])
+        mean = np.array(found.mean, dtype=np.float64)
+        self._means.append(mean)
+        self._consistency.add(mean, found.cov, truth)
+        self._judged.add(state, found, truth)
+        self._observed.append(observed(self._task.scenario, self._task.filter, state, truth))
+        if self._covariances:
+            self._covs.append(of_each_run(found).cov[..., : self._covariances].copy())
+
+    def filtered(self, told: dict[str, Array], cpu_s: float) -> Filtered:
+        """All of it, with what the filter told of measurements."""
+        errors = self._consistency.series()
+        errors |= self._judged.series(errors["nees"])
+        if not self._data.prior.cov.any():
+            for rows in errors.values():
+                rows[0] = np.nan  # the first state is known exactly: there is nothing to judge
+        nees = errors.pop("nees")
+        names = self._noted[0] if self._noted else {}
+        check_names(names)
+        series = {name: after_first(np.stack([n[name] for n in self._noted])) for name in names}
+        series |= errors
+        series |= {n: np.stack([o[n] for o in self._observed]) for n in self._observed[0]}
+        cov = np.stack(self._covs, axis=2) if self._covs else None
+        return Filtered(np.stack(self._means, axis=1), nees, cov, series | told, cpu_s)
+
+
+class _Clock:
+    """Adds up the CPU time of the blocks it is entered for."""
+
+    cpu_s = 0.0
+
+    def __enter__(self) -> None:
+        self._started = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self.cpu_s += time.process_time() - self._started

@@ -1,0 +1,100 @@
+"""How many runs are enough: the standard errors that are wanted, and when they are looked at.
+
+The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): what is looked
+at is how exact a number is, never what it says. Runs whose rare far ones have not been drawn look exact.
+Nothing in them shows that, so the first look is late, and two in a row have to succeed
+(docs/statistics.md has bias and coverage).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation import binomial
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.summary import SummaryRow, summary_rows
+
+_GROWTH = 1.5  # from one number of runs at which the errors are tried to the next
+
+
+class Wanted(NamedTuple):
+    """The standard error that is wanted of a number of the summary, in its unit or as a share of it."""
+
+    metric: str
+    error: float
+    relative: bool
+
+    @classmethod
+    def read(cls, metric: str, error: float | str) -> "Wanted":
+        """``1%`` or a number."""
+        if isinstance(error, str):
+            return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
+        return cls(metric, float(error), relative=False)
+
+    def share(self, row: SummaryRow) -> float:
+        """The standard error as a share of what is wanted; NaN where there is none."""
+        most = self.error * abs(row.value) if self.relative else self.error
+        stderr = row.stderr
+        if (
+            stderr == 0.0 and measured(row.metric).is_share
+        ):  # of an event, that of its exact interval
+            stderr = binomial.stderr(round(row.value * row.runs), row.runs)
+        return stderr / most if most > 0.0 else float("nan")
+
+
+class Looked(NamedTuple):
+    """A number after so many runs, and its standard error as a share of what is wanted."""
+
+    wanted: Wanted
+    row: SummaryRow
+    share: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether it is as exact as wanted; a number that no run is left for never will be."""
+        return self.share <= 1.0 or self.row.runs == 0
+
+
+def looks(least: int, most: int) -> Iterator[int]:
+    """Numbers of runs at which the errors are looked at: half as many again each time."""
+    runs = min(least, most)
+    while runs < most:
+        yield runs
+        runs = min(most, max(runs + 1, int(runs * _GROWTH)))
+    yield most
+
+
+def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
+    """Return the number of runs of the first success after another; the last one needs no other."""
+    before = [False, *exact]
+    found = (n for n, now, then in zip(stops, exact, before, strict=False) if now and then)
+    return next(found, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
+
+
+def looked(
+    wanted: Sequence[Wanted],
+    result: FilterResult,
+    sizes: Mapping[str, int],
+    windows: Mapping[str, Mask],
+    runs: int | None = None,
+) -> list[Looked]:
+    """The numbers of one filter that are wanted, after its first ``runs`` runs."""
+    names = {w.metric for w in wanted}
+    parts = {_values(name) for name in names} | {_values("lost")}
+    per_run: dict[str, Array] = {
+        metric: values[:runs]
+        for metric, values in result.per_run.items()
+        if _values(metric) in parts
+    }
+    rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
+    found = {row.metric: row for row in rows if row.metric in names}
+    return [
+        Looked(w, found[w.metric], w.share(found[w.metric])) for w in wanted if w.metric in found
+    ]
+
+
+def _values(metric: str) -> tuple[str, str]:
+    """What per_run.csv has of a number of the summary: metric and window."""
+    m = measured(metric)
+    return m.base, m.window

@@ -1,0 +1,1 @@
+"""Plan of blocks, their keys, and the processes that compute them."""

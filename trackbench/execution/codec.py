@@ -1,0 +1,91 @@
+"""A block's results as bytes and back, exactly: a JSON header, raw float64, a checksum.
+
+Layout: magic, SHA-256 of all that follows, length of the header (8 bytes), header, arrays. Reading
+constructs nothing but numbers, so a block from a stranger cannot run code.
+"""
+
+import hashlib
+import json
+import struct
+from collections.abc import Iterator
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.block import BlockResult, Tracks
+from trackbench.evaluation.error_series import StepSums
+
+Path: TypeAlias = tuple[str, ...]
+
+_MAGIC = b"TBBLOCK1"
+_HASH = hashlib.sha256().digest_size
+_LENGTH = struct.Struct("<Q")
+
+
+def encode(result: BlockResult, key: str) -> bytes:
+    """The file of a block; ``key`` is written into it, so that a renamed file is not believed."""
+    arrays = dict(_arrays(result))
+    header = {
+        "key": key,
+        "cpu_s": result.cpu_s,
+        "width": result.width,
+        "arrays": [[path, array.shape] for path, array in arrays.items()],
+    }
+    text = json.dumps(header).encode()
+    raw = [np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays.values()]
+    body = b"".join([_LENGTH.pack(len(text)), text, *raw])
+    return _MAGIC + hashlib.sha256(body).digest() + body
+
+
+def decode(content: bytes, key: str) -> BlockResult | None:
+    """The block again; None if it is damaged, cut short, of another format or of another key."""
+    start = len(_MAGIC) + _HASH
+    body = content[start:]
+    if content[: len(_MAGIC)] != _MAGIC:
+        return None
+    if hashlib.sha256(body).digest() != content[len(_MAGIC) : start]:
+        return None
+    (length,) = _LENGTH.unpack_from(body)
+    header = json.loads(body[_LENGTH.size : _LENGTH.size + length])
+    if header["key"] != key:
+        return None
+    return _result(header, body[_LENGTH.size + length :])
+
+
+def _arrays(result: BlockResult) -> Iterator[tuple[Path, Array]]:
+    for name, values in result.per_run.items():
+        yield ("per_run", name), values
+    for name, sums in result.steps.items():
+        for part, array in sums._asdict().items():
+            yield ("steps", name, part), array
+    for name, values in result.kept.items():
+        yield ("kept", name), values
+    if result.tracks is not None:
+        for name, tracks in result.tracks._asdict().items():
+            if tracks is not None:
+                yield ("tracks", name), tracks
+
+
+def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
+    per_run: dict[str, Array] = {}
+    kept: dict[str, Array] = {}
+    tracks: dict[str, Array] = {}
+    sums: dict[str, dict[str, Array]] = {}
+    at = 0
+    for path, shape in header["arrays"]:
+        number = int(np.prod(shape))
+        array = np.frombuffer(raw, dtype="<f8", count=number, offset=at).reshape(shape)
+        at += 8 * number
+        if path[0] == "steps":
+            sums.setdefault(path[1], {})[path[2]] = array
+        else:
+            {"per_run": per_run, "kept": kept, "tracks": tracks}[path[0]][path[1]] = array
+    return BlockResult(
+        per_run=per_run,
+        steps={name: StepSums(**parts) for name, parts in sums.items()},
+        kept=kept,
+        tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
+        cpu_s=header["cpu_s"],
+        width=header["width"],
+    )

@@ -1,0 +1,58 @@
+"""Measured CPU times of an experiment's filters: taken after its blocks, and kept beside them."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+from trackbench.atomic_files import touched, write_text
+from trackbench.config.experiment import Experiment
+from trackbench.config.requested_metrics import takes_times
+from trackbench.errors import WriteError, in_line
+from trackbench.evaluation.timing import Measured, measure
+from trackbench.execution.block_key import block_key
+from trackbench.execution.cache import times_folder
+from trackbench.execution.plan import Key
+from trackbench.execution.runner import Outcome
+from trackbench.os_specific import identity
+from trackbench.plugins.interrupts import guarded
+
+
+class Times(NamedTuple):
+    """What was measured of each filter at each point, and why others have no times, by filter."""
+
+    measured: Mapping[Key, Measured]
+    failed: Mapping[str, str]
+
+
+def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
+    """Times of the filters, if anything in the config or of what is published names them.
+
+    They are measured in this process, and again only if code, machine or a filter changed, or if
+    ``fresh``.
+    """
+    if not takes_times(experiment):
+        return Times({}, {})
+    tasks = {
+        key: replace(blocks[0].alone, foretold=(), hold_out=None)
+        for key, blocks in outcome.plan.tasks.items()
+        if key not in outcome.failures
+    }
+    unique = list(dict.fromkeys(tasks.values()))
+    digests = [block_key(task, 0) for task in unique]
+    name = hashlib.sha256(json.dumps([identity(), digests]).encode()).hexdigest()
+    file = times_folder() / f"{name}.json"
+    if not fresh:
+        with suppress(OSError, ValueError, TypeError):
+            kept = [Measured(*row) for row in json.loads(file.read_bytes())]
+            return Times({key: kept[unique.index(task)] for key, task in tasks.items()}, {})
+    found = dict(zip(unique, measure(unique, guarded), strict=True))
+    good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
+    failed = {key[1]: in_line(str(found[task])) for key, task in tasks.items() if key not in good}
+    if not failed:
+        with touched(), suppress(OSError, WriteError):  # it is none of the results folder's files
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_text(file, json.dumps([*found.values()]) + "\n")
+    return Times(good, failed)

@@ -1,0 +1,214 @@
+"""What an experiment will compute: blocks of runs, each a task that stands alone."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil
+from typing import TypeAlias
+
+from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.metric_names import number_per_run, number_per_step
+from trackbench.config.plugins import Plugin
+from trackbench.config.requested_metrics import foretold, shared
+from trackbench.errors import Problem, UserError, counted
+from trackbench.evaluation.block import BlockTask
+from trackbench.filters.base import AnyFilter
+from trackbench.os_specific import memory
+from trackbench.scenarios.base import Scenario
+
+_PARTICLES_AT_A_TIME = 32_768
+_RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, stay below 100 MB
+_BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
+_WIDEST = 500
+_ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute none in vain
+_PROCESS = 150_000_000  # bytes of a worker process before it computes anything
+_TEMPORARIES = 14  # arrays of a cloud's size alive at once in the hungriest filter that has no more
+_PIECE = 50_000_000  # bytes of a piece of per_run.csv while it is read
+_STEP_OBJECTS = 1000  # bytes of Python's own for what is kept of a step, however few its runs
+_STEP_ROW = (
+    2 * 8 * 8
+)  # bytes of a row of per_step.csv: eight columns, twice while they are put together
+
+
+Key: TypeAlias = tuple[int, str]
+"""Number of a grid point and label of a filter."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Tasks by point and filter label, in block order; equal tasks are computed once."""
+
+    tasks: dict[Key, list[BlockTask]]
+    plugins: tuple[Plugin, ...] = ()
+    """code that a worker has to load before it can read a task"""
+    name: str = ""
+    """of the experiment"""
+
+    @cached_property
+    def unique(self) -> list[BlockTask]:
+        """Every different task, all filters of a block together so that its data are shared."""
+        return sorted(
+            dict.fromkeys(t for tasks in self.tasks.values() for t in tasks),
+            key=lambda task: task.index,
+        )
+
+    def first(self, runs: int) -> "Plan":
+        """The same blocks, of which only so many runs are used."""
+        tasks = {
+            key: [
+                replace(task, used=min(task.used, runs - task.first_run))
+                for task in blocks
+                if task.first_run < runs
+            ]
+            for key, blocks in self.tasks.items()
+        }
+        return replace(self, tasks=tasks)
+
+
+def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
+    """Cut every filter's runs into blocks of its width; ``looks`` are numbers of runs to stop at."""
+    settings = experiment.settings
+    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
+    kept, told = _kept_series(experiment), foretold(experiment)
+    tasks = {}
+    for i, point in enumerate(experiment.points):
+        reference = point.filters.get(settings.reference) if settings.reference else None
+        for label, tracker in point.filters.items():
+            width = _width(settings, tracker, point.scenario)
+            tasks[i, label] = [
+                BlockTask(
+                    scenario=point.scenario,
+                    filter=tracker,
+                    assume=point.assumed.get(label),
+                    seed=settings.seed,
+                    index=block,
+                    width=width,
+                    used=min(width, settings.runs - block * width),
+                    reference=None if label == settings.reference else reference,
+                    shown=shown,
+                    keep_covariance=save_tracks or experiment.shown_covariances,
+                    keep_steps=kept,
+                    also=tuple(n - block * width for n in looks if 0 < n - block * width < width),
+                    foretold=told,
+                    hold_out=settings.hold_out,
+                )
+                for block in range(ceil(settings.runs / width))
+            ]
+    return Plan(tasks, experiment.plugins, settings.name)
+
+
+def _kept_series(experiment: Experiment) -> tuple[str, ...]:
+    """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
+    return tuple(dict.fromkeys([*experiment.settings.medians, *shared(experiment).series]))
+
+
+def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
+    if isinstance(settings.block, int):
+        return settings.block
+    width = block_width(tracker, scenario)
+    if settings.block == "fit":
+        return ceil(settings.runs / ceil(settings.runs / width))
+    return width
+
+
+def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
+    """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500.
+
+    Ten of a filter whose runs are looped over: more at once would gain nothing.
+    Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
+    """
+    N, boosted = tracker.particle_count, tracker.most_particles
+    widest = _ONE_BY_ONE if tracker.one_by_one else _WIDEST
+    most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
+    return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted))
+
+
+def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
+    """Bytes that the workers' largest blocks and what is made of their results take, rather too many.
+
+    Raises UserError, at the filter that is to blame, if the machine does not have them.
+    """
+    settings = experiment.settings
+    there = memory()
+    most, read_back, series = 0, _read_bytes(experiment), len(_kept_series(experiment))
+    for point in experiment.points:
+        merged = max(_merged_bytes(experiment, point, series, save_tracks), read_back)
+        for label, tracker in point.filters.items():
+            width = _width(settings, tracker, point.scenario)
+            reference = point.filters.get(settings.reference or "", tracker)
+            block = max(_block_bytes(point.seen_by(label), f, width) for f in (tracker, reference))
+            needed = workers * (_PROCESS + block) + merged
+            most = max(most, needed)
+            if needed > 0.9 * there:
+                what = (
+                    f"needs about {needed / 1e9:.1f} GB of memory and this machine or container has "
+                    f"{there / 1e9:.1f} GB: use fewer particles, runs or workers, or a smaller block"
+                )
+                where = ("filters", label, "N")
+                raise UserError(Problem(experiment.source.mark(where), f"filters.{label}", what))
+    return most
+
+
+def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
+    """One line on what is about to be done."""
+    settings = experiment.settings
+    steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
+    most, tuning = "up to " if settings.until else "", settings.tuning
+    tuned = f"tunes {', '.join(experiment.tuned)} by {tuning.evaluations} trials on {tuning.runs} runs, "
+    counts = [counted(len(experiment.points), "point")] if len(experiment.points) > 1 else []
+    counts += [
+        counted(len(experiment.points[0].filters), "filter"),
+        most + counted(settings.runs, "run"),
+        counted(steps, "step"),
+    ]
+    return (
+        f"{settings.name}: {tuned if experiment.tuned else ''}{' x '.join(counts)}, "
+        f"{counted(len(plan.unique), 'block')} on {counted(workers, 'worker')}, "
+        f"about {needed / 1e6:.0f} MB"
+    )
+
+
+def cautions(points: Iterable[Point]) -> list[str]:
+    """What scenarios and filters say that is no mistake but should be known, each once."""
+    said: dict[str, dict[str, None]] = {}
+    for point in points:
+        said |= {text: {} for text in point.scenario.cautions}
+        for label, tracker in point.filters.items():
+            for text in tracker.cautions(point.seen_by(label)):
+                said.setdefault(text, {})[label] = None
+    return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
+
+
+def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
+    n_x, steps = len(scenario.components), len(scenario.steps)
+    cloud = tracker.most_particles * n_x * _TEMPORARIES
+    per_run = cloud + tracker.held(scenario.model) + steps * (6 * n_x + 20)
+    return 8 * width * per_run + _STEP_OBJECTS * steps
+
+
+def _read_bytes(experiment: Experiment) -> int:
+    """All values per run and step, which tables and figures are made from, and a piece of their file."""
+    settings, point = experiment.settings, experiment.points[0]
+    metrics = sum(
+        number_per_run(settings, point.scenario, label, tracker)
+        for label, tracker in point.filters.items()
+    )
+    asked, steps = shared(experiment), point.scenario.steps.tolist()
+    metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
+    rows = sum(
+        number_per_step(settings, p.scenario, label, tracker) * len(p.scenario.steps)
+        for p in experiment.points
+        for label, tracker in p.filters.items()
+    )
+    return 8 * settings.runs * metrics * len(experiment.points) + _STEP_ROW * rows + _PIECE
+
+
+def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
+    """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
+    settings, steps = experiment.settings, len(point.scenario.steps)
+    n_x = len(point.scenario.components)
+    per_run = 60 + series * steps
+    shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
+    per_track = (2 * n_x + 2 + (n_x * n_x if save_tracks else 0)) * steps
+    filters = len(point.filters) * len(experiment.points)
+    return 8 * (3 * settings.runs * per_run + shown * per_track * filters)

@@ -1,0 +1,59 @@
+"""What runs in a worker process: one block, from bytes to its results."""
+
+import pickle
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.block_metrics import run_whole_block
+from trackbench.execution import machine_fingerprint
+from trackbench.execution.code_digest import code_digest
+from trackbench.plugins.errors import FilterError, blamed
+from trackbench.plugins.interrupts import guarded
+
+if TYPE_CHECKING:
+    from trackbench.config.plugins import Plugin
+
+
+class Ground(NamedTuple):
+    """Digests of what a block's numbers stand on: code, own arithmetic, numpy's arithmetic."""
+
+    code: str
+    own: str
+    numpys: str
+
+
+@cache
+def ground() -> Ground:
+    """That of this process."""
+    return Ground(code_digest(), machine_fingerprint.own(), machine_fingerprint.numpys())
+
+
+def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dict[int, BlockResult]:
+    """Run the pickled block task, its plugins loaded first; results by number of runs used.
+
+    Raises RuntimeError where its numbers might not be those of the process that asks for them.
+    """
+    here = ground()
+    if here.code != expected.code:
+        raise RuntimeError("this worker has another version of trackbench, numpy or Python")
+    if here.own != expected.own:
+        raise RuntimeError("this worker's floating point is not that of IEEE 754")
+    for plugin in plugins:
+        # Here, since it brings the config's reader along.
+        from trackbench.config.plugins import load_plugin
+
+        load_plugin(plugin, checked=False)
+    block: BlockTask = pickle.loads(task)
+    if here.numpys != expected.numpys and machine_fingerprint.hangs_on_numpys(
+        block.scenario, block.filter, block.reference, block.assume
+    ):
+        raise RuntimeError(
+            "numpy computes otherwise on this worker (another processor or C library), and this "
+            "filter or scenario takes its functions: use workers of one kind"
+        )
+    try:
+        with guarded():
+            return run_whole_block(block)
+    except Exception as error:
+        raise FilterError(blamed(error, block.filter, block.scenario, block.reference)) from None

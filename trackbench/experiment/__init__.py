@@ -1,1 +1,0 @@
-"""Floor 4: from a YAML file to validated experiments, their plan, their execution and their files."""

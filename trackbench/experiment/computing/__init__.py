@@ -1,1 +1,0 @@
-"""Where and when blocks are computed, and the ones that are kept."""

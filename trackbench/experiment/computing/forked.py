@@ -1,9 +1,0 @@
-"""What the process that workers are forked from imports and works out, so that none of them has to."""
-
-import scipy.special  # noqa: F401  # which kinds import when they need it
-
-from trackbench.experiment.computing.worker import ground
-from trackbench.registry import GROUPS, import_own
-
-import_own(*(group for group in GROUPS if group not in ("figures", "tables")))
-ground()

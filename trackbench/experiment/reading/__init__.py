@@ -1,1 +1,0 @@
-"""From YAML to a validated experiment: every mistake with its place, all of them at once."""

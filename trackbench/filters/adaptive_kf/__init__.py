@@ -1,0 +1,115 @@
+"""Filters of variable dimension as a config names them: the paper's, and the one of 1982."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from trackbench.core.fading_memory import tail
+from trackbench.field_types import Count, OpenShare, Positive
+from trackbench.filters.adaptive_kf.decisions import (
+    BELIEVE,
+    PAPER_EXIT,
+    Detector,
+    Exit,
+    SecondDecision,
+)
+from trackbench.filters.adaptive_kf.filter import Logic, VariableDimension
+from trackbench.filters.base import PLANAR_POSITION
+from trackbench.models.base import Scene
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.registry import register
+
+
+@register("filters", "adaptive-kf")
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveKF(VariableDimension):
+    """Adaptive Kalman filter: a detector starts an augmented filter, a test on it ends it.
+
+    Tang, Sun & Liu, adaptive Kalman filter paper, section 3, after Bar-Shalom & Birmiwal 1982,
+    Bogler 1987 and Park, Seo & Lee 1995. The paper states no process noise: both are keys here.
+    """
+
+    nmf: ConstantVelocity
+    """motion of the non-maneuvering filter: {q: ..., noise_gain: standard | printed}"""
+    mf: ConstantAcceleration
+    """motion of the maneuvering filter; its first acceleration is the estimated one"""
+    detector: Detector
+    """first decision: statistic, threshold, window, onset"""
+    dlw: SecondDecision = BELIEVE
+    """second decision, between both filters"""
+    exit: Exit = PAPER_EXIT
+    """return to the non-maneuvering filter"""
+    initialise: Literal["ie", "barshalom"] = "ie"
+    """augmented start: estimated input added, or refiltered from the onset (1982)"""
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "paper-eta35": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 35.0}},
+        "paper-eta20": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 20.0}},
+        "seconds": {
+            "detector": {"kind": "ie", "eta": 20.0, "window_s": 60.0, "min_window_s": 15.0},
+            "exit": {"p": 2, "Ta": 9.49, "hold_s": 30.0},
+        },
+    }
+
+    @property
+    def logic(self) -> Logic:
+        """Motions and decisions, as they stand in the keys."""
+        return Logic(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialise)
+
+    @classmethod
+    def explain(cls) -> str:
+        """What the paper's thresholds mean as false-alarm probabilities."""
+        rows = [
+            f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
+            f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"
+            for eta in (20.0, 35.0)
+        ]
+        head = "Without a maneuver (two axes, consistent filter, long run):"
+        return "\n".join([head, *rows])
+
+
+@register("filters", "vdf")
+@dataclass(frozen=True, kw_only=True)
+class VDF(VariableDimension):
+    """Variable-dimension filter (Bar-Shalom & Birmiwal 1982).
+
+    A fading sum of the NIS raises the alarm; the maneuver is taken to have begun one window before, and
+    the data are refiltered from there. It ends when the acceleration is insignificant. There is no
+    onset estimate, no least window and no second decision. No alarm is raised before step 20.
+    """
+
+    nmf: ConstantVelocity
+    """motion in quiet"""
+    mf: ConstantAcceleration
+    """motion in a maneuver"""
+    gamma: OpenShare = 0.8
+    """fading factor of the NIS; the window is 1 / (1 - gamma) samples"""
+    eta: Positive | None = None
+    """threshold of the fading sum; give this or alpha"""
+    alpha: OpenShare | None = None
+    """false-alarm probability at one sample"""
+    p: Count = 2
+    """samples over which the acceleration's significance is summed"""
+    Ta: Positive = 9.49
+    """threshold of that sum"""
+    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
+
+    def __post_init__(self) -> None:
+        if (self.eta is None) == (self.alpha is None):
+            raise ValueError("give one of eta and alpha")
+
+    @property
+    def logic(self) -> Logic:
+        """The fading sum alone decides, every alarm is believed, and the window is the onset."""
+        detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
+        leave = Exit(p=self.p, Ta=self.Ta)
+        return Logic(self.nmf, self.mf, detector, BELIEVE, leave, "barshalom")
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """A window that does not fit the scenario's runs."""
+        found = super().conflicts(scenario)
+        return {"gamma": next(iter(found.values()))} if found else {}

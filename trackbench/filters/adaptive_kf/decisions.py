@@ -1,0 +1,142 @@
+"""Keys of the filters that switch, as a config gives them: detector, second decision, exit."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.fading_memory import significance_threshold, threshold
+from trackbench.field_types import (
+    Count,
+    MistakenKeyError,
+    Natural,
+    NonNegative,
+    OpenShare,
+    Positive,
+)
+from trackbench.models.motions.kinematic import ConstantAcceleration
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detector:
+    """The first decision: is the target maneuvering, and since when?"""
+
+    kind: Literal["fading", "ie", "fading-ie"] = "ie"
+    """statistic: fading sum rho of the NIS, input-estimation zeta, or rho with zeta's onset"""
+    gamma: OpenShare = 0.8
+    """fading factor of rho"""
+    eta: Positive | None = None
+    """threshold of the statistic; give this or alpha"""
+    alpha: OpenShare | None = None
+    """false-alarm probability of the statistic at one sample (of zeta: for one onset)"""
+    window_s: Positive | None = None
+    """length of the window of onsets, s; default: 1 / (1 - gamma) samples"""
+    min_window_s: NonNegative = 0.0
+    """an onset nearer than this is waited for, s (the paper's xi_min)"""
+    onset: Literal["argmax", "window", "paper"] | None = None
+    """onset: argmax of zeta, start of the window, or argmax of rho as printed; default: by kind"""
+    start: Natural = 20
+    """step at which the detector is switched on"""
+
+    def __post_init__(self) -> None:
+        if (self.eta is None) == (self.alpha is None):
+            raise ValueError("give one of eta and alpha")
+        if self.kind == "fading" and self.onset == "argmax":
+            raise MistakenKeyError(
+                "kind fading has no zeta to take an argmax of: fading-ie", "onset"
+            )
+
+    @property
+    def threshold(self) -> float:
+        """eta, or the eta of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
+        if self.eta is not None:
+            return self.eta
+        assert self.alpha is not None
+        if self.kind == "ie":
+            return significance_threshold(self.alpha)
+        return threshold(self.alpha, self.gamma)
+
+    @property
+    def onset_rule(self) -> str:
+        """How the onset is found."""
+        return self.onset or ("window" if self.kind == "fading" else "argmax")
+
+    def window(self, T: float) -> int:
+        """Length of the window in samples."""
+        length = 1.0 / (1.0 - self.gamma) if self.window_s is None else self.window_s / T
+        return max(1, round(length))
+
+    def min_window(self, T: float) -> int:
+        """Least age of an onset in samples."""
+        return round(self.min_window_s / T)
+
+    def conflicts(self, T: float, duration: float) -> dict[str, str]:
+        """Mistakes on a scenario of so many seconds, by key."""
+        window, out = self.window(T) * T, {}
+        if window > duration:
+            out["detector.window_s"] = f"{window:g} s is longer than the run of {duration:g} s"
+        if self.min_window(T) * T > window:
+            out["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
+        elif self.onset_rule == "paper" and self.min_window(T) > 1:
+            out["detector.min_window_s"] = "the printed onset is always the newest: no switch"
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exit:
+    """When the maneuvering filter is left: ``sum over p samples of a' P_a^-1 a < Ta``."""
+
+    p: Count = 2
+    """samples summed"""
+    Ta: Positive = 9.49
+    """threshold; 9.49 is the 95 % point of chi-square with 4 degrees, of p = 2 samples"""
+    hold_s: NonNegative = 0.0
+    """time the maneuvering filter stays at least, s"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondDecision:
+    """The decision logic window: both filters run, the likelier one is believed."""
+
+    n: Natural = 0
+    """samples both filters run after an alarm; 0 believes every alarm"""
+
+
+def exit_cautions(
+    leave: Exit, mf: ConstantAcceleration, T: float, R: Array, smallest: float | None
+) -> list[str]:
+    """What the exit test does once the acceleration's variance P_a is in its steady state.
+
+    ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state: P_a and
+    the gain go to zero, and an acceleration once estimated stays significant after the turn.
+    """
+    if mf.q == 0.0:
+        return [
+            "mf.q = 0 lets the maneuvering filter's gain go to zero: after a long turn the "
+            "exit test can no longer fire, and the filter stays a constant-acceleration filter"
+        ]
+    P_a = steady_acceleration_variance(mf, T, R)
+    out = []
+    if smallest is not None and leave.p * smallest**2 / P_a < leave.Ta:
+        out.append(
+            f"the exit test fires during the smallest turn, {smallest:.3g} m/s^2 "
+            f"(p a^2 / P_a = {leave.p * smallest**2 / P_a:.2g} < Ta = {leave.Ta:g})"
+        )
+    return out
+
+
+def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
+    """P_a of the maneuvering filter after many steps, (m/s^2)^2; needs q > 0."""
+    from scipy.linalg import solve_discrete_are
+
+    F, Q = mf.axis(T)
+    H = np.eye(1, 3)
+    # The Riccati equation's solution is the predicted covariance; one update makes the posterior.
+    P = solve_discrete_are(F.T, H.T, Q, R)
+    K = P[:, 0] / (P[0, 0] + R[0, 0])
+    return float(P[2, 2] - K[2] * P[0, 2])
+
+
+PAPER_EXIT = Exit()
+BELIEVE = SecondDecision()

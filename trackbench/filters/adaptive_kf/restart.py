@@ -1,0 +1,87 @@
+"""Bar-Shalom & Birmiwal's start of the augmented filter: from the onset on, the data are refiltered."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.distributions import Gaussian
+from trackbench.filters.adaptive_kf.per_axis import Site, axis_step, choose
+from trackbench.models.motions.kinematic import Axis
+
+
+class History(NamedTuple):
+    """Posteriors of the quiescent filter and measurements of the last W steps, k in slot k % W.
+
+    ``mean`` (W, 2, 2, M), ``cov`` (W, 2, 2, A, M), ``z`` (W, 2, M).
+    """
+
+    mean: Array
+    cov: Array
+    z: Array
+
+    def measured(self, z: Array, k: int) -> "History":
+        """With the measurement of step k."""
+        return self._replace(z=_with(self.z, k, z))
+
+    def filtered(self, posterior: Gaussian, k: int) -> "History":
+        """With the posterior of step k."""
+        mean, cov = _with(self.mean, k, posterior.mean), _with(self.cov, k, posterior.cov)
+        return self._replace(mean=mean, cov=cov)
+
+    def known(self, k: Index) -> Mask:
+        """Whether each run's measurement of step k (M,) exists."""
+        runs = np.arange(len(k))
+        return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
+
+
+def history(prior: Gaussian, window: int) -> History:
+    """The prior in every slot, until the steps come that replace it."""
+    return History(
+        np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
+        np.broadcast_to(prior.cov, (window, *prior.cov.shape)),
+        np.full((window, *prior.mean.shape[1:]), np.nan),
+    )
+
+
+def refiltered(
+    past: History, onset: Index, runs: Index, k: int, motion: Axis, site: Site
+) -> Gaussian:
+    """The augmented posterior at step k of the runs in ``runs`` (m,), each from its onset (m,)."""
+    T, R = site
+    W = len(past.z)
+    # Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
+    mean = np.moveaxis(past.mean[onset % W, :, :, runs], 0, -1)
+    cov = np.moveaxis(past.cov[onset % W, :, :, :, runs], 0, -1)
+    first = past.z[(onset + 1) % W, :, runs].T
+    state = augmented_start(Gaussian(mean, cov), first, T, float(R[0, 0]))
+    for step in range(int(onset.min()) + 2, k + 1):
+        moved, _ = axis_step(state, motion, past.z[step % W][:, runs], R)
+        state = choose(step >= onset + 2, moved, state)
+    return state
+
+
+def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
+    """Position, velocity, acceleration after the first measurement z (2, m) of a maneuver.
+
+    The acceleration is the one that makes the last quiescent posterior (x, v, P) meet z (Bar-Shalom
+    & Birmiwal 1982, eqs. 21-29): ``a = 2 (z - x - T v) / T^2``, the position z, the velocity v + T a.
+    """
+    x, v = state.mean
+    p11, p12, p22 = state.cov[0, 0], state.cov[0, 1], state.cov[1, 1]
+    a = 2.0 / (T * T) * (z - x - T * v)
+    mean = np.stack([z, v + T * a, a])
+    P11 = np.full_like(p11, R)
+    P12 = np.full_like(p11, 2.0 * R / T)
+    P13 = np.full_like(p11, 2.0 * R / (T * T))
+    P22 = 4.0 / (T * T) * (R + p11) + p22 + 4.0 * p12 / T
+    P23 = 4.0 / (T * T * T) * (R + p11) + 2.0 * p22 / T + 6.0 * p12 / (T * T)
+    P33 = 4.0 / (T * T * T * T) * (R + p11 + 2.0 * T * p12 + T * T * p22)
+    rows = [[P11, P12, P13], [P12, P22, P23], [P13, P23, P33]]
+    return Gaussian(mean, np.stack([np.stack(row) for row in rows]))
+
+
+def _with(ring: Array, k: int, entry: Array) -> Array:
+    out = ring.copy()
+    out[k % len(ring)] = entry
+    return out

@@ -1,0 +1,1 @@
+"""Texts about kinds, keys and metrics for `list`, `describe` and the site."""

@@ -1,0 +1,112 @@
+"""The JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
+
+from typing import Any
+
+from trackbench.config.build_dataclass import described, help_texts, hints_of
+from trackbench.config.experiment import Settings
+from trackbench.field_types import part_group
+from trackbench.models.assumed_sensor import Assume
+from trackbench.registry import Group, kinds
+
+_TOP: tuple[Group, ...] = ("filters", "tables", "figures")
+_GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors", "starts")
+
+
+def schema() -> dict[str, Any]:
+    """Draft 2020-12 schema: the top level, and every registered kind with its keys."""
+    top = described(Settings).json_schema(ref_template="#/$defs/{model}")
+    definitions: dict[str, Any] = top.pop("$defs", {})
+    for group in _GROUPS:
+        names = []
+        for kind, cls in kinds(group).items():
+            names.append(f"{group}.{kind}")
+            definitions |= _definitions(group, kind, cls)
+        definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
+    definitions["assume"] = _assume()
+    properties = top["properties"]
+    _replace(properties, "scenario", {"$ref": _ref("scenarios")})
+    laid_over = {"anyOf": [_ELSEWHERE[0], {"type": "object"}]}
+    _replace(definitions["Tuning"]["properties"], "scenario", laid_over | {"default": None})
+    for group in _TOP:
+        several = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
+        _replace(properties, group, several)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **top,
+        "title": "A trackbench experiment",
+        "$defs": definitions,
+    }
+
+
+_ELSEWHERE: list[dict[str, Any]] = [
+    {"type": "string", "description": "path of a YAML file that holds the mapping"},
+    {
+        "type": "object",
+        "required": ["use"],
+        "properties": {"use": {"type": "string", "description": "path of a YAML file"}},
+        "description": "the mapping in a YAML file, with other values for some of its keys",
+    },
+]
+
+
+def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
+    """The definition of one kind, and of the types its keys refer to."""
+    name = f"{group}.{kind}"
+    own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+    inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
+    properties = own.setdefault("properties", {})
+    for key, text in help_texts(cls).items():
+        properties[key].setdefault("description", text)
+    _refer_to_parts(cls, properties)
+    if cls.presets:
+        # A preset may give any key, and a key of a mapping in it may be changed alone.
+        own, inner = _without_required(own), _without_required(inner)
+        properties = own["properties"]
+        text = "named set of keys to start from"
+        properties["preset"] = {"enum": list(cls.presets), "description": text}
+    if group == "filters":
+        text = "motion and sensor that this filter assumes"
+        properties["assume"] = {"$ref": _ref("assume"), "description": text}
+    own["properties"] = {"kind": {"const": kind}, **properties}
+    own["required"] = ["kind", *own.get("required", [])]
+    own["title"] = kind
+    own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
+    return {name: own, **inner}
+
+
+def _assume() -> dict[str, Any]:
+    own = described(Assume).json_schema()
+    _refer_to_parts(Assume, own["properties"])
+    return own
+
+
+def _refer_to_parts(cls: type[Any], properties: dict[str, Any]) -> None:
+    for key, hint in hints_of(cls).items():
+        group = part_group(hint)
+        if group is not None:
+            word = {"type": "string", "description": "a kind, with all keys at their defaults"}
+            one = {"anyOf": [word, {"$ref": _ref(group)}]}
+            _replace(properties, key, {"anyOf": [one, {"type": "array", "items": one}]})
+
+
+def _without_required(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_without_required(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    renamed = {"oneOf": "anyOf"}  # without a required kind, several may fit
+    return {
+        renamed.get(key, key): _without_required(part)
+        for key, part in schema.items()
+        if key not in ("required", "discriminator") or not isinstance(part, list | dict)
+    }
+
+
+def _replace(properties: dict[str, Any], key: str, by: dict[str, Any]) -> None:
+    """Another schema for a key, under the key's own description."""
+    description = properties.get(key, {}).get("description")
+    properties[key] = by | ({"description": description} if description else {})
+
+
+def _ref(name: str) -> str:
+    return f"#/$defs/{name}"

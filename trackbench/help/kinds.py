@@ -1,0 +1,205 @@
+"""What a config may name, for people: kinds, their parameters, defaults and sources.
+
+A listing reads docstrings and imports nothing of what it lists.
+"""
+
+import dataclasses
+import inspect
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
+
+from trackbench.extension_points import hooks, offered
+from trackbench.field_types import part_group
+from trackbench.help.metrics import columns, described, facts, statistics_known
+from trackbench.metrics import METRICS
+from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
+
+
+def listing(groups: Sequence[str]) -> str:
+    """Kinds of each group with the first line of their documentation."""
+    parts = []
+    for group in groups:
+        found = documentation(cast(Group, group))
+        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in found.items())
+        parts.append("\n".join([f"{group}:", *rows]))
+    return "\n\n".join(parts)
+
+
+def experiments() -> str:
+    """The shipped experiments under the papers that they reproduce, with what they take."""
+    from itertools import groupby
+
+    from trackbench.config.shipped_experiments import listed
+
+    found = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
+    width = max(len(one.name) for one in found)
+    parts = ["experiments (trackbench run NAME; time on one processor):"]
+    for paper, several in groupby(found, key=lambda one: one.paper):
+        parts.append(f"\n  {paper or 'Beyond the papers'}")
+        parts += [f"    {s.name:<{width}}  {_time(s.cpu_s):>6}  {s.title}" for s in several]
+    return "\n".join(parts)
+
+
+def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The listing as data: a row per kind, and one per shipped experiment."""
+    from trackbench.config.shipped_experiments import listed
+
+    for group in groups:
+        if group in ("metrics", "statistics"):
+            known = METRICS if group == "metrics" else statistics_known()
+            yield from filter(None, map(facts, known))
+            continue
+        if group == "experiments":
+            yield from ({"group": group, **one._asdict()} for one in listed())
+            continue
+        for kind, doc in documentation(cast(Group, group)).items():
+            yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
+
+
+def _time(seconds: float | None) -> str:
+    if seconds is None:
+        return ""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def description(kind: str) -> str:
+    """A kind's documentation and keys, a metric's, or a group's hooks; raises UserError for no such."""
+    if kind in GROUPS:
+        return _hooks_of(kind)
+    texts = [_described(kind, group, cls) for group, cls in _found(kind)]
+    measured = described(kind)
+    return "\n\n".join([*texts, *([measured] if measured else [])])
+
+
+def entries(kind: str) -> Iterator[dict[str, Any]]:
+    """The same as data: one for each group that has such a kind, or one for each hook of a group."""
+    if kind in GROUPS:
+        for hook in hooks(base_of(kind)):
+            yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
+        return
+    for group, cls in _found(kind):
+        yield {
+            "group": group,
+            "kind": kind,
+            "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
+            "keys": _as_data(_rows(group, cls)),
+            "presets": cls.presets if group == "filters" else {},
+            "notes": [*_notes(group, cls)],
+        }
+    measured = facts(kind)
+    if measured:
+        yield {**measured, "keys": [], "presets": {}, "notes": []}
+
+
+def experiment_keys() -> list[dict[str, str]]:
+    """Key, default and text of the top level of an experiment's file."""
+    from trackbench.config.experiment import Settings
+
+    return _as_data(list(_key_rows(Settings, "")))
+
+
+def assume_keys() -> list[dict[str, str]]:
+    """The same of what every filter may assume."""
+    from trackbench.models.assumed_sensor import Assume
+
+    return _as_data(list(_key_rows(Assume, "assume.")))
+
+
+def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
+    return [dict(zip(("key", "default", "text"), row, strict=True)) for row in rows]
+
+
+def _found(kind: str) -> list[tuple[Group, type[Any]]]:
+    """The groups that have a kind of this name, with its class; none for a metric's."""
+    from trackbench.config.build_dataclass import unknown
+    from trackbench.errors import Mark, Problem, UserError
+
+    found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
+    if not found and described(kind) is None:
+        known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
+        what = f"there is no such kind; {unknown(kind, known)}"
+        raise UserError(Problem(Mark("describe"), kind, what))
+    return found
+
+
+def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
+    """Key, default and text of every key, of what a filter assumes, too."""
+    found = list(_key_rows(cls, ""))
+    if group == "filters":
+        from trackbench.models.assumed_sensor import Assume
+
+        found += _key_rows(Assume, "assume.")
+    return found
+
+
+def _hooks_of(group: Group) -> str:
+    """What the classes of a group must have, and what they may have beside it."""
+    base = base_of(group)
+    found = list(hooks(base))
+    rows = list(columns((hook.form, hook.text) for hook in found))
+    needed = sum(hook.needed for hook in found)  # which come first
+    must = [f"a class of the group {group} has:", *rows[:needed]]
+    may = ["and may have:", *rows[needed:]]
+    return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
+
+
+def _described(kind: str, group: Group, cls: type[Any]) -> str:
+    lines = [f"{kind} ({group[:-1]})", ""]
+    lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
+    lines += columns(_rows(group, cls))
+    for name, keys in cls.presets.items():
+        given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
+        lines.append(f"\n  preset {name}: {given}")
+    lines += [f"\n  {note}" for note in _notes(group, cls)]
+    if cls.explain():
+        lines.append("\n" + cls.explain())
+    return "\n".join(lines)
+
+
+def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
+    """What else there is to know of a kind, a line each."""
+    if group == "scenarios" and "required" not in map(_default, dataclasses.fields(cls)):
+        model = cls().model
+        yield f"components of the state: {','.join(model.motion.components)}"
+        yield f"components of the measurement: {','.join(model.sensor.components)}"
+    if group == "targets" and "windows" in vars(cls):
+        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        yield f"windows of metrics: {words}"
+    if group == "sensors":
+        yield f"components of the measurement: {','.join(cls.components)}"
+    own = offered(cls, base_of(group))
+    if own:
+        yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
+
+
+def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
+    """Key, default and text of each field; those of a mapping follow it, indented by their path."""
+    from trackbench.config.build_dataclass import adapter, dataclasses_in, help_texts, hints_of
+
+    schema, texts = adapter(cls).json_schema(), help_texts(cls)
+    hints = hints_of(cls)
+    for field in dataclasses.fields(cls):
+        choices = schema["properties"][field.name].get("enum")
+        text = texts.get(field.name, "")
+        text = f"{text} ({' | '.join(map(str, choices))})" if choices else text
+        group = part_group(hints[field.name])
+        if group is not None:
+            yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
+            continue
+        yield prefix + field.name, _default(field), text
+        nested = dataclasses_in(hints[field.name])
+        for one in nested:
+            of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
+            yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
+
+
+def _default(field: "dataclasses.Field[Any]") -> str:
+    if field.default is dataclasses.MISSING:
+        return "required" if field.default_factory is dataclasses.MISSING else "empty"
+    if dataclasses.is_dataclass(field.default):
+        return "as below"
+    return "none" if field.default is None else str(field.default)
+
+
+def _paragraphs(doc: str) -> list[str]:
+    return [" ".join(p.split()) for p in inspect.cleandoc(doc).split("\n\n")]

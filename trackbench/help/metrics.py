@@ -1,0 +1,137 @@
+"""What can be measured, for people: metrics, statistics, and what an experiment has of them."""
+
+import sys
+from collections.abc import Iterable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from trackbench.metrics import METRICS, Metric, metric_of, unit_of
+
+_BETTER = {"zero": "nearer 0 is better", "one": "nearer 1 is better"}
+WRITTEN = """\
+how it is written:
+  mean(rmse[turns])         a statistic over the runs, here of a window of steps
+  rmse@20, rmse@last        a metric at a step
+  gain(mean(rmse), PF)      percent below the filter PF; ratio(...) to it, minus(...) it
+  below(rmse, PF)           share of the runs in which it is less than PF's"""
+
+
+def metrics() -> str:
+    """Every metric of which something is known."""
+    rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in METRICS.values()]
+    return "\n".join(["metrics:", *columns((name, _facts(m, m.unit), m.help) for name, m in rows)])
+
+
+def statistics() -> str:
+    """Every statistic, and how one writes what is measured."""
+    rows = columns((name, "", text) for name, text in statistics_known().items())
+    return "\n".join(["statistics:", *rows, "", WRITTEN])
+
+
+def described(word: str) -> str | None:
+    """A metric or a statistic; None if there is none of this name."""
+    if word in statistics_known():
+        return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
+    found, _ = metric_of(word)
+    if not found.help:
+        return None
+    return f"{word} (metric)\n\n{found.help}\n{_facts(found, unit_of(word) or found.unit)}".rstrip()
+
+
+def facts(word: str) -> dict[str, str] | None:
+    """A metric or a statistic as data; None if there is none of this name."""
+    if word in statistics_known():
+        return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
+    found, _ = metric_of(word)
+    if not found.help:
+        return None
+    about = {"unit": unit_of(word) or found.unit, "better": found.better}
+    return {"group": "metrics", "kind": word, "text": found.help, **about}
+
+
+def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
+    """Metrics, windows and numbers that tables and figures of an experiment may name."""
+    found = list(rows_of_config(path, allow_plugins))
+    named = {
+        group: [row["kind"] for row in found if row["group"] == group]
+        for group in ("windows", "statistics", "numbers")
+    }
+    rows = []
+    for row in (row for row in found if row["group"] == "metrics"):
+        files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
+        about = _facts(metric_of(row["kind"])[0], row["unit"])
+        rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
+    parts = [
+        f"metrics of {path}, per run or per step:",
+        *columns(rows),
+        f"\nwindows of steps: {', '.join(named['windows']) or 'none but the whole'}",
+        f"statistics: {', '.join(named['statistics'])}",
+        f"numbers beside them: {', '.join(named['numbers'])}\n",
+        WRITTEN,
+    ]
+    return "\n".join(parts)
+
+
+def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
+    """The same as data: metrics, then windows, statistics and numbers."""
+    from trackbench.config.load import MistakenNamesError, load
+    from trackbench.config.metric_names import kept_metrics, names_of
+    from trackbench.config.shipped_experiments import located
+    from trackbench.evaluation.metric_expression import measured
+
+    note = partial(print, file=sys.stderr)
+    try:
+        experiment = load(located(path, note), allow_plugins=allow_plugins)
+    except MistakenNamesError as error:  # whoever has them wrong looks here for the right ones
+        experiment = error.experiment
+        note(error)
+    settings = experiment.settings
+    names = names_of(settings, experiment.points, experiment.left_out, noted=True)
+    kept = kept_metrics(settings, "summary.csv")
+    per_run, per_step = (
+        {m.metric for m in map(measured, there) if m.is_row}
+        for there in (names.per_run, names.per_step)
+    )
+    for name in sorted(per_run | per_step):
+        found, _ = metric_of(name)
+        yield {
+            "group": "metrics",
+            "kind": name,
+            "text": found.help,
+            "unit": unit_of(name),
+            "better": found.better,
+            "per_run": name in per_run,
+            "per_step": name in per_step,
+            "kept": kept is None or measured(name).base in kept,
+        }
+    yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
+    yield from (
+        {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
+    )
+    yield from ({"group": "numbers", "kind": name} for name in sorted(names.given))
+
+
+def statistics_known() -> dict[str, str]:
+    """Every statistic, and what it is."""
+    from trackbench.evaluation.metric_expression import TIME_MEAN
+    from trackbench.evaluation.statistics import STATISTICS
+
+    over_time = "mean over a window's steps of the RMSE over runs"
+    return {name: s.help for name, s in STATISTICS.items()} | {TIME_MEAN: over_time}
+
+
+def _facts(metric: Metric, unit: str) -> str:
+    """Unit, and which way is better."""
+    better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
+    unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
+    return ", ".join(filter(None, [unit, better]))
+
+
+def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    """Rows as indented lines, each column as wide as it has to be; one that is empty is left out."""
+    found = list(rows)
+    widths = [max(map(len, column)) for column in zip(*found, strict=True)]
+    for row in found:
+        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True) if width)
+        yield f"  {'  '.join(cells)}".rstrip()

@@ -1,0 +1,22 @@
+"""What a filter believes of target and sensor, where that is not what makes the data."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from trackbench.field_types import PartOf
+from trackbench.models.base import Motion
+from trackbench.models.sensors.base import Measuring
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assume:
+    """Motion and sensor that a filter assumes; what is not given is as it is."""
+
+    motion: Annotated[Motion | None, PartOf("motions")] = None
+    """motion: {kind: cv, q: 0.3}"""
+    sensor: Annotated[Measuring | tuple[Measuring, ...] | None, PartOf("sensors")] = None
+    """sensor, or as many as there are"""
+
+    def over(self, other: "Assume") -> "Assume":
+        """This, and what it leaves open as the other has it."""
+        return Assume(motion=self.motion or other.motion, sensor=self.sensor or other.sensor)

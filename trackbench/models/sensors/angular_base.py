@@ -1,0 +1,116 @@
+"""What sensors of directions and distances share: where they stand, and angles that have a cut."""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.elementary import cos_sin
+from trackbench.field_types import Finite, Natural
+from trackbench.models.sensors.base import Measuring
+
+
+@dataclass(frozen=True, kw_only=True)
+class Platform:
+    """A path of the sensor's own: straight between waypoints, at rest before and after them."""
+
+    steps: tuple[Natural, ...]
+    """numbers of the steps at which the waypoints are reached, in order"""
+    x: tuple[Finite, ...]
+    """m"""
+    y: tuple[Finite, ...]
+    """m"""
+
+    def __post_init__(self) -> None:
+        if not len(self.steps) == len(self.x) == len(self.y) > 0:
+            raise ValueError("steps, x and y have as many entries each, at least one")
+        if any(b <= a for a, b in pairwise(self.steps)):
+            raise ValueError("the steps of the waypoints must increase")
+
+    def place(self, k: int) -> tuple[float, float]:
+        """Position at step k, m."""
+        n = bisect_right(self.steps, k)
+        if n in (0, len(self.steps)):
+            end = min(n, len(self.steps) - 1)
+            return self.x[end], self.y[end]
+        share = (k - self.steps[n - 1]) / (self.steps[n] - self.steps[n - 1])
+        px, py = (a[n - 1] + share * (a[n] - a[n - 1]) for a in (self.x, self.y))
+        return px, py
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looking(Measuring):
+    """Base of the sensors that look from a place."""
+
+    at: tuple[Finite, ...] = ()
+    """where the sensor stands, m; default: at the origin"""
+    platform: Platform | None = None
+    """path of a sensor that moves, instead of a place"""
+
+    angles: ClassVar[tuple[int, ...]]
+    """which components of the measurement are angles"""
+    axes: ClassVar[int] = 2
+    """axes of the space it looks into"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.at and len(self.at) != self.axes:
+            raise ValueError(f"at has {len(self.at)} numbers for {self.axes} axes")
+        if self.at and self.platform is not None:
+            raise ValueError("a sensor stands at a place or moves on a path, not both")
+
+    @property
+    def at_origin(self) -> bool:
+        """Whether coordinates as seen from the sensor are the state's own."""
+        return self.platform is None and not any(self.at)
+
+    def seen_from_here(self, x: Array, k: int) -> list[Array]:
+        """Position (*batch) along each axis as seen from the sensor, of states x (n, *batch)."""
+        seen = [x[2 * i] for i in range(self.axes)]
+        if self.at_origin:
+            return seen
+        return [p - own for p, own in zip(seen, self._place(k), strict=True)]
+
+    def from_here(self, position: Array, k: int) -> Array:
+        """Positions (axes, M) as seen from the sensor, in the coordinates of the state."""
+        if self.at_origin:
+            return position
+        return position + with_trailing(np.array(self._place(k)), 1)
+
+    def _place(self, k: int) -> tuple[float, ...]:
+        return self.platform.place(k) if self.platform is not None else self.at
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """``z - z_pred`` with angles wrapped to (-pi, pi]."""
+        nu = z - z_pred
+        for i in self.angles:
+            nu[i] = wrapped(nu[i])
+        return nu
+
+
+def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
+    """Range of positions (M, N), and their coordinates across and along the line at an azimuth (M,)."""
+    c, s = (wave[:, None] for wave in cos_sin(azimuth))
+    along, across = c * px, c * py
+    along += s * py
+    across -= s * px
+    square = along * along
+    square += across * across
+    return np.sqrt(square, out=square), across, along
+
+
+def wrapped(angle: Array) -> Array:
+    """The angle in (-pi, pi]; nothing is computed if none is outside."""
+    if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
+        return angle
+    return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))
+
+
+def distance(px: Array, py: Array) -> Array:
+    """``sqrt(px^2 + py^2)``."""
+    square = px * px
+    square += py * py
+    return np.sqrt(square, out=square)

@@ -1,0 +1,96 @@
+"""Several sensors as one: their measurements one below the other, missing where one does not measure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian
+from trackbench.core.random_streams import Streams
+from trackbench.models.sensors.base import Measuring
+
+
+@dataclass(frozen=True)
+class Several:
+    """Independent sensors of one target; components carry the number of their sensor, from 1 on."""
+
+    sensors: tuple[Measuring, ...]
+
+    @cached_property
+    def components(self) -> tuple[str, ...]:
+        """Names of the measurement's components, in order."""
+        return tuple(f"{n}.{c}" for n, s in enumerate(self.sensors, 1) for c in s.components)
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        """The distribution of all measurements given x_k = x (n_x, *batch)."""
+        each = [sensor.measurement(x, k) for sensor in self.sensors]
+        batch = max(seen.cov.ndim for seen in each) - 2
+        R = np.zeros((len(self.components),) * 2 + (each[0].mean.shape[1:] if batch else ()))
+        for rows, seen in zip(self.rows, each, strict=True):
+            R[rows, rows] = with_trailing(seen.cov, batch, leading=2)
+        return Gaussian(np.concatenate([seen.mean for seen in each]), R)
+
+    def innovation(self, z: Array, z_pred: Array) -> Array:
+        """``z - z_pred``, angles wrapped."""
+        pairs = zip(self.sensors, self.rows, strict=True)
+        return np.concatenate([s.innovation(z[rows], z_pred[rows]) for s, rows in pairs])
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """d E[z_k] / d x_k (n_z, n_x[, *batch])."""
+        each = [sensor.jacobian(x, k) for sensor in self.sensors]
+        batch = max(H.ndim for H in each) - 2
+        wide = [with_trailing(H, batch, leading=2) for H in each]
+        shape = x.shape[1:] if batch else ()
+        return np.concatenate([np.broadcast_to(H, (*H.shape[:2], *shape)) for H in wide])
+
+    @property
+    def H(self) -> Callable[[int], Array]:
+        """Measurement matrix (n_z, n), a function of n. AttributeError if a sensor is not linear."""
+        each = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
+        return lambda n: np.concatenate([H(n) for H in each])
+
+    def information(self, x: Array, k: int, certain: bool = False) -> Array:
+        """``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
+        return np.add.reduce([sensor.information(x, k, certain) for sensor in self.sensors])
+
+    def observables(self, x: Array) -> dict[str, Array]:
+        """None: whose would they be?"""
+        return {}
+
+    def observed(
+        self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False
+    ) -> Array:
+        """Measurements (n_z, M) of true states x (n_x, M), NaN where there is none."""
+        pairs = zip(self.sensors, self.rows, strict=True)
+        return np.concatenate([s.observed(x, k, noise[rows], rng, certain) for s, rows in pairs])
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """Where each sensor's components stand in a measurement."""
+        ends = np.cumsum([len(sensor.components) for sensor in self.sensors]).tolist()
+        return [slice(a, b) for a, b in pairwise([0, *ends])]
+
+
+Sensors: TypeAlias = Measuring | Several
+"""What sees a target: one sensor, or several as one."""
+
+
+def together(sensors: tuple[Measuring, ...] | Measuring) -> Sensors:
+    """One sensor, or several as one."""
+    if not isinstance(sensors, tuple):
+        return sensors
+    return sensors[0] if len(sensors) == 1 else Several(sensors)
+
+
+def each(sensor: Sensors) -> tuple[Measuring, ...]:
+    """Every single one."""
+    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
+
+
+def rows_of(sensor: Sensors) -> list[slice]:
+    """Where the components of each stand in a measurement."""
+    return sensor.rows if isinstance(sensor, Several) else [slice(None)]

@@ -1,0 +1,15 @@
+"""What a process that draws figures imports, so that it is there when it is asked for one."""
+
+import gc
+
+from matplotlib.backends import backend_svg
+
+from trackbench.registry import kinds
+from trackbench.report import paired, render
+from trackbench.report.plotting import canvas
+from trackbench.report.verdicts import numbers
+
+__all__ = ["backend_svg", "canvas", "numbers", "paired", "render"]
+kinds("figures")
+gc.set_threshold(50_000)  # as in `__main__`
+gc.freeze()  # a process that is forked from here need not look it through, and so copy its pages

@@ -1,0 +1,152 @@
+"""Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from trackbench.config.experiment import Point
+from trackbench.core.arrays import Array
+from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import Comparison, measure
+from trackbench.registry import register
+from trackbench.report.expressions import Expressions
+from trackbench.report.findings import phrases
+from trackbench.report.grid_queries import missing_paths, points_of
+from trackbench.report.kinds import FigureKind
+from trackbench.report.paired import Pair
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.results import Results
+
+_LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
+
+
+@register("figures", "heat-map")
+@dataclass(frozen=True, kw_only=True)
+class HeatMap(FigureKind):
+    """A statistic over the grid and the filters; without a grid, the paired z of every two filters."""
+
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+    metric: Comparison = measure("mean(rmse)")
+    """statistic in the cells; without a grid, the metric per run in brackets is compared"""
+    x: str | None = None
+    """path of the grid along the horizontal axis; default: the first"""
+    y: str | None = None
+    """path of the grid along the vertical axis; default: the filters"""
+    log: bool = False
+    """logarithmic colours"""
+    bar_label: str = ""
+    """label of the colour bar, with the unit; default: the metric"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The axes must be paths of the grid."""
+        return missing_paths(points, x=self.x, y=self.y)
+
+    def tell(self, results: Results) -> str:
+        """How to read it; of pairs, how many differ."""
+        if results.grid:
+            return ""
+        pairs = self._shown_pairs(results)
+        alike = sum(not pair.p_holm < 0.05 for pair in pairs)
+        words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
+        return f"{words} {alike} of {counted(len(pairs), 'pair')} do not differ at 5 % (Holm)."
+
+    def _shown_pairs(self, results: Results) -> list[Pair]:
+        labels = results.chosen(self.filters)
+        found = [p for _, pairs in results.pairs for p in pairs if p.metric == self.metric.name]
+        return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
+
+    def draw(self, results: Results) -> Figure:
+        """One panel; with two paths, one per filter."""
+        labels = results.chosen(self.filters)
+        if not results.grid:
+            return self._pairs(results, labels)
+        x = self.x or results.grid[0]
+        points = results.points()
+        columns = list(dict.fromkeys(point[x] for point in points))
+        if self.y is None:
+            rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
+            names = [style.words(b) for b in labels]
+            return self._panels(x, columns, "", names, {"": np.array(rows)})
+        levels = list(dict.fromkeys(point[self.y] for point in points))
+        panels = {
+            b: np.array(
+                [[self._cell(results, {x: c, self.y: r}, b) for c in columns] for r in levels]
+            )
+            for b in labels
+        }
+        return self._panels(x, columns, self.y, levels, panels)
+
+    def _cell(self, results: Results, wanted: dict[str, Any], label: str) -> float:
+        points = points_of(results, wanted)
+        m = self.metric.of(label)
+        return Expressions(results, points[0]).term(m).value if points else float("nan")
+
+    def _panels(
+        self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
+    ) -> Figure:
+        from matplotlib.colors import LogNorm, Normalize
+
+        finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
+        norm = (LogNorm if self.log else Normalize)(
+            *((finite.min(), finite.max()) if len(finite) else (1, 2))
+        )
+        shown = dict(list(panels.items())[: style.MOST_PANELS])
+        figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
+        cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)
+        for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
+            image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
+            names = [phrases.number(c) for c in columns]
+            _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
+            ax.set_title(style.words(name))
+            ax.set_xlabel(phrases.axis(x))
+            _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
+        axes[0][0].set_ylabel(phrases.axis(y))
+        figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
+        style.title(figure, self.title)
+        return figure
+
+    def _pairs(self, results: Results, labels: list[str]) -> Figure:
+        z = np.full((len(labels), len(labels)), np.nan)
+        for pair in self._shown_pairs(results):
+            i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
+            z[i, j], z[j, i] = pair.z, -pair.z
+        figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
+        image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
+        names = [style.words(b) for b in labels]
+        _ticks(ax, names, names, np.inf)
+        ax.tick_params(axis="x", rotation=45)
+        for tick in ax.get_xticklabels():
+            tick.set_ha("right")
+        texts = [[f"{v:+.1f}" if abs(v) < 100 else f"{v:+.0f}" for v in r] for r in z]
+        _numbers(ax, z, texts, image, (sheet().width_in - 2.5) / len(labels))
+        ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
+        style.title(figure, self.title)
+        figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
+        return figure
+
+
+def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
+    """Upright where the columns are too narrow for what they are called."""
+    upright = max(map(len, columns)) * _LETTER_IN > cell_in
+    ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.grid(visible=False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)
+
+
+def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
+    """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
+    if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
+        return
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            r, g, b, _ = image.cmap(image.norm(value))
+            dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
+            ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=6.5,
+                    color="white" if dark else "black")  # fmt: skip

@@ -1,0 +1,176 @@
+"""Figure kinds of a target in the plane: `track` and `mean-and-std`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trackbench.config.experiment import Point
+from trackbench.core.arrays import Array
+from trackbench.field_types import Count
+from trackbench.registry import register
+from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import style
+from trackbench.report.plotting.artist_types import Axes, Figure
+from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.results import Results
+
+_AXES = ("x", "y")
+
+
+@register("figures", "track")
+@dataclass(frozen=True, kw_only=True)
+class Track(FigureKind):
+    """The true track in the plane and, one panel per filter, estimates of the first runs over it."""
+
+    filters: tuple[str, ...] = ()
+    """labels, a panel each; none draws the truth alone"""
+    runs: Count = 50
+    """number of runs drawn over each other"""
+    components: tuple[int, int] = (0, 2)
+    """numbers of the state's two positions, from 0"""
+    measurements: bool = True
+    """the first run's measurements as dots, where a sensor tells positions"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The state must have the two components."""
+        last = min(len(p.scenario.components) for p in points) - 1
+        if not self.filters and not all(p.scenario.has_truth for p in points):
+            return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
+        if all(0 <= c <= last for c in self.components):
+            return {}
+        return {"components": f"{list(self.components)}: the state has components 0 to {last}"}
+
+    @property
+    def shown_runs(self) -> int:
+        """Runs whose tracks must be kept."""
+        return self.runs if self.filters else 1
+
+    @property
+    def shown_components(self) -> tuple[int, ...]:
+        """All that is drawn of those tracks, as lines."""
+        return self.components
+
+    @property
+    def shown_measurements(self) -> bool:
+        """The positions that the first run's measurements tell must be kept."""
+        return self.measurements
+
+    def draw(self, results: Results) -> Figure:
+        """A panel per filter, equal scales."""
+        panels = max(len(self.filters), 1)
+        # of the first point where not every filter failed
+        point = next(filter(results.tracks, results.every_point))
+        turning, tracks = results.given(point).spans, results.tracks(point)
+        truth = tracks["truth"][list(self.components), :, 0] / 1000.0
+        seen = tracks["seen"][:2, :, 0] / 1000.0 if self._sees(tracks) else np.empty((2, 0))
+        estimates = [tracks[f"mean/{b}"][list(self.components)] / 1000.0 for b in self.filters
+                     if f"mean/{b}" in tracks]  # fmt: skip
+        width, height = _size(panels, truth, seen, *(mean[..., 0] for mean in estimates))
+        figure, axes = style.subplots(
+            1, panels, height, width, squeeze=False, sharex=True, sharey=True
+        )
+        for i, ax in enumerate(axes[0]):
+            label = self.filters[i] if self.filters else ""
+            ax.plot(*seen, ".", color="#bbbbbb", markersize=2.0, label="Measurements, first run",
+                    rasterized=True, zorder=0)  # fmt: skip
+            if label and f"mean/{label}" in tracks:
+                self._estimates(ax, tracks[f"mean/{label}"], results.look(label)["color"])
+            _truth(ax, truth, tracks["times"], turning, thin=bool(label))
+            ax.set_aspect("equal")
+            ax.set_xlabel("x (km)")
+            ax.locator_params(nbins=5)
+            ax.set_title(style.words(label))
+        axes[0][0].set_ylabel("y (km)")
+        style.title(figure, self.title)
+        style.legend_outside(figure)
+        return figure
+
+    def _sees(self, tracks: dict[str, Array]) -> bool:
+        return self.measurements and "seen" in tracks and self.components == (0, 2)
+
+    def _estimates(self, ax: Axes, mean: Array, colour: str) -> None:
+        x, y = mean[list(self.components), :, : self.runs] / 1000.0
+        shown = x.shape[1]
+        name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
+        opacity = min(1.0, max(0.15, 2.0 / shown))
+        ax.plot(x, y, color=colour, linewidth=0.6, alpha=opacity, rasterized=True)
+        alone = len(self.filters) == 1
+        ax.plot([], [], color=colour if alone else style.ANY, linewidth=1.0, label=name)
+
+
+def _size(panels: int, *tracks: Array) -> tuple[float, float]:
+    """Width and height, in, of a figure whose panels have room for these tracks (2, T) and no more."""
+    points = np.concatenate(tracks, axis=1)
+    points = points[:, np.isfinite(points).all(axis=0)]
+    wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
+    room = sheet().width_in / panels - 0.8  # beside the ticks
+    shape = float(np.clip(high / max(wide, 1e-9), 0.15, 10.0))
+    panel = min(room, 4.0 / shape)
+    return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
+
+
+def _truth(ax: Axes, xy: Array, times: Array, turning: list[list[float]], thin: bool) -> None:
+    width = 0.7 if thin else 1.4
+    there = np.isfinite(xy).all(axis=0)
+    if not there.any():
+        return
+    points = {} if there.all() else {"marker": ".", "markersize": 2.0}  # one alone makes no line
+    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width} | points)
+    for start, end in turning:
+        during = (times >= start) & (times <= end)
+        ax.plot(*xy[:, during], label="Maneuvers", color=style.MANEUVER, linewidth=6, zorder=0.5)
+    ax.plot(*xy[:, there][:, 0], "o", color="black", markersize=4, label="Start")
+
+
+@register("figures", "mean-and-std")
+@dataclass(frozen=True, kw_only=True)
+class MeanAndStd(FigureKind):
+    """Mean error and standard deviation over the runs, per axis and step; maneuvers are shaded.
+
+    Adaptive Kalman filter paper, eqs. 13 and 14: truth minus estimate, the opposite sign of `bias` in
+    per_step.csv. The quantities are those the scenario calls x and y.
+    """
+
+    needs: ClassVar[dict[str, str]] = {
+        f"{metric}_{quantity}": "per_step" for metric in ("bias", "std") for quantity in "xy"
+    }
+
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """The scenario must have errors in x and y."""
+        scenario = points[0].scenario
+        nowhere = np.zeros((len(scenario.components), 1))
+        if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
+            return {}
+        return {"": "there are no errors in x and y to show"}
+
+    def draw(self, results: Results) -> Figure:
+        """Mean error above, standard deviation below; x left, y right."""
+        figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
+        point = results.points()[0]
+        frame = results.columns("per_step", point)
+        labels = results.chosen(self.filters)
+        rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
+        for (metric, sign, words), row in zip(rows, axes, strict=True):
+            for quantity, ax in zip(_AXES, row, strict=True):
+                for start, end in results.given(point).spans:
+                    ax.axvspan(start, end, color=style.MANEUVER, alpha=0.5, lw=0, zorder=0,
+                               label="Maneuvers")  # fmt: skip
+                chosen = frame.where(metric=f"{metric}_{quantity}")
+                for label in labels:
+                    _line(ax, chosen.where(filter=label), sign, label, results.look(label))
+                ax.set_ylabel(words.format(quantity))
+        for ax in axes[1]:
+            ax.set_xlabel("Time (s)")
+            ax.set_ylim(bottom=0)
+        style.title(figure, self.title)
+        style.legend_outside(figure)
+        return figure
+
+
+def _line(ax: Axes, rows: Any, sign: float, label: str, look: dict[str, Any]) -> None:
+    ax.plot(rows["time"], sign * rows["value"], label=label, **look | {"linewidth": 0.8})

@@ -1,0 +1,1 @@
+"""Conclusions in words: ranking of filters, cost, calibration."""

@@ -1,0 +1,112 @@
+"""Numbers and names as they stand in a sentence."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from trackbench.config.grid import single_paths
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.field_types import is_number
+from trackbench.metrics import unit_of, without_unit
+
+MOST_NAMES = 4
+_SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
+
+
+def metric_words(metric: Measure) -> str:
+    """``position RMSE``, ``log score``."""
+    found, quantity = metric.family
+    if found.name in _SCORES:
+        return _SCORES[found.name]
+    return f"{without_unit(quantity)[0].replace('_', ' ')} {found.name.upper()}".strip()
+
+
+def with_unit(text: str, metric: Measure) -> str:
+    """A number, and the unit of the metric if it has one."""
+    return f"{text} {_unit(metric)}".rstrip()
+
+
+def mean_of(metric: Measure) -> str:
+    """A heading for the mean per run: ``Mean position RMSE (m)``."""
+    return f"Mean {_words_and_unit(metric)}"
+
+
+def error_of(metric: Measure) -> str:
+    """Label an axis: ``Position RMSE (m)`` for a mean error of the whole run, else the expression."""
+    if metric != Measure(metric.metric, statistic="mean") or not metric.is_error:
+        return str(metric)
+    words = _words_and_unit(metric)
+    return words[0].upper() + words[1:]
+
+
+def _words_and_unit(metric: Measure) -> str:
+    words, unit = metric_words(metric), _unit(metric)
+    return f"{words} ({unit})" if unit else words
+
+
+def _unit(metric: Measure) -> str:
+    return "nats" if metric.family[0].is_score else unit_of(metric.metric)
+
+
+def percent(share: float) -> str:
+    """``2.3 %``, ``350 %``."""
+    return f"{two_digits(100 * share)} %"
+
+
+def two_digits(x: float) -> str:
+    """A number with two digits: ``1.6``, ``13``, ``5800``."""
+    return f"{float(f'{x:.2g}'):g}"
+
+
+def three_digits(x: float) -> str:
+    """``0.00421``, ``1010``."""
+    return f"{float(f'{x:.3g}'):g}"
+
+
+def named(label: str) -> str:
+    """A label as it stands in a sentence: one with a comma in quotes."""
+    return f"\u201c{label}\u201d" if "," in label else label
+
+
+def listed(names: Sequence[str]) -> str:
+    """``A, B and C``; of many the first, and how many more."""
+    more = len(names) - MOST_NAMES
+    return joined([*names[:MOST_NAMES], f"{more} more"] if more > 1 else names)
+
+
+def joined(names: Iterable[str]) -> str:
+    """``A, B and C``."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
+    """The form for one or for several."""
+    return one if len(names) == 1 else many
+
+
+def heading(point: dict[str, Any]) -> str:
+    """A grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
+    parts = zip(map(quantity, point), point.values(), strict=True)
+    return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
+
+
+def axis(path: str) -> str:
+    """A grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
+    key, unit = quantity(path)
+    return f"{key} ({unit})" if unit else key
+
+
+def quantity(path: str) -> tuple[str, str]:
+    """A grid's path as words, and the unit that its name ends in."""
+    key, unit = without_unit(name(path))
+    return key.replace("_", " "), unit
+
+
+def name(path: str) -> str:
+    """The last word of a grid's path, of the first of several that vary together."""
+    return single_paths(path)[0].rpartition(".")[2]
+
+
+def number(value: Any) -> str:
+    """A grid's value: six digits of a number, words and truth values as they are."""
+    return f"{value:g}" if is_number(value) else str(value)

@@ -1,0 +1,241 @@
+"""Which filter is the best of an experiment, which are not told apart from it, which lose more runs.
+
+Decided as paired.csv has it: differences of the metric's mean per run on common runs, with Holm's
+correction over all pairs. A filter that loses significantly more runs than another is never the best.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.evaluation.intervals import holm
+from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import named
+from trackbench.report.grid_queries import own_values, points_of, scenes
+from trackbench.report.lost_runs import chance_of_losing_more
+from trackbench.report.paired import Pair, pairs_of, primary_metrics
+from trackbench.report.results import Results
+
+LEVEL = 0.05
+"""Probability of a false word on any pair."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A filter with the values that the grid gives it, and the point at which it has them."""
+
+    label: str
+    point: dict[str, Any]
+    lost: Array
+    """why each run (M,) is lost, 0 if it is not"""
+    values: Array
+    """the metric of each run (M,), NaN where it is lost"""
+    own: dict[str, Any] = field(default_factory=dict)
+    """what the grid gives the filter, by path"""
+
+    @cached_property
+    def name(self) -> str:
+        """As it stands in a sentence, with what the grid gives it."""
+        return f"{named(self.label)} at {self.setting}" if self.own else named(self.label)
+
+    @property
+    def setting(self) -> str:
+        """What the grid gives it; in parentheses if it is several values."""
+        text = phrases.heading(self.own)
+        return f"({text})" if len(self.own) > 1 else text
+
+    @cached_property
+    def mean(self) -> Estimate:
+        """Over the runs that are not lost."""
+        return mean(self.values[np.isfinite(self.values)])
+
+    @cached_property
+    def losses(self) -> int:
+        """Number of runs that are lost."""
+        return int(np.count_nonzero(self.lost))
+
+    def beside(self, other: "Candidate") -> tuple[Array, Array]:
+        """The values of both on the runs that neither loses."""
+        both = np.isfinite(self.values) & np.isfinite(other.values)
+        return self.values[both], other.values[both]
+
+
+class Standing(NamedTuple):
+    """How the filters of one scenario stand to the best of them by one metric."""
+
+    where: dict[str, Any]
+    """what the grid gives the scenario"""
+    metric: Measure
+    best: Candidate | None
+    """nothing where none can be said: without two runs, or where common runs contradict it"""
+    ties: list[tuple[Candidate, Pair]]
+    """not told apart from the best; each pair is of it and the best"""
+    worse: list[tuple[Candidate, Pair]]
+    losing: list[Candidate]
+    """filters that lose more runs than another does"""
+    reference: Candidate | None
+    chosen: bool
+    """whether a filter is there with the best of several values that the grid gives it"""
+    runs: int
+
+    @property
+    def among_the_best(self) -> list[Candidate]:
+        """The best, and those that are not told apart from it."""
+        return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
+
+    @property
+    def nearest(self) -> tuple[Candidate, Pair] | None:
+        """Of those that are worse the nearest to the best."""
+        return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether the larger value is the better one."""
+        return self.metric.family[0].more_is_better
+
+
+def standings(results: Results, metric: str = "") -> list[Standing]:
+    """One for each scenario of the grid, by the first metric of `ranking_metrics` or a given one."""
+    metric = metric or next(iter(ranking_metrics(results)), "")
+    places = scenes(results) if metric else []
+    return [_standing(results, where, metric, len(places)) for where in places]
+
+
+def best_settings(results: Results) -> list[Standing]:
+    """Of each filter to which the grid gives several values: which of them are best, by scenario."""
+    metric = next(iter(ranking_metrics(results)), "")
+    found: list[list[Candidate]] = []
+    wheres: list[dict[str, Any]] = []
+    for where in scenes(results) if metric else []:
+        settings = list(_settings(results, points_of(results, where), metric))
+        for label in dict.fromkeys(c.label for c in settings if c.own):
+            mine = [c for c in settings if c.label == label]
+            if len(mine) > 1:
+                found.append(mine)
+                wheres.append(where)
+    return [
+        standing_of(settings, metric, times=len(found), apart=True)._replace(where=where)
+        for settings, where in zip(found, wheres, strict=True)
+    ]
+
+
+def ranking_metrics(results: Results) -> list[str]:
+    """The metrics that filters are ranked by, the first one first."""
+    points = results.points()
+    names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
+    found = primary_metrics(list(names))
+    errors = [name for name in found if measured(name).is_error]
+    told = [name for name in ("held_log_score", "log_score") if name in found]
+    return [*errors, *told]
+
+
+def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Standing:
+    """In one scenario, of which there are so many."""
+    settings = list(_settings(results, points_of(results, where), metric))
+    found = standing_of(settings, metric, results.config.get("reference"), times)
+    return found._replace(where=where)
+
+
+def standing_of(
+    settings: Sequence[Candidate],
+    metric: str,
+    reference: str | None = None,
+    times: int = 1,
+    apart: bool = False,
+) -> Standing:
+    """Of filters, each with the best of its values, in one scenario of so many.
+
+    ``apart``: of the values themselves.
+    """
+    measure = measured(metric)
+    sign = -1.0 if measure.family[0].more_is_better else 1.0
+    floor = next((c for c in settings if c.label == reference), None)
+    tried = [c for c in settings if c.label != reference]
+    ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
+    losing = _losing(ranked)
+    rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
+    losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
+    chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
+    found = Standing({}, measure, None, [], [], losing, floor, chosen, runs)
+    if not rivals or not isfinite(rivals[0].mean.stderr):
+        return found
+    # Values that were tried and not taken were compared as well.
+    factor = times * _pairs_of(len(tried)) / max(_pairs_of(len(ranked)), 1)
+    others = [c for c in (*ranked, floor) if c is not None and c is not rivals[0]]
+    pairs = _to_the_best(rivals[0], others, metric, factor)
+    return _compared(found, rivals[0], [(c, pairs.get(c.name)) for c in rivals[1:]], sign)
+
+
+def _compared(
+    found: Standing, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
+) -> Standing:
+    """With the best and what the others are beside it, unless these contradict it."""
+    ties: list[tuple[Candidate, Pair]] = []
+    worse: list[tuple[Candidate, Pair]] = []
+    for rival, pair in rivals:
+        if pair is None or (pair.p_holm < LEVEL and sign * pair.difference < 0.0):
+            return found  # no runs in common; or on these the other is the better one
+        (worse if pair.p_holm < LEVEL else ties).append((rival, pair))
+    return found._replace(best=best, ties=ties, worse=worse)
+
+
+def _pairs_of(n: int) -> int:
+    return n * (n - 1) // 2
+
+
+def _settings(
+    results: Results, points: Sequence[dict[str, Any]], metric: str
+) -> Iterator[Candidate]:
+    """Each filter with each of the values that the grid gives it, once."""
+    for label in results.filters:
+        seen = set()
+        for point in points:
+            runs, own = results.runs(point), own_values(results, point, label)
+            if str(own) not in seen and (label, "lost") in runs:
+                seen.add(str(own))
+                lost = runs[label, "lost"]
+                values = runs.get((label, metric), np.full(len(lost), np.nan))
+                yield Candidate(label, point, lost, values, own)
+
+
+def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
+    value = candidate.mean.value
+    return not isfinite(value), sign * value if isfinite(value) else 0.0
+
+
+def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
+    """Each filter at its best values, of which those with which it loses more runs are none."""
+    best = []
+    for label in dict.fromkeys(c.label for c in settings):
+        mine = [c for c in settings if c.label == label]
+        losing = _losing(mine)
+        best.append(min([c for c in mine if c not in losing] or mine, key=lambda c: _rank(c, sign)))
+    return best
+
+
+def _losing(found: Sequence[Candidate]) -> list[Candidate]:
+    """Those that lose more of the same runs than another: sign tests, Holm over all of them."""
+    tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
+    if not any(c.losses for c in found):
+        return []
+    p = [chance_of_losing_more(a.lost, b.lost) if a.losses else 1.0 for a, b in tests]
+    losing = {a for (a, _), chance in zip(tests, holm(np.array(p)), strict=True) if chance < LEVEL}
+    return [c for c in found if c in losing]
+
+
+def _to_the_best(
+    best: Candidate, others: Sequence[Candidate], metric: str, factor: float
+) -> dict[str, Pair]:
+    """Each filter minus the best by name; corrected over all pairs of both, and by the factor."""
+    known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
+    found = {p.filter_a: p for p in pairs_of(metric, list(known), known) if p.filter_b == best.name}
+    return {
+        name: pair._replace(p_holm=min(pair.p_holm * factor, 1.0)) for name, pair in found.items()
+    }

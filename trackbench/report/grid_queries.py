@@ -1,0 +1,53 @@
+"""What tables and figures ask of the experiment's grid."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from trackbench.config.build_dataclass import unknown
+from trackbench.config.experiment import Point
+from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
+from trackbench.report.findings import phrases
+from trackbench.report.results import Results
+
+
+def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
+    """What is wrong with keys that name a path of the grid, by key."""
+    grid = list(points[0].values)
+    return {
+        key: f"{path!r} is no path of the grid; {unknown(path, grid)}"
+        if grid
+        else "there is no grid"
+        for key, path in wanted.items()
+        if path is not None and path not in grid
+    }
+
+
+def scenes(results: Results) -> list[dict[str, Any]]:
+    """What the grid varies of the scenario: each combination, in order; one without any."""
+    paths = [path for path in results.grid if is_of_scenario(path)]
+    found = [{path: point[path] for path in paths} for point in results.points()]
+    return [scene for i, scene in enumerate(found) if scene not in found[:i]]
+
+
+def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
+    """The points of the grid with this scenario."""
+    return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
+
+
+def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str, Any]:
+    """What a point gives a filter, by single path."""
+    place = results.place(point)
+    values = point if place is None else results.every_point[place]  # lists, where files have words
+    singles = (
+        pair
+        for path, value in values.items()
+        for pair in zip(single_paths(path), values_of(path, value), strict=True)
+    )
+    every = results.config["filters"]
+    return {path: value for path, value in singles if label in filters_of(path, every)}
+
+
+def named_form(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
+    """A filter's label, with the keys that are not the same in all of its forms."""
+    told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
+    return f"{label} ({phrases.heading(told)})" if told else label

@@ -1,0 +1,189 @@
+"""A figure's SVG made fit to stand inside a page: only what draws, unique ids, a name for readers."""
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from xml.etree import ElementTree as ET
+
+from trackbench.errors import UserError
+
+_SVG = "http://www.w3.org/2000/svg"
+_XLINK = "http://www.w3.org/1999/xlink"
+_ELEMENTS = {
+    f"{{{_SVG}}}{name}"
+    for name in (
+        *("svg", "title", "defs", "g", "a", "path", "use", "rect", "image", "text", "tspan"),
+        *(
+            "clipPath",
+            "pattern",
+            "linearGradient",
+            "stop",
+            "filter",
+            "feColorMatrix",
+            "feComposite",
+        ),
+    )
+}
+"""Elements that matplotlib draws with; any other element is dropped with all that is in it."""
+_LOOKS = re.compile(
+    "fill|fill-(opacity|rule)|stroke|stroke-[a-z]+|opacity|font|font-[a-z]+|text-anchor|clip-path"
+    "|clip-rule|shape-rendering|image-rendering|stop-color|stop-opacity|filter"
+)
+"""Properties of a style, and attributes of the same names."""
+_PLACES = {
+    *(
+        "x",
+        "y",
+        "x1",
+        "y1",
+        "x2",
+        "y2",
+        "width",
+        "height",
+        "viewBox",
+        "version",
+        "transform",
+        "offset",
+    ),
+    *("preserveAspectRatio", "patternUnits", "gradientUnits", "gradientTransform", "dx", "dy"),
+    *(
+        "in",
+        "in2",
+        "operator",
+        "result",
+        "type",
+        "values",
+        "k1",
+        "k2",
+        "k3",
+        "k4",
+        "color-interpolation",
+    ),
+}
+_FREE = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
+"""Attributes of any content: the page's script and its style sheet run none of it."""
+_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+_HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOTALL)
+_PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
+_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
+_POINT = re.compile(r"([MLZz])([^MLZz]*)")
+
+
+def compact(content: str) -> str:
+    """The same drawing in half the bytes: straight lines in hundredths of a point, from the last one."""
+    return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content)
+
+
+def _relative(path: str) -> str:
+    out, at, start = [], (0, 0), (0, 0)
+    for command, numbers in _POINT.findall(path):
+        if command in "Zz":
+            out.append("z")
+            at = start
+            continue
+        x, y = (round(100.0 * float(number)) for number in numbers.split())
+        if command == "M":
+            start = (x, y)
+            out.append(f"M{_hundredths(x)} {_hundredths(y)}")
+        else:
+            out.append(f"l{_hundredths(x - at[0])} {_hundredths(y - at[1])}")
+        at = (x, y)
+    return "".join(out).replace(" -", "-")
+
+
+def _hundredths(number: int) -> str:
+    text = f"{number / 100:.2f}".rstrip("0").rstrip(".")
+    return text.replace("0.", ".", 1) if abs(number) < 100 and number else text
+
+
+def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """The points of each stroke of a `compact` path, and whether it is closed; none of curves."""
+    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", d):
+        return
+    x = y = 0.0
+    for stroke in filter(None, d.split("M")):
+        points = []
+        for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
+            a, b = map(float, _NUMBER.findall(numbers)[:2])
+            x, y = (x + a, y + b) if letter == "l" else (a, b)
+            points.append((x, y))
+        yield points, "z" in stroke
+
+
+def cleaned(content: bytes, name: str) -> ET.Element:
+    """Return the SVG with the elements and attributes that draw; raises UserError if it is none."""
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _XLINK)
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError as error:
+        raise UserError(f"figures/{name}.svg: is not an SVG file: {error}") from None
+    if root.tag != f"{{{_SVG}}}svg":
+        raise UserError(f"figures/{name}.svg: is not an SVG file: it begins with {root.tag}")
+    _clean(root)
+    return root
+
+
+def inline(content: bytes, name: str, title: str) -> str:
+    """The SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+    root = cleaned(content, name)
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            element.set(key, _renamed(key, value, name))
+    width = root.attrib.pop("width", "")
+    root.attrib.pop("height", None)
+    # What matplotlib says in a style sheet, which would reach the whole page.
+    look = "stroke-linejoin: round; stroke-linecap: butt"
+    points = re.fullmatch(r"([0-9.]+)pt", width)
+    if points:  # so that letters are of one size in narrow figures and in wide ones
+        look += f"; --natural: {float(points.group(1)) / 9.7:.1f}rem"
+    root.set("style", look)
+    root.set("role", "img")
+    root.set("aria-labelledby", f"{name}-title")
+    label = ET.Element(f"{{{_SVG}}}title", {"id": f"{name}-title"})
+    label.text = title
+    root.insert(0, label)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _clean(element: ET.Element) -> None:
+    for key, value in list(element.attrib.items()):
+        if key == "style":
+            element.set(key, _style(value))
+        elif not _may_stay(element.tag, key, value):
+            del element.attrib[key]
+    for child in list(element):
+        if child.tag in _ELEMENTS:
+            _clean(child)
+        else:
+            element.remove(child)
+
+
+def _may_stay(tag: str, key: str, value: str) -> bool:
+    if key in ("href", f"{{{_XLINK}}}href"):
+        is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
+        return is_picture or value.startswith("#")
+    known = key in _PLACES or _LOOKS.fullmatch(key) is not None
+    return key in _FREE or (known and _is_harmless(value))
+
+
+def _is_harmless(value: str) -> bool:
+    """Return whether a value refers to nothing but ids of its own file."""
+    return _HARMLESS.fullmatch(_REFERENCE.sub("", value)) is not None
+
+
+@cache
+def _style(text: str) -> str:
+    """Return a style without properties that do not draw; any other style is left as it is."""
+    properties = [part.partition(":") for part in text.split(";") if part.strip()]
+    good = [p for p in properties if _LOOKS.fullmatch(p[0].strip()) and _is_harmless(p[2])]
+    return text if good == properties else ";".join(map("".join, good))
+
+
+def _renamed(key: str, value: str, name: str) -> str:
+    """Return an attribute's value with the ids in it renamed."""
+    if key == "id":
+        return f"{name}-{value}"
+    if key.rpartition("}")[2] == "href":
+        return f"#{name}-{value[1:]}" if value.startswith("#") else value
+    return _REFERENCE.sub(rf"url(#{name}-\1)", value)

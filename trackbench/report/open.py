@@ -1,0 +1,161 @@
+"""Whether a folder holds whole results that this version can read."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from trackbench.config.build_dataclass import build
+from trackbench.config.experiment import Settings
+from trackbench.config.plugins import Plugin, load_plugins
+from trackbench.errors import RunError, UserError, reason
+from trackbench.plugins.errors import foreign_line, own_line
+from trackbench.registry import Group
+from trackbench.report.result_files import AGAIN
+from trackbench.report.results import Results
+from trackbench.results.folder_contents import FORMAT, RAW, Damage, damage
+
+_KINDS: dict[str, type] = {
+    **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
+    "training_holds_out": str,
+}
+"""Of what kind the manifest's entries are that a report shows."""
+_CHANGED = "changed after the run"
+
+
+class NotWholeError(UserError):
+    """A results folder whose run did not finish, or whose runs were changed or lost since."""
+
+
+@contextmanager
+def using(folder: Path | str) -> Iterator[None]:
+    """Turn any error over a folder's content into one line: a stranger may have written the content.
+
+    The line names the place in this program, since it may be a mistake in the program after all. Errors
+    of plugins, and those that are lines already, stay as they are.
+    """
+    try:
+        yield
+    except (UserError, RunError):
+        raise
+    except OSError as error:
+        raise RunError(f"{error.filename or folder}: {reason(error)}") from error
+    except Exception as error:
+        if foreign_line(error):
+            raise
+        what = f"holds something that no run writes, {own_line(error)}"
+        raise UserError(f"{folder}: {what}: {AGAIN}") from error
+
+
+def open_results(folder: Path) -> Results:
+    """The results in a folder.
+
+    Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
+    config of something else.
+    """
+    with using(folder):
+        return _open(folder)
+
+
+def check_folder(folder: Path) -> None:
+    """Raise UserError for what is no results folder."""
+    if not os.path.isdir(folder):  # unlike Path.is_dir, quiet about a name that is too long
+        raise UserError(f"{folder}: there is no such folder")
+    if not (folder / "config.yaml").is_file():
+        raise UserError(f"{folder}: is not a results folder, it has no config.yaml")
+
+
+def _open(folder: Path) -> Results:
+    check_folder(folder)
+    results = Results(folder)
+    _check_manifest(results)
+    source = results.source
+    if not isinstance(source.data, dict):
+        source.blame((), "is not an experiment's config")
+    elif build(Settings, source, ()) is not None:
+        missing = set(results.columns("summary")["filter"]) - set(results.labels)
+        if _grid_columns(results) != results.grid:
+            source.blame(("grid",), "the results were computed over another grid")
+        elif missing:
+            what = f"{min(missing)!r} has results but is not a filter here any more"
+            source.blame(("filters",), what)
+    source.check()
+    return results
+
+
+def _grid_columns(results: Results) -> list[str]:
+    columns = list(results.columns("summary"))
+    return columns[: columns.index("filter")]
+
+
+def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
+    """The same, and a note to stderr of what else was changed since: it is gone on with.
+
+    So it is without the tables and figures of plugins whose code may not be run.
+    """
+    results = open_results(folder)
+    changed = changed_since(results)
+    if allow_plugins:
+        changed += _edited(results, load_plugins(results.source, folder, allowed=True))
+    for line in (*changed, *_left_out(results)):
+        print(f"note: {line}", file=sys.stderr)
+    return results
+
+
+def _edited(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
+    recorded = results.manifest.get("plugins", {})
+    now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
+    edited = [name for name, digest in now.items() if recorded.get(name) != digest]
+    return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
+
+
+def _left_out(results: Results) -> Iterator[str]:
+    groups: tuple[Group, ...] = ("tables", "figures")
+    for group in groups:
+        for name, kind in results.left_out(group).items():
+            what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
+            yield f"{results.folder}: {group}.{name} is left as it is: {what}"
+
+
+def changed_since(results: Results) -> list[str]:
+    """What is not as it was written although the results can be read: tables, figures, the config."""
+    recorded = results.manifest["files"]
+    others = {name: digest for name, digest in recorded.items() if name not in RAW}
+    return _lines(results.folder, damage(results.folder, others))
+
+
+def _check_manifest(results: Results) -> None:
+    folder = results.folder
+    if not (folder / "manifest.json").is_file():
+        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {AGAIN}")
+    try:
+        manifest = results.manifest
+        version, recorded = int(manifest["format"]), dict(manifest["files"])
+        whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
+        whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
+    except (UserError, ValueError, KeyError, TypeError):
+        whole = False
+    if not whole:
+        raise NotWholeError(f"{folder}: manifest.json cannot be read: {AGAIN}")
+    if version > FORMAT:
+        what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
+        raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
+    raw = {name: recorded[name] for name in RAW if name in recorded}
+    problems = _lines(folder, damage(folder, raw))
+    if problems:
+        raise NotWholeError(*problems)
+
+
+def _lines(folder: Path, found: Damage) -> list[str]:
+    """A line on the files that are missing, and one on those that were changed, if there are any."""
+    ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
+    return [
+        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {AGAIN}"
+        for names, verbs, what in ends
+        if names
+    ]
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

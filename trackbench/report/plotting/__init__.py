@@ -1,0 +1,1 @@
+"""Drawing with matplotlib: style, page formats, tick labels, files."""

@@ -1,0 +1,245 @@
+"""One look for every figure: a journal's page, colour-blind-safe, legible in grey."""
+
+import sys
+import textwrap
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.report.findings import phrases
+from trackbench.report.html import interactive_svg
+from trackbench.report.html.svg import compact
+from trackbench.report.plotting.artist_types import Axes, Axis, Figure
+from trackbench.report.plotting.figure import saved, spell_out
+from trackbench.report.plotting.page_formats import sheet
+
+# Okabe & Ito 2008, without its yellow, which disappears on paper.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
+DASHES: tuple[Any, ...] = (
+    *("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 1.5))),
+    *((0, (2.5, 2.5)), (0, (6, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (9, 1.5, 3, 1.5))),
+)
+FLOOR: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
+BASELINE: dict[str, Any] = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
+ANY, MANEUVER = "#555555", "#f3d9a4"
+"""Colours of what is no filter's own: of any filter in a legend, of spans of maneuvers."""
+BAND: dict[str, Any] = {"color": "black", "alpha": 0.15, "lw": 0}
+"""Look of where a filter without fault is found."""
+TRUTH: dict[str, Any] = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
+
+SPREAD = "± 2 standard errors"
+_MOST_BANDS = 3
+_BARS = 12  # along a line
+
+_RC: Any = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+    "svg.hashsalt": "trackbench",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "path.simplify_threshold": 0.2,
+}
+
+
+def subplots(
+    rows: int = 1,
+    columns: int = 1,
+    height_in: float = 3.2,
+    width_in: float | None = None,
+    **kwargs: Any,
+) -> Any:
+    """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
+    from trackbench.report.plotting.canvas import Canvas
+
+    figure = Canvas(width_in or sheet().width_in, height_in * sheet().heights)
+    return figure, figure.subplots(rows, columns, **kwargs)
+
+
+def line(index: int) -> dict[str, Any]:
+    """Colour and dash of the filter that stands at ``index`` among the experiment's filters."""
+    colour = COLOURS[index % len(COLOURS)]
+    dash = DASHES[(index + index // len(COLOURS)) % len(DASHES)]
+    return {"color": colour, "linestyle": dash}
+
+
+def spread(
+    ax: Axes,
+    x: Array,
+    value: Array,
+    stderr: Array,
+    look: dict[str, Any],
+    place: int,
+    places: int,
+    log: bool = False,
+) -> None:
+    """Two standard errors around the line at ``place`` of so many, said in the legend and on the page.
+
+    A band; where there are more than three, which would lie over each other to a grey, bars at some
+    of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
+    """
+    from trackbench.report.plotting.canvas import Canvas
+
+    figure = ax.get_figure()
+    if isinstance(figure, Canvas):
+        figure.errors[ax, look["label"]] = (x, stderr)
+    low, high = value - 2 * stderr, value + 2 * stderr
+    if log:
+        low = np.maximum(low, 0.1 * value)
+    whose = {"color": look["color"], "label": f"_{look['label']}"}
+    if places <= _MOST_BANDS:
+        ax.fill_between(x, low, high, alpha=0.15, lw=0, **whose)
+        ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
+        return
+    every = max(1, len(x) // _BARS)
+    chosen = slice(place * every // places, None, every)
+    ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, **whose)
+    ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+
+
+def legend_outside(figure: Figure) -> None:
+    """One legend below the axes, each label once, in as many columns as there is room for."""
+    found = _legend(figure)
+    if not found:
+        return
+    columns = _columns(list(found), figure.get_figwidth())
+    rows = -(-len(found) // columns)
+    lines = rows * (1 + max(label.count("\n") for label in found))
+    figure.set_figheight(figure.get_figheight() + _LINE_IN * lines + 0.1)
+    figure.legend(
+        found.values(), found.keys(), loc="outside lower center", ncols=columns, columnspacing=1.5
+    )
+
+
+_LETTERS_PER_IN = 11.5
+_LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
+"""What takes room in a legend: a letter, a line, and the drawn line with the space beside it."""
+
+
+def _columns(labels: Sequence[str], width_in: float) -> int:
+    """How many columns of a legend stand beside each other; it is filled downwards."""
+    widths = [_HANDLE_IN + _LETTER_IN * max(map(len, b.split("\n"))) for b in labels]
+    for rows in range(1, len(labels) + 1):
+        if sum(max(widths[i : i + rows]) for i in range(0, len(labels), rows)) <= width_in:
+            break
+    return -(-len(labels) // rows)
+
+
+def _legend(figure: Figure) -> dict[str, Any]:
+    """What the lines are, by label; the first of those of one label."""
+    found: dict[str, Any] = {}
+    for ax in figure.axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(words(label), handle)
+    last = {label: found.pop(label) for label in [SPREAD] if label in found}
+    return found | last
+
+
+MOST_PANELS = 12
+_MOSAIC = 3
+
+
+def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Figure, Any]:
+    """A figure and the axes (number, rows) of so many panels, four beside each other at most."""
+    across = min(number, sheet().across)
+    blocks = -(-number // across)
+    figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
+    panes = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
+    for ax in panes[number:].flat:
+        ax.set_axis_off()
+    return figure, panes[:number]
+
+
+def mosaic(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[Axes]]:
+    """A figure and so many axes in rows of three, and those that fill the last row, left blank."""
+    across = min(max(number, 1), _MOSAIC)
+    rows = -(-max(number, 1) // across)
+    figure, axes = subplots(rows, across, beside_in + row_in * rows, squeeze=False)
+    for ax in axes.flat[number:]:
+        ax.set_axis_off()
+    return figure, list(axes.flat)
+
+
+def title(figure: Figure, text: str, points: int = 1) -> None:
+    """The heading, with how many of the grid's points are shown if there are too many."""
+    part = f"the first {MOST_PANELS} of {points} points" if points > MOST_PANELS else ""
+    if not sheet().titled:
+        text = ""
+    if text or part:
+        figure.suptitle(": ".join(filter(None, [text, part])))
+
+
+def headings(points: Sequence[dict[str, Any]]) -> list[str]:
+    """What the points of `panels` are, in lines that have room."""
+    across = min(len(points), sheet().across)
+    return [wrapped(phrases.heading(point), across) for point in points]
+
+
+def wrapped(text: str, across: int = 1) -> str:
+    """A text in lines that have room over one of so many panels beside each other."""
+    return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
+
+
+def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
+    """Say 200 and not 2 x 10^2 on a logarithmic axis that spans that factor at most."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    low, high = axis.get_view_interval()
+    if high > most * low:
+        return
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def words(label: str, width: int = 24) -> str:
+    """A label as it is written, in lines of so many characters; a dollar starts no formula."""
+    return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
+
+
+@contextmanager
+def house() -> Iterator[None]:
+    """Draw in the house style, and leave the user's as it was.
+
+    Without warnings: of a glyph that the font has not, of axes that end near 1e308.
+    """
+    import matplotlib as mpl
+
+    with warnings.catch_warnings(), mpl.rc_context(_RC | dict(sheet().letters)):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def forms(formats: Iterable[str]) -> list[str]:
+    """The formats of figures among those of tables and figures: what is for LaTeX is a PDF."""
+    return list(dict.fromkeys("pdf" if form == "tex" else form for form in formats))
+
+
+def content(figure: Figure, form: str) -> bytes:
+    """The figure as a file's content in one of the `saving.FORMATS`."""
+    if form != "svg":
+        return saved(figure, form)
+    labels = interactive_svg.mark(figure)
+    return interactive_svg.marked(compact(saved(figure, form).decode()), figure, labels).encode()
+
+
+def settled(figure: Figure) -> Figure:
+    """The figure, laid out here and now: what is left for later would be in the user's style."""
+    spell_out(figure)
+    figure.draw_without_rendering()
+    return figure
+
+
+def close(figure: Figure) -> None:
+    """Free the memory of a figure that a plugin made by pyplot."""
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close(figure)

@@ -1,0 +1,69 @@
+"""Tables and figures of one's own: what goes wrong in one costs that one, and is a line."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trackbench.errors import RunError
+from trackbench.extension_points import is_foreign
+from trackbench.plugins.errors import blamed, said
+from trackbench.plugins.interrupts import guarded
+from trackbench.report.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class UnmadeError(Exception):
+    """Why a table or figure is not there, in words: the error may not survive the way from a drawer."""
+
+
+class PartlyMadeError(RunError):
+    """Some tables or figures could not be made; all else is written."""
+
+    def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
+        super().__init__("; ".join(lines))
+        self.lines, self.written = list(lines), list(written)
+
+
+class GaveError(RunError):
+    """What the ``method`` of a table or figure gave back is not what it has to be."""
+
+    def __init__(self, method: str, what: str) -> None:
+        super().__init__(what)
+        self.method = method
+
+
+@contextmanager
+def told(part: Any) -> Iterator[None]:
+    """Raise UnmadeError for what a part of one's own raises; what the package's own raise is a bug."""
+    if not is_foreign(part):
+        yield
+        return
+    try:
+        with guarded():
+            yield
+    except Exception as error:
+        raise UnmadeError(blamed(error, part)) from None
+
+
+def as_table(found: object, part: Any) -> Table:
+    """What a part's `table` gave; raises GaveError if it is none, or cannot be written."""
+    if not isinstance(found, Table):
+        raise GaveError("table", f"table gives a {type(found).__name__}, not a Table")
+    if is_foreign(part):
+        try:
+            found.csv_rows(), found.markdown(), found.texts().tex("")
+        except Exception as error:
+            raise GaveError("table", f"the table cannot be written: {said(error)}") from None
+    return found
+
+
+def as_figure(found: object) -> "Figure":
+    """What `draw` gave; raises GaveError if it is no figure."""
+    from matplotlib.figure import Figure
+
+    if not isinstance(found, Figure):
+        raise GaveError("draw", f"draw gives a {type(found).__name__}, not a Figure")
+    return found

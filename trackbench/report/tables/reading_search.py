@@ -1,0 +1,234 @@
+"""Table kind `readings`: which of many readings of a paper comes nearest to all it prints."""
+
+import itertools
+from dataclasses import dataclass, replace
+from math import hypot, inf, isfinite
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.config.grid import single_paths
+from trackbench.config.includes import split_path
+from trackbench.config.published import PublishedNumber
+from trackbench.config.published_csv import read_published
+from trackbench.core import elementary
+from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
+from trackbench.field_types import Count, Digits
+from trackbench.registry import register
+from trackbench.report.estimates import Term
+from trackbench.report.expressions import Expressions
+from trackbench.report.findings import phrases
+from trackbench.report.kinds import TableKind
+from trackbench.report.results import Results
+from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.verdicts.rules import NEAR
+
+
+class Number(NamedTuple):
+    """A printed number of a filter, what is measured for it, and whether it is a variance."""
+
+    label: str
+    printed: float
+    measured: Term
+    is_variance: bool = False
+
+    @property
+    def power(self) -> float:
+        """Of both numbers, before they are compared."""
+        return 0.5 if self.is_variance else 1.0
+
+
+class Distance(NamedTuple):
+    """Root mean square of log(measured / printed), one influence per run (M,), numbers within 10 %."""
+
+    value: float
+    influences: np.ndarray
+    near: int
+    lost: int
+
+    @property
+    def cell(self) -> Cell:
+        """As a cell of a table; its error is of the runs, not of the choice among readings."""
+        runs = len(self.influences)
+        return Cell(Estimate(self.value, mean(self.influences).stderr), runs - self.lost, self.lost)
+
+
+@register("tables", "readings")
+@dataclass(frozen=True, kw_only=True)
+class Readings(TableKind):
+    """The points of the grid, each a reading of a paper, by their distance to what it prints.
+
+    The distance is the root mean square, over the printed numbers of the filters, of
+    log(measured / printed): 0.1 is about 10 %. Of a variance the root is taken, which has the unit of
+    the other numbers. Numbers that are made of others (ratios, gains) are left out, and so are words; a
+    reading that loses most runs of a filter is infinitely far. Points that differ only in keys of
+    filters that do not count are one reading. Where the published files measure a number in several ways
+    (the range of the mean, the mean range), each way is a reading of its own, one for all filters. The
+    nearest of many readings is nearer than one chosen beforehand: the notes say how many were tried, and
+    how many of them are not farther than the nearest by two paired standard errors.
+    """
+
+    of: str
+    """experiment whose rows in the published files are held against every point"""
+    filters: tuple[str, ...] | None = None
+    """labels of the filters whose numbers count; default: all"""
+    statistics: tuple[Literal["time-mean", "mean", "rms", "median"], ...] = ()
+    """what a printed error may be, each a reading: the mean over steps of the RMSE over runs, or a
+    statistic of the runs' RMSE; default: what the published rows say"""
+    rows: Count = 10
+    """how many readings are shown"""
+    digits: Digits = 3
+    """significant digits of the values"""
+
+    def table(self, results: Results) -> Table:
+        """The table from a results folder."""
+        numbers = self._numbers(results)
+        labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
+        heads, points = readings(results, labels)
+        more, ways = ways_to_measure(numbers, self.statistics)
+        heads += more
+        printed = len(ways[0][1]) if numbers else 0
+        found = []
+        for shown, point in points:
+            expressions = Expressions(results, point)
+            for way, chosen in ways:
+                there = _measured(expressions, chosen)
+                parts = [distance([n for n in there if n.label == label]) for label in labels]
+                found.append(([*shown, *way], distance(there), parts))
+        found.sort(key=lambda reading: reading[1].value)
+        columns = ["Distance", *labels] if len(labels) > 1 else ["Distance"]
+        table = Table(self.title, ["Rank", *heads], columns, self.digits)
+        for rank, (shown, whole, parts) in enumerate(found[: self.rows], start=1):
+            cells = [whole, *parts] if len(labels) > 1 else [whole]
+            table.add([str(rank), *shown], [d.cell for d in cells])
+        if numbers:
+            table.notes += _notes(heads, [(shown, whole) for shown, whole, _ in found], printed)
+        else:
+            table.notes.append(f"Nothing is published about {self.of} that these filters measure.")
+        return table
+
+    def _numbers(self, results: Results) -> list[PublishedNumber]:
+        """The printed numbers that the distance counts."""
+        paths = results.config.get("published", [])
+        published = read_published(results.folder, paths, self.of)
+        wanted = results.filters if self.filters is None else self.filters
+        return [
+            number
+            for number in published.numbers
+            if set(number.labels) & set(wanted)
+            and not isinstance(number.value, str)
+            and number.expression is not None
+            and not number.expression.relation
+        ]
+
+
+def distance(numbers: list[Number]) -> Distance:
+    """Distance of what is measured from what is printed."""
+    terms = [number.measured for number in numbers]
+    runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
+    lost = max((t.lost for t in terms), default=0)
+    influences, squares, near = np.zeros(runs), 0.0, 0
+    for number in numbers:
+        term, printed = number.measured, number.printed
+        if not (isfinite(term.value) and term.value > 0.0 < printed) or term.lost > term.runs:
+            return Distance(inf, np.full(runs, np.nan), 0, lost)
+        off = number.power * float(elementary.log(term.value / printed))
+        squares += off * off
+        near += abs(term.value - printed) <= NEAR * printed
+        if term.influences is not None:
+            share = runs / term.runs  # of survivors, each counts for more
+            influences += off * number.power / term.value * share * np.nan_to_num(term.influences)
+    value = float(np.sqrt(squares / max(len(numbers), 1)))
+    return Distance(value, influences / (len(numbers) * value) if value else influences, near, lost)
+
+
+def ways_to_measure(
+    numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
+) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
+    """Heads, and each way to measure the printed numbers: words under the heads, one row per number.
+
+    A printed number with rows of several expressions is measured by one of them at a time, the same for
+    all numbers of its printed metric.
+    """
+    rows: dict[tuple[str, ...], list[Measure]] = {}
+    for n in numbers:
+        assert n.expression is not None
+        rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
+    several = {at[-1]: dict.fromkeys(found) for at, found in rows.items() if len(set(found)) > 1}
+    ways = []
+    for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
+        chosen = dict(zip(several, taken, strict=True))
+        kept = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
+        words = [statistic] if statistic else []
+        words += [m.name if _is_average(m) else str(m) for m in taken]
+        ways.append((words, [_by(statistic, n) for n in kept]))
+    return [*(["statistic"] if statistics else []), *several], ways
+
+
+def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
+    """The number as another statistic of the same errors; a variance stays one."""
+    m = number.expression
+    if not statistic or m is None or not _is_average(m):
+        return number
+    return replace(number, expression=m._replace(statistic=statistic))
+
+
+def _is_average(m: Measure) -> bool:
+    """Whether it is of the metric's unit, over the runs."""
+    averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
+    return m.statistic in averages and not m.steps and not m.relation
+
+
+def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[Number]:
+    return [
+        Number(label, float(number.value), expressions.term(m.of(label)), m.statistic == "variance")
+        for number in numbers
+        for label in number.labels
+        if (m := number.expression) is not None
+    ]
+
+
+def readings(
+    results: Results, labels: list[str]
+) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
+    """Paths that concern these filters, and one point for each combination of their values."""
+    paths = [path for path in results.grid if _concerns(results, path, labels)]
+    points: dict[tuple[str, ...], dict[str, Any]] = {}
+    for point in results.points():
+        points.setdefault(tuple(phrases.number(point[path]) for path in paths), point)
+    keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    last = [where[-1] for where in keys]
+    heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
+    return heads, [(list(shown), p) for shown, p in points.items()]
+
+
+def _concerns(results: Results, path: str, labels: list[str]) -> bool:
+    keys = [split_path(results.source, single) for single in single_paths(path)]
+    return any(where[0] == "scenario" or where[1] in labels for where in keys)
+
+
+def _notes(heads: list[str], found: list[tuple[list[str], Distance]], numbers: int) -> list[str]:
+    shown, nearest = found[0]
+    words = ", ".join(f"{head} {value}" for head, value in zip(heads, shown, strict=True))
+    lost = sum(not isfinite(d.value) for _, d in found)
+    notes = [
+        f"{len(found)} readings, {lost} of which lose most runs of a filter; {numbers} printed numbers."
+    ]
+    if isfinite(nearest.value):
+        alike = sum(_not_farther(d, nearest) for _, d in found)
+        notes.append(
+            f"Nearest: {words}; distance {rounded(*nearest.cell.estimate, 3)}, {nearest.near} of "
+            f"{numbers} numbers within 10 %. Within two paired standard errors of it: {alike}."
+        )
+    return notes
+
+
+def _not_farther(d: Distance, nearest: Distance) -> bool:
+    if not isfinite(d.value):
+        return False
+    if len(d.influences) != len(nearest.influences):
+        stderr = hypot(mean(d.influences).stderr, mean(nearest.influences).stderr)
+    else:
+        stderr = mean(d.influences - nearest.influences).stderr
+    return d.value - nearest.value <= 2.0 * stderr

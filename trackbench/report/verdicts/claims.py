@@ -1,0 +1,168 @@
+"""What is said in words of filters, as a test: a claim against the evidence."""
+
+from dataclasses import replace
+from math import inf, isnan, nan
+from typing import Any, NamedTuple
+
+from trackbench.config.published import Claim, PublishedNumber, picks
+from trackbench.errors import counted
+from trackbench.evaluation.statistics import Estimate, z_score
+from trackbench.report import lost_runs
+from trackbench.report.estimates import Share, Term
+from trackbench.report.expressions import Expressions
+from trackbench.report.results import Results
+from trackbench.report.verdicts import rules
+from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED, Verdict
+
+
+class Judged(NamedTuple):
+    """A claim, the verdict by the z of its weakest comparison (positive: in its favour), and why."""
+
+    claim: Claim
+    verdict: Verdict
+    paired: bool
+    note: str
+
+
+def judge(claim: Claim, evidence: Expressions | None) -> Judged:
+    """The verdict on a claim: it holds if it does against every filter that it names."""
+    if evidence is None or not claim.left or not claim.expression:
+        return _unjudged(claim, no_results(claim, evidence))
+    single = _at_each_step(claim, evidence)
+    found = [_score(evidence, one, right) for one in single for right in claim.rights or [""]]
+    if not found:
+        return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
+    weakest = min(found, key=lambda score: -inf if isnan(score.z) else score.z)
+    z = rules.weakest([score.z for score in found], len(single))
+    parts, stressed = (
+        [rules.weakest(zs, len(single)) for zs in zip(*every, strict=True)] if all(every) else []
+        for every in ([score.parts for score in found], [score.stressed for score in found])
+    )
+    exact = isinstance(weakest.off.term, Share)  # and so are all that are measured
+    verdict = rules.of_claim(z, parts, stressed, claim.relation == "~", exact)
+    losing = [_loses_more(evidence, claim, right) for right in claim.rights]
+    if isnan(weakest.off.term.value):
+        verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
+    elif verdict.word == "holds" and any(losing):
+        verdict = verdict._replace(word=UNDECIDED, fragile=False)
+    steps = _of_steps(weakest, found) if len(single) > 1 else ""
+    note = noted(*losing, _why(evidence, weakest), steps, claim.note)
+    return Judged(claim, verdict, weakest.off.term.splits, note)
+
+
+def _unjudged(claim: Claim, why: str) -> Judged:
+    return Judged(claim, Verdict(NOT_MEASURED, nan), False, noted(why, claim.note))
+
+
+def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
+    """The claim at each of the steps that it is about; or itself, if that is no matter of steps."""
+    left, right = (
+        whole.at_each_step(m.of(claim.left)) if m else [None]
+        for m in (claim.expression, claim.right_expression)
+    )
+    return [
+        replace(claim, expression=a, right_expression=b)
+        for a, b in zip(left, right if len(right) == len(left) else right * len(left), strict=True)
+    ]
+
+
+class _Off(NamedTuple):
+    """What tells how far a claim's left side is off, what it is at the claim's edge, and its target."""
+
+    term: Term
+    edge: float
+    target: float
+
+    def margin(self, claim: Claim) -> float:
+        """How far the number is on the claim's side of its edge."""
+        off = self.term.value - self.edge
+        if claim.relation == "~":
+            return claim.tolerance * abs(self.target) - abs(off)
+        return -off if claim.relation == "<" else off
+
+    def in_favour(self, claim: Claim) -> float:
+        """z of the claim."""
+        if claim.relation == "~":
+            return z_score(Estimate(self.margin(claim), self.term.stderr))
+        z = self.term.z(self.edge)
+        return -z if claim.relation == "<" else z
+
+
+class _Score(NamedTuple):
+    """The claim against one filter: z in its favor, of the parts and under stress too; how far off."""
+
+    claim: Claim
+    right: str
+    z: float
+    parts: list[float]
+    stressed: list[float]
+    off: _Off
+
+
+def _score(evidence: Expressions, claim: Claim, right: str) -> _Score:
+    """The claim against one filter of its right side, or against its factor if there is none."""
+    off = _off(evidence, claim, right)
+    parts, stressed = (
+        [off._replace(term=term).in_favour(claim) for term in terms]
+        for terms in (off.term.parts(evidence.batches), off.term.stressed())
+    )
+    return _Score(claim, right, off.in_favour(claim), parts, stressed, off)
+
+
+def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
+    left, *others = claim.sides(right)
+    if not others:
+        return _Off(expressions.term(left), claim.factor, claim.factor)
+    target = claim.factor * expressions.term(others[0]).value
+    return _Off(expressions.difference(left, others[0], claim.factor), 0.0, target)
+
+
+def _why(whole: Expressions, score: _Score) -> str:
+    """Both sides of a comparison, in words."""
+    claim, right = score.claim, score.right
+    why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
+    why += [] if right else [f"{score.off.target:g}"]
+    return ", ".join(why) + ("; no standard error" if isnan(score.off.term.stderr) else "")
+
+
+def _of_steps(weakest: _Score, found: list[_Score]) -> str:
+    """Where the comparison is that is the weakest of those at many steps, and how many are strong."""
+    steps = weakest.claim.expression and weakest.claim.expression.steps
+    surely = sum(score.z >= rules.DECIDED for score in found)
+    where = f"at step {steps.first}; " if steps else ""
+    return f"{where}{surely} of {len(found)} comparisons hold by themselves"
+
+
+def _in_words(label: str, term: Term) -> str:
+    return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
+
+
+def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
+    """Why a filter whose error is said to be smaller is not better: it loses more of the same runs."""
+    a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
+    better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
+    if claim.relation != better or a is None or b is None or not lost_runs.loses_more(a, b):
+        return ""
+    mine = counted(int((a > 0).sum()), "run")
+    return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
+
+
+def no_results(row: PublishedNumber | Claim, evidence: Expressions | None) -> str:
+    """That the grid has not the point that a row names, if so."""
+    return "" if evidence is not None else f"no results at {row.point}"
+
+
+def noted(*notes: str) -> str:
+    """Those notes that say anything."""
+    return "; ".join(filter(None, notes))
+
+
+def evidence_at(results: Results, text: str) -> Expressions | None:
+    """Return the measures at the point that a published row names, None if it has no results."""
+    point = point_of(results, text)
+    return None if point is None else Expressions(results, point)
+
+
+def point_of(results: Results, text: str) -> dict[str, Any] | None:
+    """Return the point that ``path=value; path=value`` picks; the first with results if it is empty."""
+    return next((point for point in results.points() if picks(text, point)), None)

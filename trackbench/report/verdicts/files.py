@@ -1,0 +1,273 @@
+"""The verdicts as files: comparison.csv, comparison.md and claims.csv; the pairs as paired.csv."""
+
+from collections import Counter
+from collections.abc import Iterable
+from math import isfinite, isnan
+from typing import NamedTuple
+
+from trackbench.atomic_files import remove, write_csv, write_text
+from trackbench.config.published import PublishedNumber
+from trackbench.errors import counted
+from trackbench.report.paired import Pair
+from trackbench.report.results import Results
+from trackbench.report.table import rounded
+from trackbench.report.text import Text, TextTable
+from trackbench.report.verdicts.claims import Judged
+from trackbench.report.verdicts.cpu_times import FILE as TIMES
+from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
+from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked
+from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS, Verdict
+
+_VERBS = ("agrees", "differs", "holds", "fails")
+
+
+class Tally(NamedTuple):
+    """So many verdicts of one word: ``18``, ``differs``, ``differ``, ``(3 fragile)``."""
+
+    number: int
+    word: str
+    verb: str
+    fragile: int
+
+
+class Bar(NamedTuple):
+    """The verdicts on numbers, or on claims."""
+
+    title: str
+    parts: list[Tally]
+
+    @property
+    def words(self) -> str:
+        """The bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
+        parts = (
+            f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
+        )
+        return f"{self.title}: {', '.join(parts)}"
+
+
+def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
+    """The parts in a fixed order, without those of which there is none."""
+    rows = list(found)
+    numbers = Counter(row.verdict.word for row in rows)
+    fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
+    words = (*(word for word in NUMBER_WORDS if word not in CLAIM_WORDS), *CLAIM_WORDS)
+    return [
+        Tally(n, word, word.removesuffix("s") if n > 1 and word in _VERBS else word, fragile[word])
+        for word in words
+        if (n := numbers[word])
+    ]
+
+
+def bars(comparison: Comparison) -> list[Bar]:
+    """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
+    best, claims = [number.best for number in comparison.numbers], comparison.claims
+    words = [row for row in best if isinstance(row.published.value, str)]
+    numbers = [row for row in best if not isinstance(row.published.value, str)]
+    found = (
+        (counted(len(numbers), "published number"), parts(numbers)),
+        (
+            counted(len(words), "published word") + " on a bias, by a margin chosen here",
+            parts(words),
+        ),
+        (counted(len(claims), "claim"), parts(claims)),
+    )
+    return [Bar(title, there) for title, there in found if there]
+
+
+NUMBER_HEADER = [
+    *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
+    *["paper", "row", "label", "expression", "runs", "published_runs"],
+    *["z_without_batch", "fragile", "best"],
+]
+CLAIM_HEADER = [
+    *["claim", "verdict", "z", "paired", "note"],
+    *["paper", "source", "z_without_batch", "fragile"],
+]
+FILES = ("comparison.csv", "comparison.md", "claims.csv")
+
+
+def write_comparison(results: Results, comparison: Comparison) -> None:
+    """Write the verdicts, or take away old ones if nothing is published about the experiment."""
+    folder = results.target
+    write_time_verdicts(results)
+    if not comparison.rows and not comparison.claims:
+        for name in FILES:
+            remove(folder / name)
+        return
+    numbers, claims = number_rows(comparison), claim_rows(comparison)
+    write_csv(folder / "comparison.csv", NUMBER_HEADER, (row.values() for row in numbers))
+    write_csv(folder / "claims.csv", CLAIM_HEADER, (row.values() for row in claims))
+    write_text(folder / "comparison.md", markdown(results, comparison))
+
+
+def write_paired(results: Results) -> None:
+    """Write paired.csv."""
+    rows = [[*point.values(), *pair] for point, pairs in results.pairs for pair in pairs]
+    write_csv(results.target / "paired.csv", [*results.grid, *Pair._fields], rows)
+
+
+def number_rows(comparison: Comparison) -> list[dict[str, object]]:
+    """Rows of comparison.csv: every reading of every number, the best ones marked."""
+    rows: list[dict[str, object]] = []
+    best = {id(number.best) for number in comparison.numbers}
+    for compared in comparison.rows:
+        p, m, verdict = compared.published, compared.measured, compared.verdict
+        cells = [
+            *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, verdict.z],
+            *[verdict.word, compared.note, p.paper, p.row, compared.label],
+            *[str(p.expression or ""), m.runs, "" if p.runs is None else p.runs],
+            *[_parts(verdict), _yes(verdict.fragile), _yes(id(compared) in best)],
+        ]
+        rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))
+    return rows
+
+
+def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
+    """Rows of claims.csv."""
+    rows = []
+    for judged in comparison.claims:
+        verdict, claim = judged.verdict, judged.claim
+        cells = [claim.claim, verdict.word, verdict.z, _yes(judged.paired), judged.note]
+        cells += [claim.paper, claim.source, _parts(verdict), _yes(verdict.fragile)]
+        rows.append(dict(zip(CLAIM_HEADER, cells, strict=True)))
+    return rows
+
+
+def _yes(flag: bool) -> str:
+    return "yes" if flag else "no"
+
+
+def summary_lines(comparison: Comparison) -> list[str]:
+    """Return a line on the numbers, each counted once, one on words on a bias, one on the claims."""
+    lines = [bar.words for bar in bars(comparison)]
+    tried = [number for number in comparison.numbers if number.readings > 1]
+    if tried:
+        agree = sum(number.best.verdict.word == "agrees" for number in tried)
+        lines[0] += (
+            f"; {len(tried)} were tried under several readings, of which {agree} agree in one"
+        )
+    return lines
+
+
+def markdown(results: Results, comparison: Comparison) -> str:
+    """Counts, published numbers per table, rank agreement, claims."""
+    counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
+    parts = [f"# Published and measured: {results.title}", counts]
+    parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
+    times = f"Verdicts on CPU times stand in {TIMES}: they are of one machine."
+    return "\n\n".join([*parts, LEGEND, *([times] if time_verdicts(results) else [])]) + "\n"
+
+
+LEGEND = (
+    "`agrees`: the 95 % interval of the difference (the paper's error from its printed spread, "
+    "else from ours, and its number of runs) lies within 10 % of the printed number or within its "
+    "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
+    "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
+    "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
+    "batch of runs, else it is `not decided`. `fragile`: as many runs of another seed, one run "
+    "fewer or three far ones more could well say otherwise. "
+    "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
+    "none of M runs had and that is rarer than 3 / M."
+)
+
+
+def verdict_tables(comparison: Comparison) -> list[TextTable]:
+    """Numbers per published table, agreement of orders, claims."""
+    tables = _number_tables(comparison)
+    tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
+    return [*tables, _claim_table(comparison.claims)] if comparison.claims else tables
+
+
+def _number_tables(comparison: Comparison) -> list[TextTable]:
+    """A table of verdicts per published table, and of those with several readings all of them."""
+    tables: dict[str, dict[str, TextTable]] = {}
+    for number in comparison.numbers:
+        place = f"{number.best.published.paper}, {number.best.published.table}"
+        found = {"published and measured": [_row(number.best, number.readings)]}
+        if number.readings > 1:
+            found["every reading"] = [_row(row) for row in number.rows]
+        for what, rows in found.items():
+            empty = TextTable(f"{place}: {what}", _HEADS)
+            tables.setdefault(place, {}).setdefault(what, empty).rows += rows
+    return [table for of_place in tables.values() for table in of_place.values()]
+
+
+_HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z without a batch", "Note"]
+
+
+def _row(row: Compared, readings: int = 1) -> list[Text]:
+    p, verdict = row.published, row.verdict
+    name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
+    tried = f" (best of {readings})" if readings > 1 else ""
+    return [
+        Text((name if row.label else p.filter) + tried),
+        Text(f"{p.metric}, {p.row}" if p.row else p.metric),
+        Text(_word(row)),
+        Text(printed(p), None if isinstance(p.value, str) else p.value),
+        Text(_measured(row), row.measured.value),
+        Text(_z(verdict.z), verdict.z),
+        Text(_parts(verdict)),
+        Text(row.note),
+    ]
+
+
+def _word(row: Compared | Judged) -> str:
+    return row.verdict.word + (", fragile" if row.verdict.fragile else "")
+
+
+def _parts(verdict: Verdict) -> str:
+    return "; ".join(_z(z) for z in verdict.parts)
+
+
+def _claim_table(claims: list[Judged]) -> TextTable:
+    """Claims with verdict and z."""
+    table = TextTable(
+        "Claims (z: standard errors in the claim's favour, weakest comparison)",
+        [
+            "Claim",
+            "Verdict",
+            "z",
+            "z without a batch",
+            "Paired",
+            "Weakest comparison; note",
+            "Source",
+        ],
+    )
+    for row in claims:
+        source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
+        cells = [row.claim.claim, _word(row), _z(z), _parts(row.verdict), _yes(row.paired)]
+        cells += [row.note, source]
+        table.rows.append([Text(c, z if i == 2 else None) for i, c in enumerate(cells)])
+    return table
+
+
+def _rank_table(ranks: list[Ranked]) -> TextTable:
+    """Agreement of orders per column."""
+    heads = ["Table", "Column", "Filters", "Kendall's tau"]
+    table = TextTable("Order of the filters, published against measured (1: the same)", heads)
+    for r in ranks:
+        cells = [Text(f"{r.paper}, {r.table}"), Text(r.metric), Text(str(r.filters), r.filters)]
+        table.rows.append([*cells, Text(f"{r.tau:+.2f}", r.tau)])
+    return table
+
+
+def printed(number: PublishedNumber) -> str:
+    """The number with the decimals it is printed with."""
+    if isinstance(number.value, str):
+        return number.value
+    return f"{number.value:.{number.digits}f}"
+
+
+def _measured(row: Compared) -> str:
+    value, stderr = row.measured.estimate
+    if isnan(value):
+        return "all runs lost" if row.measured.lost else "–"
+    if not isfinite(value):
+        return "infinite"
+    return rounded(value, stderr, 4) if stderr else f"{value:.6g}"
+
+
+def _z(z: float) -> str:
+    if isnan(z):
+        return "–"
+    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"

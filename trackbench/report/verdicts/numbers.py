@@ -1,0 +1,132 @@
+"""Does it reproduce? Published numbers and claims against a results folder.
+
+The rules are in `agreement`: all runs together, and without each of the experiment's batches.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from math import inf, isfinite, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.config.published import PublishedNumber
+from trackbench.errors import counted
+from trackbench.report.estimates import MISSING, Term
+from trackbench.report.expressions import Expressions
+from trackbench.report.results import Results
+from trackbench.report.verdicts import rules
+from trackbench.report.verdicts.claims import Judged, evidence_at, judge, no_results, noted
+from trackbench.report.verdicts.cpu_times import without_times
+from trackbench.report.verdicts.rules import NOT_MEASURED, NUMBER_WORDS, Verdict
+
+
+class Compared(NamedTuple):
+    """A published number, what was measured for it under one reading, and the verdict."""
+
+    published: PublishedNumber
+    label: str
+    measured: Term
+    verdict: Verdict
+    note: str
+
+
+class Ranked(NamedTuple):
+    """Agreement of the order of the filters in one column of a published table."""
+
+    paper: str
+    table: str
+    metric: str
+    filters: int
+    tau: float
+
+
+class Reproduced(NamedTuple):
+    """A published number under every reading of it that was tried."""
+
+    rows: list[Compared]
+
+    @property
+    def best(self) -> Compared:
+        """The reading that gives the number its verdict."""
+        return min(self.rows, key=_rank)
+
+    @property
+    def readings(self) -> int:
+        """How many were tried."""
+        return len(self.rows)
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """Everything that is published about one experiment, with verdicts."""
+
+    rows: list[Compared]
+    claims: list[Judged]
+    ranks: list[Ranked]
+
+    def __repr__(self) -> str:
+        numbers, claims = counted(len(self.numbers), "number"), counted(len(self.claims), "claim")
+        return f"<Comparison of {numbers} and {claims}>"
+
+    @cached_property
+    def numbers(self) -> list[Reproduced]:
+        """A verdict for each published number, however many readings of it were tried."""
+        found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
+        for row in self.rows:
+            found[row.published.printed_at].append(row)
+        return [Reproduced(rows) for rows in found.values()]
+
+
+def _rank(row: Compared) -> tuple[int, float]:
+    """The best verdict first; of equal ones the nearest value."""
+    printed, value = row.published.value, row.measured.value
+    off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
+    return NUMBER_WORDS.index(row.verdict.word), off
+
+
+def compare(results: Results) -> Comparison:
+    """Hold the results against what is published about the experiment."""
+    published, at = without_times(results.published), cache(partial(evidence_at, results))
+    rows = [row for number in published.numbers for row in _readings(number, at(number.point))]
+    claims = [judge(claim, at(claim.point)) for claim in published.claims]
+    return Comparison(rows, claims, list(rank_agreement(rows)))
+
+
+def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
+    """Kendall's tau between the published and the measured order, per column with three filters."""
+    columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
+    for row in rows:
+        if isfinite(row.measured.value) and not isinstance(row.published.value, str):
+            p = row.published
+            columns[p.paper, p.table, p.row, p.metric].append(row)
+    for (paper, table, part, metric), found in columns.items():
+        if len(found) < 3 or len({r.published.filter for r in found}) < len(found):
+            continue
+        order = kendall([r.published.value for r in found], [r.measured.value for r in found])
+        heading = f"{metric}, {part}" if part else metric
+        yield Ranked(paper, table, heading, len(found), order)
+
+
+def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
+    """Kendall's tau-b of two orders; NaN if all of one are equal (Kendall 1945, Biometrika 33, 239)."""
+    x, y = (np.sign(np.subtract.outer(values, values)) for values in (a, b))
+    untied = [np.count_nonzero(signs) / 2 for signs in (x, y)]
+    if not all(untied):
+        return nan
+    tau = np.sum(x * y) / 2 / np.sqrt(untied[0]) / np.sqrt(untied[1])
+    return float(np.clip(tau, -1.0, 1.0))
+
+
+def _readings(number: PublishedNumber, evidence: Expressions | None) -> Iterator[Compared]:
+    if evidence is None or not number.labels or not number.expression:
+        note = noted(no_results(number, evidence), number.reading, number.note)
+        yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
+        return
+    for label in number.labels:
+        measured = evidence.term(number.expression.of(label))
+        verdict = rules.of_number(number, measured, measured.parts(evidence.batches))
+        note = noted(measured.losses, number.chosen, number.reading, number.note)
+        yield Compared(number, label, measured, verdict, note)

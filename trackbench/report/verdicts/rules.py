@@ -1,0 +1,157 @@
+"""Rules of the verdicts: the words for a number and for a claim, from all runs and from parts of them.
+
+All runs have to show a difference beyond `DECIDED` standard errors, and the runs without any one of the
+batches beyond `SURE`: then a number is `near`, `differs` or is `biased`, and a claim `holds` or `fails`.
+An agreement is an equivalence: all runs show it beyond `SURE`, and no part contradicts it.
+docs/statistics.md has the error rates and the power.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import inf, isfinite, isnan, log, nan, sqrt
+from typing import NamedTuple
+
+from trackbench.config.published import PublishedNumber
+from trackbench.report.estimates import Term
+
+DECIDED = 5.0
+"""Standard errors of all runs from which a difference is decided."""
+SURE = 3.0
+"""Standard errors from which the runs without a batch show it, and all runs an agreement."""
+ANOTHER_SEED = 1.6449 * sqrt(2.0)
+"""Standard errors within which nine in ten numbers of another seed lie."""
+NEAR = 0.1
+"""Share of a published number within which the difference must lie to be none."""
+NOT_MEASURED, UNDECIDED = "not measured", "not decided"
+NUMBER_WORDS = ("agrees", "compatible", "near", UNDECIDED, "differs", "chosen", NOT_MEASURED)
+"""Verdicts on a number, the best first: it differs only if it does so under every reading."""
+CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
+_DIFFERENT = ("near", "differs")
+_SHOWN = {"near": _DIFFERENT, "differs": _DIFFERENT} | {
+    w: (w,) for w in ("holds", "fails", "biased")
+}
+_CONTRADICTED = {"agrees": _DIFFERENT, "compatible": _DIFFERENT, "unbiased": ("biased",)}
+
+
+class Verdict(NamedTuple):
+    """The word, z over all runs, z without each batch of runs in turn."""
+
+    word: str
+    z: float
+    parts: tuple[float, ...] = ()
+    fragile: bool = False
+    """whether another seed, a run that was drawn or three that were not could well turn the word"""
+
+
+def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Verdict:
+    """Return the verdict on a published number from all runs and from the parts of them."""
+    judge = _bias if isinstance(number.value, str) else _difference
+    word, z = judge(number, whole, DECIDED)
+    found = [judge(number, part, SURE) for part in parts]
+    turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
+    word = settled(word, [w for w, _ in found])
+    if word in ("biased", "unbiased"):
+        word = "agrees" if word == number.value else "differs"
+    if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
+        word = "chosen"
+    decides = word not in (NOT_MEASURED, UNDECIDED, "chosen")
+    return Verdict(word, z, tuple(z for _, z in found), turns and decides)
+
+
+def _others(whole: Term) -> Iterator[Term]:
+    """Generate what other runs could well have measured."""
+    yield from whole.stressed()
+    room = ANOTHER_SEED * whole.stderr
+    for end in (-room, room) if isfinite(room) else ():
+        yield whole._replace(value=whole.value + end)
+
+
+def of_claim(
+    z: float,
+    parts: Sequence[float] = (),
+    stressed: Sequence[float] = (),
+    equal: bool = False,
+    exact: bool = False,
+) -> Verdict:
+    """Return the verdict on a claim from the z in its favor: of all runs, of the parts, under stress.
+
+    An ``equal`` that holds, and all that an ``exact`` test says, is shown by all runs beyond `SURE`; the
+    parts may not contradict it.
+    """
+
+    def claimed(z: float) -> str:
+        return _claimed(z, SURE if equal or exact else DECIDED, SURE if exact else DECIDED)
+
+    word, found = claimed(z), [_claimed(part, SURE, SURE) for part in parts]
+    others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
+    turns = any(claimed(other) != word for other in others)
+    if exact or (equal and word == "holds"):
+        word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
+    else:
+        word = settled(word, found)
+    return Verdict(word, z, tuple(parts), turns and word != UNDECIDED)
+
+
+def weakest(zs: Sequence[float], steps: int = 1) -> float:
+    """The least z of comparisons that all have to hold, NaN before any; for certain, of many steps.
+
+    That all hold needs no correction for their number, since each has to be shown (an intersection-union
+    test; Berger 1982, Technometrics 24, 295). One of many steps that fails does: Bonferroni's.
+    """
+    from scipy.special import log_ndtr, ndtri_exp
+
+    least = min(zs, key=lambda z: -inf if isnan(z) else z)
+    if steps == 1 or not least < 0.0:
+        return least
+    return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
+
+
+def settled(word: str, parts: Sequence[str]) -> str:
+    """Return the word of all runs, unless a part of them does not show it or contradicts it."""
+    if word in _SHOWN:
+        return word if all(part in _SHOWN[word] for part in parts) else UNDECIDED
+    return UNDECIDED if set(parts) & set(_CONTRADICTED.get(word, ())) else word
+
+
+def _claimed(z: float, holds: float, fails: float) -> str:
+    return "holds" if z >= holds else "fails" if z <= -fails else UNDECIDED
+
+
+def _difference(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+    """Compare a number with the printed one, whose error is the paper's own where it prints a spread."""
+    value, printed = measured.value, number.value
+    if measured.lost > measured.runs > 0:
+        return "differs", inf  # what survives says nothing of the filter
+    if not isfinite(value):
+        return (NOT_MEASURED, nan) if not measured.lost else ("differs", inf)
+    assert not isinstance(printed, str)
+    theirs = _of_the_paper(number, measured)
+    z = measured.z(printed, theirs)
+    reach = max(abs(end - printed) for end in measured.interval(other=theirs))
+    room, digits = NEAR * abs(printed), 0.5 * 10.0**-number.digits
+    if reach <= digits or (abs(z) <= SURE and reach <= room):
+        return "agrees", z
+    if abs(z) <= SURE:
+        return "compatible", z
+    if not abs(z) >= least:  # too little, or without an error
+        return UNDECIDED, z
+    return ("near" if abs(value - printed) <= room else "differs"), z
+
+
+def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
+    """Standard error of the printed number: from its own spread, else from ours."""
+    if not number.runs:
+        return 0.0
+    if number.variance is not None:
+        return sqrt(number.variance / number.runs)
+    return measured.stderr * sqrt(measured.runs / number.runs)
+
+
+def _bias(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+    """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
+    value, stderr = measured.estimate
+    if not isfinite(value):
+        return NOT_MEASURED, nan
+    z = measured.z()
+    if abs(value) - number.margin >= least * stderr:
+        return "biased", z
+    return ("unbiased" if abs(value) + SURE * stderr <= number.margin else UNDECIDED), z

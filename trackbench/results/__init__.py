@@ -1,0 +1,1 @@
+"""A results folder's files: written, packed, locked, read."""

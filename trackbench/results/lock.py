@@ -1,0 +1,78 @@
+"""One run at a time in a results folder."""
+
+import errno
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from trackbench.errors import WriteError
+from trackbench.os_specific import lock
+
+
+@contextmanager
+def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
+    """Hold ``folder``; if another process holds it, say so and wait for it.
+
+    The system frees the lock of a process that dies, so nothing has to be cleaned up by hand.
+    """
+    path = folder / ".lock"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = _acquire(path, say)
+    except OSError as error:
+        raise WriteError(path, error) from error
+    try:
+        yield
+    finally:
+        with suppress(PermissionError):  # of Windows, where an open file cannot be removed
+            path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+_DIGITS = 20  # more than a process id has
+
+
+def _acquire(path: Path, say: Callable[[str], None]) -> int:
+    waiting = False
+    while True:
+        descriptor = os.open(path, _FLAGS, 0o644)
+        try:
+            holder = _holder(descriptor)
+            lock(descriptor, wait=False)
+        except BlockingIOError:
+            if not waiting:
+                say(f"{path.parent}/ is in use by process {holder}; waiting for it to finish")
+            waiting = True
+            lock(descriptor, wait=True)
+        except OSError:
+            os.close(descriptor)
+            raise
+        if _is_current(descriptor, path):
+            os.ftruncate(descriptor, 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.write(descriptor, str(os.getpid()).encode())
+            return descriptor
+        os.close(descriptor)  # its holder removed it when done: this is no longer the folder's lock
+
+
+def _holder(descriptor: int) -> str:
+    """Return the process id in a lock file; raises OSError for a file that is no lock of a run.
+
+    A results folder may come from anywhere: a file of another content, or one with a second name
+    (a hard link), is never written to.
+    """
+    status = os.fstat(descriptor)
+    text = os.read(descriptor, _DIGITS + 1) if stat.S_ISREG(status.st_mode) else b"not a file"
+    if status.st_nlink > 1 or len(text) > _DIGITS or not (text.isdigit() or not text):
+        raise OSError(errno.EEXIST, "is not a lock of trackbench; remove it by hand")
+    return text.decode() or "?"
+
+
+def _is_current(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,249 @@
+"""The files of a results folder, each written whole or not at all."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.atomic_files import (
+    CsvWriter,
+    Row,
+    cells,
+    made,
+    replacing,
+    shortened,
+    within,
+    write_text,
+)
+from trackbench.config.dump import as_yaml, resolved
+from trackbench.config.experiment import Experiment
+from trackbench.config.metric_names import kept_metrics
+from trackbench.config.requested_metrics import Shared, shared
+from trackbench.core.sums import total
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.consistency import sizes
+from trackbench.evaluation.error_series import LOST_BECAUSE, NOT_FINITE
+from trackbench.evaluation.merge import FilterResult
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.run_contributions import with_shares
+from trackbench.evaluation.statistics import Estimate, median
+from trackbench.evaluation.summary import (
+    StepRow,
+    bound_steps,
+    bound_summary,
+    step_rows,
+    summary_rows,
+)
+from trackbench.evaluation.timing import Measured
+from trackbench.execution.plan import Key
+from trackbench.execution.runner import Outcome
+from trackbench.results.folder_contents import COLUMNS, remove_outputs
+from trackbench.results.manifest import manifest_of
+from trackbench.results.point_facts import FILE, points_text
+from trackbench.results.tracks import Kept, Shown
+from trackbench.scenarios.base import Scenario
+
+DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
+"""Significant digits of values and standard errors: far more than any of them means."""
+
+
+class TimedRow(NamedTuple):
+    """A metric at one step, with the step's index and its time, s."""
+
+    step: int
+    time: float
+    metric: str
+    value: float
+    stderr: float
+    runs: int
+
+
+class Losses(NamedTuple):
+    """Runs of one filter, and how many of them were lost for each reason."""
+
+    runs: int
+    by_code: dict[float, int]
+
+    @classmethod
+    def of(cls, result: FilterResult) -> "Losses":
+        """Count the codes of the metric ``lost``."""
+        codes = result.per_run["lost"]
+        return cls(len(codes), {code: int((codes == code).sum()) for code in LOST_BECAUSE})
+
+    @property
+    def lost(self) -> int:
+        """Runs lost for any reason."""
+        return sum(self.by_code.values())
+
+    @property
+    def is_total(self) -> bool:
+        """Whether no run stayed within the numbers: the filter does not work here."""
+        return self.by_code[NOT_FINITE] == self.runs
+
+    def __str__(self) -> str:
+        reasons = [f"{n} because {LOST_BECAUSE[code]}" for code, n in self.by_code.items() if n]
+        return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
+
+
+class Written(NamedTuple):
+    """How many runs of each filter were lost, by reason, and what the manifest is to say."""
+
+    losses: dict[Key, Losses]
+    facts: dict[str, Any]
+
+
+def write_results(
+    folder: Path,
+    experiment: Experiment,
+    outcome: Outcome,
+    tracks: bool,
+    times: Mapping[Key, Measured] = MappingProxyType({}),
+) -> Written:
+    """Everything that follows from the results alone, in place of what earlier runs left there.
+
+    ``times`` are measured CPU times. Tables and figures come from these files; the manifest is for the
+    caller to write, after all others.
+    """
+    published = experiment.published.files
+    inputs = {"config.yaml", *(f"published/{name}" for name in published)}
+    remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
+    write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
+    _write_published(folder, published)
+    write_text(folder / FILE, points_text(experiment.points, folder))
+    kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
+    if tracks:
+        kept["tracks.npz"] = Kept(experiment)
+    losses, asked = {}, shared(experiment)
+    spent: dict[BlockTask, float] = {}  # what several points share was filtered once
+    with ExitStack() as files:
+        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
+        for key, result in outcome.results():
+            result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
+            losses[key] = Losses.of(result)
+            passes = (task.alone for task in outcome.plan.tasks[key])
+            spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
+            for name in COLUMNS:
+                writers[name].writerows(_prefixed(experiment, key, name, result))
+            _write_runs(writers["per_run.csv"], experiment, key, result)
+            for collection in kept.values():
+                collection.add(key, result)
+        for name, writer in writers.items():
+            writer.writerows(_bounds(experiment, name))
+    for name, collection in kept.items():
+        collection.write(folder / name)
+    cpu_s = round(float(total(np.array([*spent.values()]))), 3)
+    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": cpu_s})
+
+
+def _with_shares(
+    experiment: Experiment, key: Key, result: FilterResult, asked: Shared
+) -> FilterResult:
+    """With the runs' shares that are asked for, and without the series that they are made of."""
+    scenario, settings = experiment.points[key[0]].scenario, experiment.settings
+    windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
+    names = asked.of(key[1], steps)
+    result = with_shares(result, names, windows, steps, parts)
+    kept = {name: rows for name, rows in result.kept.items() if name in settings.medians}
+    return result._replace(kept=kept)
+
+
+def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
+    writer = CsvWriter(files.enter_context(replacing(path)))
+    writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
+    return writer
+
+
+def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
+    """One filter's rows of a file, with the grid point's values in front."""
+    columns, rows = COLUMNS[name], _ROWS[name]
+    wanted = kept_metrics(experiment.settings, name)
+    if rows is None or (wanted is not None and not wanted):
+        return
+    if wanted is not None:  # a summary of what is not kept is never asked for
+        kept = {m: x for m, x in result.per_run.items() if measured(m).base in {"lost", *wanted}}
+        result = result._replace(per_run=kept)
+    prefix = _prefix(experiment, key)
+    metric = columns.index("metric") - 1 if "metric" in columns else None
+    for row in rows(result, experiment.points[key[0]].scenario):
+        if metric is None or wanted is None or measured(row[metric]).base in wanted:
+            yield [*prefix, *_plain(row, DIGITS.get(name))]
+
+
+def _prefix(experiment: Experiment, key: Key) -> list[Any]:
+    return [*experiment.points[key[0]].values.values(), key[1]]
+
+
+def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
+    """Rows of per_run.csv, a metric at a time and not by `csv`: there are hundreds of thousands."""
+    head = cells(_prefix(experiment, key))
+    wanted = kept_metrics(experiment.settings, "per_run.csv")
+    for metric, values in result.per_run.items():
+        if wanted is None or measured(metric).base in wanted:
+            plain, name = values.tolist(), cells([metric])
+            if values.dtype.kind == "f":
+                plain = shortened(plain, DIGITS["per_run.csv"])
+            writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
+
+
+def _write_published(folder: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        write_text(made(within(folder, "published")) / name, text)
+
+
+def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
+    """The scenario's own lower bounds, as if of one more filter."""
+    label, wanted = experiment.settings.bound, kept_metrics(experiment.settings, name)
+    for point in experiment.points if label else []:
+        scenario: Scenario = point.scenario
+        prefix = [*point.values.values(), label]
+        rows: Iterable[Any] = ()
+        if name == "summary.csv":
+            rows = bound_summary(scenario.bounds(), scenario.windows)
+        elif name == "per_step.csv":
+            rows = _timed(bound_steps(scenario.bounds()), scenario)
+        for row in rows:
+            if wanted is None or measured(row.metric).base in wanted:
+                yield [*prefix, *_plain(row, DIGITS[name])]
+
+
+def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
+    steps, times = scenario.steps.tolist(), scenario.times.tolist()
+    for i, metric, value, stderr, runs in rows:
+        yield TimedRow(steps[i], times[i], metric, value, stderr, runs)
+
+
+def _per_step(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
+    return _timed(step_rows(result, sizes(scenario)), scenario)
+
+
+def _summary(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
+    return summary_rows(result, sizes(scenario), scenario.windows)
+
+
+def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
+    """CPU time of all blocks, and of a run: the median of its measured times, if it has any."""
+    runs = sum(t.runs for t in result.timing)
+    cpu_s = sum(t.cpu_s for t in result.timing)
+    seconds, *operations = result.measured or ([], None, None)
+    of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
+    each = ";".join(f"{s:.6g}" for s in seconds)
+    yield runs, cpu_s, *of_run, each, *("-" if n is None else f"{n:.6g}" for n in operations)
+
+
+def _plain(row: Row, digits: int | None) -> list[Any]:
+    """Python's own numbers, with so many significant digits if that is not None."""
+    plain = (x.item() if isinstance(x, np.generic) else x for x in row)
+    if digits is None:
+        return list(plain)
+    return [float(f"{x:.{digits}g}") if isinstance(x, float) else x for x in plain]
+
+
+_ROWS: dict[str, Any] = {
+    "per_run.csv": None,
+    "per_step.csv": _per_step,
+    "summary.csv": _summary,
+    "timing.csv": _timing,
+}

@@ -1,0 +1,228 @@
+"""What the columns of a user's table are called and measured in, and the quantities they give."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import pi
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import cos_sin
+from trackbench.core.geodesy import Geodetic, east_north_up
+from trackbench.field_types import DataError, Finite, MistakenKeyError, Place
+from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
+from trackbench.scenarios.recordings.ranges import blank_codes, impossible, is_ais
+
+_DIMENSIONS = {
+    "length": {"m": 1.0, "km": 1000.0, "ft": 0.3048, "mi": 1609.344, "nmi": 1852.0},
+    "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "mph": 0.44704},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180.0},
+    "turn rate": {"rad/s": 1.0, "deg/s": pi / 180.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+}
+UNITS = {unit: scale for units in _DIMENSIONS.values() for unit, scale in units.items()}
+"""SI value of each unit."""
+_DIMENSION_OF = {
+    "time": "time",
+    **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
+    **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
+    **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
+}
+"""Dimension of each quantity; that of a plugin's own quantities may be any."""
+KEYS = ("run", "time", "step", "sensor")
+"""What a row may say beside its quantities."""
+GEODETIC = ("latitude", "longitude", "altitude")
+COURSE = ("speed", "course")
+_GIVEN_IN = {"latitude": "deg", "longitude": "deg", "course": "deg"}
+_PLANE = ("x", "y", "z")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Naming:
+    """Keys of whatever reads tables: what their columns are called and what they are in."""
+
+    columns: dict[str, str] = field(default_factory=dict)
+    """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
+    and y (altitude for z), speed and course for vx and vy"""
+    units: dict[str, str] = field(default_factory=dict)
+    """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
+    degrees unless they are said to be in rad"""
+    origin: tuple[Finite, ...] = ()
+    """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
+    north; default: the first position"""
+
+    def __post_init__(self) -> None:
+        for key, unit in self.units.items():
+            if unit not in UNITS:
+                what = f"{unit!r} is not one of {', '.join(UNITS)}"
+                raise MistakenKeyError(what, "units", key)
+        if self.origin and len(self.origin) not in (2, 3):
+            raise MistakenKeyError("is latitude, longitude and perhaps height", "origin")
+
+    def check_names(self, components: Sequence[str], *within: str) -> None:
+        """Raise MistakenKeyError for an unknown name, and for a unit of another dimension."""
+        known = [*KEYS, *GEODETIC, *COURSE, *components]
+        for part, given in (("columns", self.columns), ("units", self.units)):
+            for key in given:
+                if key not in known:
+                    what = f"there is no {key}; known: {', '.join(known)}"
+                    raise MistakenKeyError(what, *within, part, key)
+        for key, unit in self.units.items():
+            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            if mistake is not None:
+                raise MistakenKeyError(mistake, *within, "units", key)
+
+    def called(self, name: str, names: Sequence[str]) -> str | None:
+        """The column of a quantity among ``names``; of 2.x, the second sensor's, also that of x."""
+        for key in dict.fromkeys((name, name.rpartition(".")[2], _plain(name))):
+            if self.columns.get(key, key) in names:
+                return self.columns.get(key, key)
+        return None
+
+    def scale(self, name: str) -> float:
+        """How much of SI a quantity is given in."""
+        plain = _plain(name)
+        unit = self.units.get(name) or self.units.get(plain) or _GIVEN_IN.get(plain)
+        return 1.0 if unit is None else UNITS[unit]
+
+
+def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
+    """Return why a quantity cannot have this unit. A scalar's x and z may have any."""
+    if key in KEYS and key != "time":
+        return f"a {key} has no unit: leave it out"
+    dimension = None if is_scalar and key in ("x", "z") else _DIMENSION_OF.get(_plain(key))
+    if dimension is None or unit in _DIMENSIONS[dimension]:
+        return None
+    allowed = ", ".join(_DIMENSIONS[dimension])
+    return f"{unit!r} is not a unit of {dimension}, which {key} has; allowed: {allowed}"
+
+
+class Columns:
+    """Where the quantities of one table come from: columns of their own, or others that give them."""
+
+    def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
+        """Columns of a file for these quantities. Raises DataError if it has fewer than ``least``."""
+        self.path, self.naming, self.names = path, naming, header(path)
+        self.contents: dict[str, Content] = {}
+        self.unavailable: Counter[str] = Counter()
+        self._used: dict[str, str] = {}
+        self._of = {name: self._sources(name) for name in wanted}
+        missing = [name for name, sources in self._of.items() if not sources]
+        if len(wanted) - len(missing) < least:
+            there = ", ".join(self.names)[:200]
+            raise self.mistake(f"no column {missing[0]}; there are {there} (see `columns`)")
+        for source in (source for sources in self._of.values() for source in sources):
+            self.take(source, "number")
+
+    def column(self, name: str) -> str | None:
+        """What a quantity's own column is called here."""
+        return self.naming.called(name, self.names)
+
+    def take(self, name: str, content: Content) -> str | None:
+        """The column of a quantity or of a key such as ``run``, which then is read.
+
+        Raises DataError if it is the column of another quantity, too.
+        """
+        column = self.column(name)
+        if column is not None:
+            other = self._used.setdefault(column, _plain(name))
+            if other != _plain(name):
+                what = f"column {column} is both {other} and {_plain(name)}; a quantity has a column of"
+                raise self.mistake(f"{what} its own (see `columns`)")
+            self.contents[column] = content
+        return column
+
+    def mistake(self, what: str) -> DataError:
+        """A mistake of the table as a whole."""
+        return DataError(Place(self.path, 1, 1, what))
+
+    def read(self) -> Table:
+        """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
+        table = read_table(self.path, self.contents)
+        of_ais = is_ais(self.names)
+        mistakes = []
+        for column, quantity in self._used.items():
+            if self.contents[column] == "number":
+                values = table.columns[column]
+                self.unavailable += blank_codes(quantity, values, of_ais)
+                found = impossible(quantity, values * self.naming.scale(quantity))
+                if found is not None:
+                    line = int(table.lines[found.row])
+                    mistakes.append(Place(self.path, line, 1, f"{column}: {found.what}"))
+        if mistakes:
+            raise DataError(*mistakes)
+        return table
+
+    def first_place(self, table: Table) -> tuple[float, ...] | None:
+        """Latitude, longitude (deg) and height of the first row that has them."""
+        if not any("latitude" in sources for sources in self._of.values()):
+            return None
+        place = self._geodetic(table)
+        there = np.flatnonzero(np.isfinite(np.stack(place)).all(axis=0))
+        if not len(there):
+            return None
+        latitude, longitude, height = (float(part[there[0]]) for part in place)
+        return latitude * 180.0 / pi, longitude * 180.0 / pi, height
+
+    def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
+        """The quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
+        plane: Mapping[str, Array] = {}
+        if origin is not None:
+            latitude, longitude, *height = origin
+            at = (latitude * pi / 180.0, longitude * pi / 180.0, *height, 0.0)[:3]
+            places = np.stack(self._geodetic(table))
+            there = np.isfinite(places).all(axis=0)
+            known = Geodetic(*np.where(there, places, 0.0))
+            enu = east_north_up(known, Geodetic(*map(np.asarray, at)))
+            plane = dict(zip(_PLANE, np.where(there, enu, np.nan), strict=True))
+        out = {}
+        for name, sources in self._of.items():
+            if sources == (name,):
+                out[name] = self._value(table, name)
+            elif sources == COURSE:
+                out[name] = self._along(table, name)
+            elif sources and plane:
+                out[name] = plane[_plain(name)]
+            else:
+                out[name] = np.full(len(table.lines), np.nan)
+        return out
+
+    def _sources(self, name: str) -> tuple[str, ...]:
+        """What gives a quantity: itself, a place on the Earth, speed and course, or nothing."""
+        if self.column(name) is not None:
+            return (name,)
+        plain = _plain(name)
+        both = GEODETIC if plain == "z" else GEODETIC[:2]
+        if plain in _PLANE and all(map(self.column, both)):
+            # Heights count wherever there are any: a plane touches the ground at one height only.
+            return tuple(part for part in GEODETIC if self.column(part))
+        if plain in ("vx", "vy") and all(map(self.column, COURSE)):
+            return COURSE
+        return ()
+
+    def _value(self, table: Table, name: str) -> Array:
+        column = self.column(name)
+        assert column is not None
+        scale = self.naming.scale(name)
+        values = table.columns[column]
+        return values if scale == 1.0 else values * scale
+
+    def _geodetic(self, table: Table) -> Geodetic:
+        latitude, longitude = (self._value(table, name) for name in GEODETIC[:2])
+        if "altitude" in (s for sources in self._of.values() for s in sources):
+            return Geodetic(latitude, longitude, self._value(table, "altitude"))
+        return Geodetic(latitude, longitude, np.zeros_like(latitude))
+
+    def _along(self, table: Table, name: str) -> Array:
+        """The velocity east (vx) or north of a speed and a course clockwise from north."""
+        speed, course = (self._value(table, part) for part in COURSE)
+        c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
+        velocity = speed * (s if _plain(name) == "vx" else c)
+        return np.where(np.isnan(course), np.nan, velocity)
+
+
+def _plain(name: str) -> str:
+    """The quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
+    plain = name.rpartition(".")[2]
+    return plain[1:] if plain in ("px", "py", "pz") else plain

@@ -1,0 +1,278 @@
+"""Tables from CSV and Parquet files, read piece by piece, with the line of every mistake."""
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackbench.core.arrays import Array, Index
+from trackbench.field_types import DataError, Place, regular
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+_DIGITS = 9
+"""Of a whole number, at most."""
+Parse = Callable[[str], float]
+
+
+def number(cell: str) -> float:
+    """A finite number, NaN for a cell that is empty or says so. ValueError says what it is not."""
+    if cell.lower() in ("", "nan"):
+        return math.nan
+    try:
+        # float takes an underscore, and the digits of every script.
+        value = float(cell if cell.isascii() and "_" not in cell else "")
+    except ValueError:
+        raise ValueError("a number") from None
+    if not math.isfinite(value):
+        raise ValueError("a finite number")
+    return value
+
+
+def seconds(cell: str) -> float:
+    """A time in numbers, which is there."""
+    value = number(cell)
+    if math.isnan(value):
+        raise ValueError("a time")
+    return value
+
+
+def instant(cell: str, zoned: bool | None = None) -> float:
+    """Microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC.
+
+    ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
+    """
+    try:
+        at = datetime.fromisoformat(cell)
+    except ValueError:
+        raise ValueError("a time in ISO 8601") from None
+    if zoned is not None and zoned != (at.tzinfo is not None):
+        raise ValueError(
+            f"a time {'with' if zoned else 'without'} a zone, as that of the first row is"
+        )
+    at = at if at.tzinfo else at.replace(tzinfo=UTC)
+    return float((at - _EPOCH) // _MICROSECOND)
+
+
+def has_zone(cell: str) -> bool:
+    """Return whether a date names its time zone."""
+    return datetime.fromisoformat(cell.strip()).tzinfo is not None
+
+
+def whole(cell: str) -> float:
+    """A whole number from zero on."""
+    if not (cell.isascii() and cell.isdigit()):
+        raise ValueError("a whole number")
+    if len(cell) > _DIGITS:
+        raise ValueError(f"less than {10**_DIGITS}")
+    return float(cell)
+
+
+def is_instant(cell: str) -> bool:
+    """Whether a time is written as a date."""
+    try:
+        instant(cell.strip())
+    except ValueError:
+        return False
+    return not cell.strip().replace(".", "").isdigit()  # 20160112 may be a number of seconds
+
+
+def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
+    """The values (R,) of a column's cells, and which are none and why."""
+    if parse in (number, seconds):
+        values = _quickly(cells)
+        if values is not None:
+            return values, []
+    out, mistakes = np.full(len(cells), np.nan), []
+    for i, cell in enumerate(cells):
+        try:
+            out[i] = parse(cell.strip())
+        except ValueError as error:
+            mistakes.append((i, f"{cell.strip()[:40]!r} is not {error}"))
+    return out, mistakes
+
+
+def _quickly(cells: Sequence[str]) -> Array | None:
+    """The numbers, if every cell is a plain finite one."""
+    text = "".join(cells)
+    if not text.isascii() or "_" in text:
+        return None
+    try:
+        values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
+    except ValueError:
+        return None
+    return values if np.isfinite(values).all() else None
+
+
+Content = Literal["number", "time", "step", "label"]
+_MOST_MISTAKES = 20
+_LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
+_ROWS_AT_A_TIME = 50_000
+Column = NDArray[Any]
+_PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": whole}
+
+
+class Table(NamedTuple):
+    """Columns (R,) by name, the words that labels stand for, the lines of the rows.
+
+    A time is in microseconds since 1970 if it is ``dated`` ("date" or "date with a zone"), else ("")
+    as it is written.
+    """
+
+    path: str
+    columns: dict[str, Column]
+    words: dict[str, list[str]]
+    lines: Index
+    dated: str
+
+
+def header(path: str) -> list[str]:
+    """Names of a table's columns."""
+    if _is_parquet(path):
+        return [str(name) for name in _parquet(path, None)]
+    for _, cells in _lines(path):
+        return [name.strip() for name in cells]
+    raise DataError(Place(path, 1, 1, "is empty"))
+
+
+def read_table(path: str, contents: Mapping[str, Content]) -> Table:
+    """These columns of a table. Raises DataError with the line of every mistake, up to twenty."""
+    reading = _Reading(path, contents)
+    if _is_parquet(path):
+        frame = _parquet(path, list(contents))
+        shown = {name: [_shown(v) for v in frame[name].tolist()] for name in contents}
+        reading.add(np.arange(2, len(frame) + 2), shown)
+        return reading.table()
+    lines = _lines(path)
+    line, names = next(lines)
+    names = [name.strip() for name in names]
+    for name in contents:
+        if names.count(name) > 1:
+            raise DataError(Place(path, line, 1, f"two columns {name}"))
+    while rows := list(islice(lines, _ROWS_AT_A_TIME)):
+        kept = reading.of_full_width(rows, len(names))
+        if kept:
+            columns: list[Sequence[str]] = list(zip(*(cells for _, cells in kept), strict=True))
+            cells = {name: columns[names.index(name)] for name in contents}
+            reading.add(np.array([line for line, _ in kept]), cells)
+        if len(reading.mistakes) >= _MOST_MISTAKES:
+            break
+    return reading.table()
+
+
+class _Reading:
+    """A table on its way from cells to arrays, a piece at a time."""
+
+    def __init__(self, path: str, contents: Mapping[str, Content]) -> None:
+        self.path, self.contents = path, contents
+        self.mistakes: list[Place] = []
+        self.dated: str | None = None
+        self._pieces: dict[str, list[Column]] = {name: [] for name in contents}
+        self._codes: dict[str, dict[str, int]] = {
+            name: {} for name, content in contents.items() if content == "label"
+        }
+        self._lines: list[Index] = []
+
+    def of_full_width(
+        self, rows: Sequence[tuple[int, list[str]]], width: int
+    ) -> Sequence[tuple[int, list[str]]]:
+        """The rows with a cell for each column; the others are mistakes."""
+        wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
+        if not wrong:
+            return rows
+        what = "{} cells under {} columns"
+        self.mistakes += [Place(self.path, at, 1, what.format(n, width)) for at, n in wrong]
+        return [row for row in rows if len(row[1]) == width]
+
+    def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
+        """Rows by column."""
+        for name, content in self.contents.items():
+            values: Column
+            if content == "label":
+                values, wrong = self._labelled(name, cells[name])
+            else:
+                values, wrong = parsed(self._parser(content, cells[name]), cells[name])
+            self._pieces[name].append(values)
+            self.mistakes += [
+                Place(self.path, int(lines[i]), 1, f"{name}: {what}") for i, what in wrong
+            ]
+        self._lines.append(lines.astype(np.int32))
+
+    def table(self) -> Table:
+        """All rows that were added. Raises DataError if any was mistaken, or there is none."""
+        if not self._lines and not self.mistakes:
+            self.mistakes.append(Place(self.path, 1, 1, "has no rows"))
+        if self.mistakes:
+            found = sorted(self.mistakes, key=lambda place: place.line)
+            raise DataError(*found[:_MOST_MISTAKES])
+        # Pieces go as their column comes, so that no more than one is held twice.
+        columns = {name: np.concatenate(self._pieces.pop(name)) for name in self.contents}
+        words = {name: list(codes) for name, codes in self._codes.items()}
+        return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
+
+    def _parser(self, content: Content, cells: Sequence[str]) -> Parse:
+        """What reads the cells: the first time says whether all are dates, and have a zone."""
+        if content != "time":
+            return _PARSERS[content]
+        if self.dated is None and cells:
+            zoned = " with a zone" if is_instant(cells[0]) and has_zone(cells[0]) else ""
+            self.dated = f"date{zoned}" if is_instant(cells[0]) else ""
+        return partial(instant, zoned=self.dated != "date") if self.dated else seconds
+
+    def _labelled(self, name: str, cells: Sequence[str]) -> tuple[Column, list[tuple[int, str]]]:
+        codes = self._codes[name]
+        values = np.array([codes.setdefault(c.strip(), len(codes)) for c in cells], dtype=np.int32)
+        if "" not in codes:
+            return values, []
+        return values, [(i, "is missing") for i in np.flatnonzero(values == codes[""]).tolist()]
+
+
+def _lines(path: str) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and cells of every line that is not blank."""
+    reader = None
+    try:
+        with regular(path).open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
+            for cells in reader:
+                if cells:
+                    yield reader.line_num, cells
+    except OSError as error:
+        raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
+    except UnicodeDecodeError:
+        raise DataError(Place(path, 1, 1, "is not a text file in UTF-8")) from None
+    except csv.Error as error:
+        line = reader.line_num if reader is not None else 1
+        raise DataError(Place(path, line, 1, f"not a CSV: {error}")) from None
+
+
+def _is_parquet(path: str) -> bool:
+    return Path(path).suffix.lower() in (".parquet", ".pq")
+
+
+def _parquet(path: str, columns: list[str] | None) -> Any:
+    """A data frame of these columns; without, the names of all there are."""
+    try:
+        from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
+    except ImportError:
+        what = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
+        raise DataError(Place(path, 1, 1, what)) from None
+    try:
+        file = regular(path)
+        if columns is None:
+            return parquet.read_schema(file).names
+        return parquet.read_table(file, columns=columns).to_pandas()
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise DataError(Place(path, 1, 1, f"not a Parquet file: {reason}")) from None
+
+
+def _shown(value: object) -> str:
+    """A cell of a data frame as a CSV has it."""
+    return "" if value is None or value != value or str(value) == "NaT" else str(value)

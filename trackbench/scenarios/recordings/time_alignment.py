@@ -1,0 +1,219 @@
+"""Measurements of all runs on one clock, which begins where the filters' first states are."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, fixed
+from trackbench.field_types import MOST_STEPS, DataError, MistakenKeyError, Place
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows
+
+_MOST_CELLS = 200_000_000
+_EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
+
+
+class Clock(NamedTuple):
+    """Steps (K + 1,) from the first state's on, their times, s, and how far each run (M,) is shifted.
+
+    ``T`` is their distance, s, or None if it differs from step to step.
+    """
+
+    steps: Index
+    times: Array
+    shift: Array
+    T: float | None
+
+
+class Opened(NamedTuple):
+    """Where each run's first state is: time (M,) and scans (n, s, M), the time between the last two."""
+
+    time: Array
+    scans: Array
+    apart: Array
+
+
+def opened(found: Gathered, rows: Rows, scans: int) -> Opened:
+    """The first scans of each run that are whole, from rows in order."""
+    runs = len(found.runs)
+    whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
+    first = np.searchsorted(rows.run[whole], np.arange(runs))
+    there = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
+    for m in np.flatnonzero(there < scans).tolist():
+        what = f"run {found.runs[m]} has {there[m]} positions, and its start takes {scans}"
+        raise DataError(Place(found.files[0], 1, 1, what))
+    places = np.stack([whole[first + i] for i in range(scans)])
+    times = rows.time[places]
+    apart = times[-1] - times[-2] if scans > 1 else np.full(runs, np.nan)
+    return Opened(times[-1], rows.values[:, places], apart)
+
+
+def one_clock(
+    found: Gathered, sensors: Sequence[Rows], start: Opened | None, T: float, resample: float | None
+) -> Clock:
+    """The steps of all runs, their first states laid over each other where the scans give them.
+
+    Steps are the file's own, all between the first and the last of them, T s apart; or the times at
+    which any run measured; or, if they are resampled, so many seconds apart. Without scans the first
+    state is one step, or an interval of the usual length, before the first row.
+    """
+    if start is None:
+        shift = np.zeros(len(found.runs))
+        begin = min(float(rows.time.min()) for rows in sensors) - _before(found, sensors, resample)
+    else:
+        shift, begin = start.time[0] - start.time, float(start.time[0])
+    last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
+    spacing = 1.0 if found.stepped else resample
+    if spacing is not None:
+        steps = np.arange(_counted(found, np.floor((last - begin) / spacing + 0.5) + 1.0))
+        times = np.asarray(steps * (T if found.stepped else spacing), dtype=float)
+        if found.stepped:
+            return _checked(found, Clock(steps + int(begin), times, shift, T))
+        return _checked(found, Clock(steps, times + begin, shift, spacing))
+    times = _union(sensors, shift, begin)
+    return _checked(found, Clock(np.arange(len(times)), times, shift, _distance(times)))
+
+
+def _counted(found: Gathered, number: float) -> int:
+    """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
+    if number > MOST_STEPS:
+        what = (
+            f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
+        )
+        raise DataError(Place(found.files[0], 1, 1, what))
+    return int(number)
+
+
+def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
+    """How long before the first row a state stands that no scan gives."""
+    if found.stepped:
+        return 1.0
+    if resample is not None:
+        return resample
+    times = np.unique(sensors[0].time[sensors[0].run == sensors[0].run[0]])
+    return float(np.sort(np.diff(times))[(len(times) - 1) // 2]) if len(times) > 1 else 1.0
+
+
+def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
+    """Times at which any run measured, from the first state's on."""
+    parts = [np.array([begin])]
+    for rows in sensors:
+        times = rows.time + shift[rows.run]
+        parts.append(times[np.unique(np.rint(times / TICK), return_index=True)[1]])
+    times = np.concatenate(parts)
+    times = times[np.unique(np.rint(times / TICK), return_index=True)[1]]
+    return times[np.rint(times / TICK) >= np.rint(begin / TICK)]
+
+
+def _distance(times: Array) -> float | None:
+    """The distance of times that are equally far from each other."""
+    apart = np.diff(times)
+    if not len(apart):
+        return None
+    T = float((times[-1] - times[0]) / len(apart))
+    return float(f"{T:.12g}") if np.abs(apart - T).max() <= _EQUAL * T else None
+
+
+def _checked(found: Gathered, clock: Clock) -> Clock:
+    if len(clock.steps) < 2:
+        raise DataError(Place(found.files[0], 1, 1, "leaves nothing to measure after the start"))
+    _counted(found, len(clock.steps))
+    return clock
+
+
+def laid_out(found: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool) -> Array:
+    """Measurements (n_z, K, M) by step and run. Of rows in one step the nearest to its time is taken."""
+    steps, runs = len(clock.steps), len(found.runs)
+    sizes = [len(rows.values) for rows in sensors]
+    if sum(sizes) * steps * runs > _MOST_CELLS:
+        what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
+        raise MistakenKeyError(what, "target", "runs")
+    out = np.full((sum(sizes), steps - 1, runs), np.nan)
+    moved, crowded, above = 0.0, 0, 0
+    for rows, size in zip(sensors, sizes, strict=True):
+        place, away = _placed(found, rows, clock)
+        later = np.flatnonzero(place > 0)
+        if resampled:
+            kept = _nearest(rows.run, place, away, later)
+            crowded += len(later) - len(kept)
+            moved, later = max(moved, float(away[kept].max(initial=0.0))), kept
+        for c in range(size):
+            out[above + c, place[later] - 1, rows.run[later]] = rows.values[c, later]
+        above += size
+    if resampled:
+        what = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
+        found.told.append(what + (f", {crowded} of one step were left out" if crowded else ""))
+    return fixed(out)
+
+
+def _placed(found: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
+    """The place (R,) of each row among the steps, and how far from its time it is, s."""
+    times = rows.time + clock.shift[rows.run]
+    if found.stepped:
+        return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
+    middles = 0.5 * (clock.times[1:] + clock.times[:-1])
+    place = np.searchsorted(middles, times, side="right")
+    place[times < clock.times[0] - TICK] = -1
+    return place, np.abs(clock.times[np.maximum(place, 0)] - times)
+
+
+def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
+    """Of rows in the same step of the same run, the nearest to its time."""
+    order = among[np.lexsort((away[among], place[among], run[among]))]
+    first = np.ones(len(order), dtype=np.bool_)
+    first[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
+    return order[first]
+
+
+def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock:
+    """The clock with the steps before the first state's that its scans take."""
+    used = max(0, scans - 1)
+    before = np.arange(-used, 0)
+    if not used:
+        return clock
+    if found.stepped:
+        assert clock.T is not None
+        steps = np.concatenate([clock.steps[0] + before, clock.steps])
+        return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
+    times = np.concatenate([clock.times[0] + before * apart[0], clock.times])
+    return clock._replace(steps=np.arange(len(times)), times=times)
+
+
+def truth_at(
+    found: Gathered, rows: Rows, clock: Clock, runs: list[str], gap: float | None
+) -> Array:
+    """States (n, K + 1, M) at the steps; a truth without runs of its own is that of every run.
+
+    Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line; NaN
+    elsewhere. Raises DataError if there is none at any step.
+    """
+    out = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
+    steps = clock.steps.astype(float) if found.stepped else clock.times
+    number = {name: i for i, name in enumerate(found.runs)}
+    shared = found.runs == ["0"]
+    for m, name in enumerate(runs):
+        i = 0 if shared else number.get(name)
+        if i is not None:
+            own = slice(*np.searchsorted(rows.run, [i, i + 1]))
+            at, values = rows.time[own] + clock.shift[m], rows.values[:, own]
+            out[:, :, m] = _between(at, values, steps, gap)
+    if not np.isfinite(out).any():
+        hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
+        raise DataError(Place(found.files[0], 1, 1, f"has no truth at any step{hint}"))
+    return fixed(out)
+
+
+def _between(at: Array, values: Array, times: Array, gap: float | None) -> Array:
+    """Values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
+    after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
+    out = np.full((len(values), len(times)), np.nan)
+    if len(at) > 1 and gap is not None:
+        wide = at[after] - at[after - 1]
+        share = (times - at[after - 1]) / np.where(wide > 0.0, wide, 1.0)
+        inside = (wide <= gap + TICK) & (share >= 0.0) & (share <= 1.0)
+        line = values[:, after - 1] + share * (values[:, after] - values[:, after - 1])
+        out[:, inside] = line[:, inside]
+    for near in (np.minimum(after, len(at) - 1), after - 1):
+        same = np.abs(at[near] - times) < TICK
+        out[:, same] = values[:, near[same]]
+    return out

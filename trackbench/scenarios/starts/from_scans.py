@@ -1,0 +1,117 @@
+"""Starts from the first scans, which the filters then are not given again."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.random_streams import Streams
+from trackbench.field_types import MistakenKeyError, Positive
+from trackbench.models.base import moving
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.two_point_prior import TwoPoint, differenced
+from trackbench.registry import register
+from trackbench.scenarios.starts.base import Opening, Start, locating
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FromScans(Start):
+    def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
+        """A sensor that tells the position, along every axis of the target."""
+        if components not in (moving(2), moving(3)):
+            raise MistakenKeyError("scans start a target in the plane or in space only", "start")
+        found = locating(sensor)
+        if found is None:
+            raise MistakenKeyError("no sensor here tells a position in one scan", "start")
+        if 2 * found[0].axes != len(components):
+            what = f"the sensor sees {found[0].axes} axes of a target in {len(components) // 2}"
+            raise MistakenKeyError(what, "start")
+
+    def located(self, opening: Opening, sensor: Sensors, scan: int) -> Gaussian:
+        """The position (axes, M) at one of the scans."""
+        found = locating(sensor)
+        assert found is not None
+        one, rows = found
+        return one.located(opening.scans[rows, scan], opening.first_step + scan)
+
+
+def _told(sensor: Sensors, x: Array, k: int) -> Gaussian:
+    """The true position (axes, 1) and the covariance of what one scan tells of it."""
+    information = sensor.information(x, k, certain=True)[0::2, 0::2]
+    return Gaussian(x[0::2, None], linalg.inverse(information))
+
+
+@register("starts", "two-scan")
+@dataclass(frozen=True, kw_only=True)
+class TwoScan(_FromScans):
+    """Two-point differencing: the position of the second scan, and its distance from the first over T.
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 5.5.3. Of a radar at the origin every filter is given the
+    two scans themselves, and takes from them what it needs: a converted position, or draws.
+    """
+
+    scans: ClassVar[int] = 2
+
+    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
+        """The two scans themselves, of a radar at the origin."""
+        return TwoPoint if gives_scans(sensor) else Gaussian
+
+    def prior(
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """The state at the second scan."""
+        if gives_scans(sensor):
+            assert isinstance(sensor, RangeAzimuth)
+            first, second = opening.scans[:, 0], opening.scans[:, 1]
+            assert isinstance(opening.T, float | int)
+            return TwoPoint(sensor, first, second, opening.T, opening.diffusion)
+        one, two = (self.located(opening, sensor, scan) for scan in range(2))
+        return differenced(one, two, opening.T, opening.diffusion)
+
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
+        """Two-point differencing at the truth, which knows no velocity beforehand."""
+        one, two = (_told(sensor, path[:, i], k + i) for i in range(2))
+        return differenced(one, two, T, diffusion).cov
+
+
+@register("starts", "one-scan")
+@dataclass(frozen=True, kw_only=True)
+class OneScan(_FromScans):
+    """The position of the first scan, and a velocity of which only its usual size is known.
+
+    Mallick & La Scala 2008.
+    """
+
+    sigma_velocity: Positive
+    """standard deviation of the velocity along each axis, m/s"""
+
+    scans: ClassVar[int] = 1
+
+    def prior(
+        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+    ) -> Distribution:
+        """The state at the first scan."""
+        seen = self.located(opening, sensor, 0)
+        n = 2 * len(seen.mean)
+        mean, cov = np.zeros((n, seen.mean.shape[1])), np.zeros((n, n, *seen.cov.shape[2:]))
+        mean[0::2], cov[0::2, 0::2] = seen.mean, seen.cov
+        for i in range(1, n, 2):
+            cov[i, i] = self.sigma_velocity * self.sigma_velocity
+        return Gaussian(mean, cov)
+
+    def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
+        """The scan's covariance, and the velocity's."""
+        told = _told(sensor, path[:, 0], k)
+        variance = self.sigma_velocity * self.sigma_velocity
+        cov = np.diag(np.full(len(path), variance))
+        cov[0::2, 0::2] = told.cov
+        return cov
+
+
+def gives_scans(sensor: object) -> bool:
+    """Whether two scans of it are a prior of their own: a radar at the origin that measures no more."""
+    return type(sensor) is RangeAzimuth and sensor.at_origin

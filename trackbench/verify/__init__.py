@@ -1,0 +1,1 @@
+"""Recompute results and compare them with what is stored."""
