@@ -76,8 +76,8 @@ class _Known(NamedTuple):
 def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     """Find rows for unknown experiments of nearly the name of a known one.
 
-    Known are the shipped experiments and the configs in, above and beside the folders. Names that differ
-    in their numbers only may be of experiments elsewhere.
+    Known are the shipped experiments and the configs in the folders and above them. Names that differ in
+    their numbers only may be of experiments elsewhere.
     """
     unknown_names = known.others.keys() - set(shipped_experiments.names())
     if not unknown_names:
@@ -94,8 +94,8 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
 
 
 def _configs(folder: Path) -> Iterator[str]:
-    """Names of the experiments in a folder and in those within it."""
-    for path in (*glob(f"{escape(str(folder))}/*.yaml"), *glob(f"{escape(str(folder))}/*/*.yaml")):
+    """Yield the names of the experiments in a folder."""
+    for path in glob(f"{escape(str(folder))}/*.yaml"):
         with suppress(OSError):
             found = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
             yield found[1] if found else Path(path).stem
