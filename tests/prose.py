@@ -173,7 +173,7 @@ def untied(path: Path) -> Iterator[tuple[int, str]]:
     Numbers of the configs and of what is published are settings. Errata and open points argue with the
     paper's own numbers.
     """
-    settings, exempt, plain = _settings(), False, ""
+    settings, exempt = _settings(), False
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if line.startswith("#"):
             exempt = any(word in line for word in _EXEMPT)

@@ -134,7 +134,7 @@ REFUSED = {"range-azimuth-doppler": ("platform",), "range-azimuth-elevation": ("
 def another(key: str, value: Any) -> Any:
     """Another value of a key."""
     if key == "legs" and isinstance(value[0], int):
-        return [low_or_high + 1 for low_or_high in value]
+        return [end + 1 for end in value]
     if key in OTHER:
         return OTHER[key]
     if isinstance(value, list | tuple):

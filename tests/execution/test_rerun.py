@@ -156,7 +156,7 @@ def test_a_config_of_the_users_own_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text(text)
     done = trackbench("run", "config.yaml", "--out", ".", cwd=tmp_path)
     assert (done.returncode, (tmp_path / "config.yaml").read_text()) == (2, text)
-    assert "config.yaml: is there, and no run's: it would be replaced" in done.stderr
+    assert "config.yaml: no run wrote this file, and this run would replace it" in done.stderr
     assert trackbench("run", "config.yaml", "--out", "o", cwd=tmp_path).returncode == 0
     for path in (tmp_path / "o").rglob("*"):
         if path.is_file() and path.name != "config.yaml":

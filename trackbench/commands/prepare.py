@@ -195,7 +195,7 @@ def _check_out(folder: Path) -> None:
         if bad:
             raise UserError(Problem(Mark(f"--out {folder}"), "", bad))
     if (foreign := _foreign_file(folder)) is not None:
-        what = "is there, and no run's: it would be replaced; another folder: --out DIR"
+        what = "no run wrote this file, and this run would replace it; choose another --out"
         raise UserError(Problem(Mark(str(foreign)), "", what))
     if not _may_write(folder):
         what = "may not be written in; another folder: --out DIR"

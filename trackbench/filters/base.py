@@ -68,7 +68,7 @@ class Filter(Part, Generic[State]):
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Keys that change nothing there, with what makes them idle: refused where they are set."""
+        """Return the keys without effect in the scenario, each with the reason; a set one is refused."""
         return {}
 
     def cautions(self, scenario: Scene) -> list[str]:

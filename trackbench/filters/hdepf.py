@@ -177,7 +177,7 @@ class PFDE(Evolution, UnscentedProposal, ProposingFilter):
     """where particles are drawn from before the evolution"""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Keys of a UKF that does not propose, and of an evolution that does not take place."""
+        """Return the keys of a UKF that does not propose, and of an evolution without generations."""
         idle = {"defensive": self._unused} if self.proposal == "prior" else {}
         return super().idle_keys(scenario) | idle | self._idle_evolution()
 
@@ -239,7 +239,7 @@ class HDEPF(Evolution, UnscentedProposal, ProposingFilter):
     }
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Greedy selection has no temperature."""
+        """Return the keys of the temperature under greedy selection."""
         greedy = ("T0", "rho") if self.select == "greedy" else ()
         idle = dict.fromkeys(greedy, "with `select: greedy`")
         return super().idle_keys(scenario) | idle | self._idle_evolution()

@@ -49,7 +49,7 @@ class MPF(ParticleFilter):
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Without jitter there is no kernel."""
+        """Return the kernel's keys where nothing is jittered."""
         idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
         return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 

@@ -108,7 +108,7 @@ class ParticleFilter(CloudFilter):
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Half a boost is none."""
+        """Return the key of a boost that is set without the other one."""
         out = {} if self.boost_scans else {"boost": "with `boost_scans: 0`"}
         return out | ({"boost_scans": "with `boost: 1`"} if self.boost == 1 else {})
 

@@ -57,7 +57,7 @@ class TimeVerdict(NamedTuple):
 
 
 def without_times(published: Published) -> Published:
-    """All that is published but for what is about CPU times."""
+    """Return the published rows that are not about CPU times."""
     numbers = [row for row in published.numbers if not _is_of_time(row)]
     claims = [row for row in published.claims if not _is_of_time(row)]
     return replace(published, numbers=numbers, claims=claims)
@@ -68,7 +68,7 @@ def _is_of_time(row: PublishedNumber | Claim) -> bool:
 
 
 def time_verdicts(results: Results) -> list[TimeVerdict]:
-    """Hold the measured times against what is published of them: numbers, then claims."""
+    """Compare the measured CPU times with the published numbers, then with the claims."""
     published = results.published
     rows: list[PublishedNumber | Claim] = [*published.numbers, *published.claims]
     of_time = filter(_is_of_time, rows)
