@@ -12,7 +12,7 @@ from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, BlockTask, simulate
 from trackbench.evaluation.block_metrics import run_block
-from trackbench.evaluation.run_filter import passed
+from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.execution.plan import block_width
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
@@ -41,13 +41,13 @@ def shipped(name: str, **keys: Any) -> Any:
     return build_kind("scenarios", source, ())
 
 
-def believing(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
+def with_assumptions(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
     """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
     try:
         from trackbench.models.assumed_sensor import Assume
     except ImportError:  # old versions
         return scenario, {"motion": motion}
-    return scenario.believing(Assume(motion=motion)), {}
+    return scenario.with_assumptions(Assume(motion=motion)), {}
 
 
 def numbers(scenario: Any) -> SimpleNamespace:
@@ -83,9 +83,9 @@ def ours(
     def entrant() -> Outcome:
         seconds, found = 0.0, []
         for block in range(blocks):
-            task = BlockTask(scenario, tracker, SEED, block, width, width, shown=runs)
-            simulate(scenario.unscored, SEED, task.first_run, width)
-            passed.cache_clear()
+            task = BlockTask(scenario, tracker, SEED, block, width, width, runs_with_tracks=runs)
+            simulate(scenario.without_scoring, SEED, task.first_run, width)
+            run_filter_cached.cache_clear()
             started = time.process_time()
             result = run_block(task)
             spent = time.process_time() - started

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
-from benchmarks.ours import believing, data, make, ours, shipped, steps
+from benchmarks.ours import data, make, ours, shipped, steps, with_assumptions
 from trackbench.core.memoize import forget
 
 q = 0.01  # m^2/s^3
@@ -39,7 +39,7 @@ def workloads() -> list[Workload]:
 
 
 def _workload(runs: int) -> Workload:
-    scenario, keys = believing(shipped("maneuver"), motion(q))
+    scenario, keys = with_assumptions(shipped("maneuver"), motion(q))
     tracker = make("filters", "kf", **keys)
     seen, T = data(scenario, runs), steps(scenario)
     z, mean, cov = seen.measurements, seen.prior.mean, seen.prior.cov

@@ -19,7 +19,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_metrics import run_block
-from trackbench.evaluation.run_filter import Filtered, estimate
+from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
@@ -35,7 +35,7 @@ PLANE = """scenario:
 """
 """Of a config: a target in the plane that is seen eight times."""
 
-Track = Callable[..., Filtered]
+Track = Callable[..., FilterOutput]
 
 
 @cache
@@ -52,19 +52,19 @@ def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
 
 def track(
     scenario: Scenario, tracker: AnyFilter, runs: int, seed: int = 1, **keys: Any
-) -> Filtered:
+) -> FilterOutput:
     """Estimates of every step of so many runs."""
     covariances = keys.pop("covariances", 0)
-    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs, **keys)
+    task = BlockTask(scenario, tracker, seed, index=0, width=runs, runs_used=runs, **keys)
     with np.errstate(all="ignore"):
-        return estimate(task, simulate(scenario, seed, 0, runs), covariances)
+        return run_filter(task, simulate(scenario, seed, 0, runs), covariances)
 
 
 def per_run(
     scenario: Scenario, tracker: AnyFilter, runs: int, metric: str = "rmse", seed: int = 1
 ) -> np.ndarray:
     """A metric per run (M,)."""
-    task = BlockTask(scenario, tracker, seed, index=0, width=runs, used=runs)
+    task = BlockTask(scenario, tracker, seed, index=0, width=runs, runs_used=runs)
     return run_block(task).per_run[metric]
 
 
@@ -74,7 +74,7 @@ def plugins_forgotten() -> Iterator[None]:
     before = set(sys.modules)
     yield
     for name in [n for n in sys.modules if n not in before and registry.registered(n)]:
-        registry.forget(name)
+        registry.unregister(name)
         del sys.modules[name]
 
 

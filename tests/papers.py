@@ -11,7 +11,7 @@ from typing import Any
 
 from tests.conftest import EXPERIMENTS
 from trackbench.config.build_kinds import build_kind
-from trackbench.config.includes import laid_over
+from trackbench.config.includes import deep_merge
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Motion
 from trackbench.scenarios.targets.base import Launch
@@ -60,7 +60,7 @@ def shipped(name: str) -> Mapping:
     """The keys of a file of experiments/scenarios, those of the file that it uses included."""
     data: Mapping = read(EXPERIMENTS / "scenarios" / name).data
     base = data.pop("use", None)
-    return laid_over(shipped(base), data, by_kind=True) if base else data
+    return deep_merge(shipped(base), data, by_kind=True) if base else data
 
 
 def _merwe(
@@ -88,7 +88,7 @@ def _merwe(
     }
     if P1:
         top["start"] = {"kind": "gaussian", "sigma": [sqrt(P1)]}
-    return laid_over(shipped("merwe.yaml"), top)
+    return deep_merge(shipped("merwe.yaml"), top)
 
 
 def _banana(
@@ -110,7 +110,7 @@ def _banana(
     top["target"]["polar"] = {k: keys.pop(k) for k in _BANANA & keys.keys()}
     top["sensor"] = {k: keys.pop(k) for k in _RADAR & keys.keys()}
     assert not keys, keys
-    return laid_over(shipped("banana.yaml"), top)
+    return deep_merge(shipped("banana.yaml"), top)
 
 
 def _maneuver(
@@ -139,7 +139,7 @@ def _maneuver(
         target["launch"] = asdict(launch)
     if motion is not None:
         top["assume"] = {"motion": motion}
-    return laid_over(shipped(file), top)
+    return deep_merge(shipped(file), top)
 
 
 def _made(keys: Mapping) -> Tracking:
@@ -152,4 +152,4 @@ def _made(keys: Mapping) -> Tracking:
 
 def seen_as(scenario: Tracking, motion: Motion) -> Tracking:
     """The scenario as a filter sees it that assumes this motion."""
-    return scenario.believing(Assume(motion=motion))
+    return scenario.with_assumptions(Assume(motion=motion))

@@ -13,7 +13,7 @@ from tests.conftest import EXPERIMENTS
 from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import spread
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
-from trackbench.evaluation.stopping_rule import exact_after, looks
+from trackbench.evaluation.stopping_rule import checkpoints, exact_after
 from trackbench.report.estimates import Term
 from trackbench.report.results import Results
 from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, of_claim
@@ -156,7 +156,7 @@ def ended(
     for _ in range(repetitions):
         x = _of_mean_one(law, most, rng)
         for least, rule in ((50, found[0]), (1000, found[1])):
-            stops = list(looks(least, most))
+            stops = list(checkpoints(least, most))
             exact = [m.stderr <= share * m.value for m in (mean(x[:n]) for n in stops)]
             first = stops[exact.index(True)] if any(exact) else most
             runs = first if least == 50 else exact_after(stops, exact) or most

@@ -18,7 +18,7 @@ from trackbench.contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_filter import Filtered, estimate
+from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.execution.plan import block_width
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import KF
@@ -40,11 +40,11 @@ SHORT = replace(MANEUVER, last=40, target=replace(MANEUVER.target, legs=()), sco
 SPREAD = {"alpha": 0.8, "beta": 1.5, "kappa": 1.0}
 
 
-def run(one: type[PerRun], scenario: Any = SHORT, **keys: Any) -> Filtered:
+def run(one: type[PerRun], scenario: Any = SHORT, **keys: Any) -> FilterOutput:
     return track(scenario, looped(one)(**keys), RUNS)
 
 
-def equal(theirs: Filtered, ours: Filtered, within: float) -> None:
+def equal(theirs: FilterOutput, ours: FilterOutput, within: float) -> None:
     assert_allclose(theirs.mean, ours.mean, rtol=within, atol=within * np.abs(ours.mean).max())
     assert_allclose(theirs.nees, ours.nees, rtol=max(100 * within, 1e-8))
     for name in theirs.diagnostics.keys() & {"nis", "mode"}:
@@ -323,7 +323,7 @@ def test_a_missing_measurement_is_predicted_over(one: type[PerRun]) -> None:
     missing[:, 3:7, 0] = missing[:, 5, 1] = True
     data = seen_with_gaps(missing)
     mine, ours = (
-        estimate(BlockTask(SHORT, tracker, 1, 0, RUNS, RUNS), data)
+        run_filter(BlockTask(SHORT, tracker, 1, 0, RUNS, RUNS), data)
         for tracker in (looped(one)(), KF())
     )
     assert_allclose(mine.mean[:, :20], ours.mean[:, :20], rtol=1e-9)
@@ -354,7 +354,7 @@ def test_half_a_measurement_and_the_log_score_are_ours(
     seen[0, 3:9, 0] = seen[1, 5:12, 1] = np.nan
     data = data._replace(measurements=seen)
     mine, ours = (
-        estimate(BlockTask(scenario, f, 1, 0, RUNS, RUNS, foretold=("score",)), data)
+        run_filter(BlockTask(scenario, f, 1, 0, RUNS, RUNS, predictive_metrics=("score",)), data)
         for f in (looped(one)(), other)
     )
     assert np.isnan(mine.diagnostics["log_likelihood"]).sum() == RUNS  # the first state
@@ -381,12 +381,12 @@ def test_where_a_half_would_be_wrong_it_is_refused() -> None:
     seen[0, 3, 1] = np.nan
     task = BlockTask(RADAR_SCENARIO, looped(OfUnscented)(), 1, 0, RUNS, RUNS)
     with pytest.raises(ValueError, match="a part of a measurement is missing"):
-        estimate(task, data._replace(measurements=seen))
+        run_filter(task, data._replace(measurements=seen))
 
 
 def test_who_tells_no_likelihood_has_no_score() -> None:
-    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS, foretold=("score",))
-    found = estimate(task, simulate(SHORT, 1, 0, RUNS))
+    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS, predictive_metrics=("score",))
+    found = run_filter(task, simulate(SHORT, 1, 0, RUNS))
     assert "log_likelihood" not in found.diagnostics
 
 
@@ -479,7 +479,7 @@ def test_the_keys_are_the_attributes() -> None:
     assert not equal_tracks(run(Plain), run(Plain, q=0.5))
 
 
-def equal_tracks(a: Filtered, b: Filtered) -> bool:
+def equal_tracks(a: FilterOutput, b: FilterOutput) -> bool:
     return bool(np.array_equal(a.mean, b.mean))
 
 
@@ -527,10 +527,10 @@ def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
     """A prediction is a step without a measurement, of a copy; it is the Kalman filter's."""
     task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS)
     data = simulate(SHORT, 1, 0, RUNS)
-    asked = replace(task, foretold=("prediction",))
-    plain, told = estimate(task, data), estimate(asked, data)
+    asked = replace(task, predictive_metrics=("prediction",))
+    plain, told = run_filter(task, data), run_filter(asked, data)
     assert_array_equal(told.mean, plain.mean)
-    exact = estimate(replace(asked, filter=KF(), hold_out=5), data)
-    held = estimate(replace(asked, hold_out=5), data)
+    exact = run_filter(replace(asked, filter=KF(), hold_out=5), data)
+    held = run_filter(replace(asked, hold_out=5), data)
     for name in ("anis", "squared_predicted_x", "squared_held_x", "autocovariance_3"):
         assert_allclose(held.diagnostics[name], exact.diagnostics[name], rtol=1e-7, atol=1e-9)

@@ -16,7 +16,7 @@ from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.execution.block_key import _foreign_code
-from trackbench.extension_points import MistakenHookError, hooks, mistakes, on_base
+from trackbench.extension_points import InvalidHookError, hooks, mistakes, rebase
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import KF
 from trackbench.help.kinds import description
@@ -86,15 +86,15 @@ class Plain(Own):
     """how many"""
     scale: float = 2.0
     """of what"""
-    counts = frozenset({"mine"})
+    summed_diagnostics = frozenset({"mine"})
 
 
 def test_a_class_without_the_base_is_put_on_it() -> None:
     one: Any = Plain(N=7)
     assert isinstance(one, Filter)
     assert one.diagnostics(None) == {} == one.conflicts(None)
-    assert (one.counts, one.needs) == ({"mine"}, ())
-    assert one.particle_count == one.most_particles == 7
+    assert (one.summed_diagnostics, one.requires) == ({"mine"}, ())
+    assert one.particle_count == one.max_particle_count == 7
     assert [f.name for f in fields(one)] == ["N", "scale"]
     assert help_texts(Plain) == {"N": "how many", "scale": "of what"}
     assert (Plain.__name__, Plain.__doc__) == ("Plain", "As it stands in a file of one's own.")
@@ -108,14 +108,14 @@ def test_a_key_without_a_default_may_be_named_like_a_hook() -> None:
     class Counted(Own):
         particle_count: int
 
-    assert on_base(Counted, Filter)(particle_count=3).particle_count == 3
+    assert rebase(Counted, Filter)(particle_count=3).particle_count == 3
 
     @dataclass(frozen=True, kw_only=True)
     class Inherits(Own, Filter[Gaussian]):  # type: ignore[misc]
         particle_count: int
 
-    with pytest.raises(MistakenHookError, match=r"the key `particle_count` is a hook, too"):
-        on_base(Inherits, Filter)
+    with pytest.raises(InvalidHookError, match=r"the key `particle_count` is a hook, too"):
+        rebase(Inherits, Filter)
 
 
 FILE = """
@@ -135,7 +135,7 @@ class Mine:
     ("group", "name", "expected"),
     [
         ("filters", "diagnostic", "`diagnostic` is no hook; did you mean `diagnostics`?"),
-        ("filters", "most_particles", "`most_particles` is no method"),
+        ("filters", "max_particle_count", "`max_particle_count` is no method"),
         ("scenarios", "bound", "`bound` is no hook; did you mean `bounds`?"),
         ("scenarios", "run_metric", "`run_metric` is no hook; did you mean `run_metrics`?"),
         ("targets", "span", "`span` is no hook; did you mean `spans`?"),

@@ -13,7 +13,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import estimate
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.registry import kinds
 
 Keys = dict[str, Any]
@@ -155,9 +155,11 @@ def point_of(
 def numbers(point: Point, label: str) -> bytes:
     """All estimates and diagnostics of a filter."""
     told = ("score", "prediction")
-    task = BlockTask(point.scenario, point.filters[label], 1, 0, RUNS, RUNS, foretold=told)
+    task = BlockTask(
+        point.scenario, point.filters[label], 1, 0, RUNS, RUNS, predictive_metrics=told
+    )
     with np.errstate(all="ignore"):
-        found = estimate(task, task.data, RUNS)
+        found = run_filter(task, task.data, RUNS)
     assert found.cov is not None
     rows = [found.diagnostics[name] for name in sorted(found.diagnostics)]
     return b"".join(part.tobytes() for part in (found.mean, found.nees, found.cov, *rows))

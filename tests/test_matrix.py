@@ -132,7 +132,7 @@ def test_it_runs_or_is_refused(problem: str, kind: str, tmp_path: Path) -> None:
         assert f"{kind} needs {reason}, which there is not here" in str(error.value)
         return
     (point,) = load(path).points
-    task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4, foretold=TOLD)
+    task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4, predictive_metrics=TOLD)
     found = run_block(task).per_run
     assert np.isfinite(found["rmse_position"]).all()
     assert (found["lost"] == 0.0).all()

@@ -25,7 +25,7 @@ class Part:
     """the name under which the class is registered"""
     presets: ClassVar[dict[str, dict[str, Any]]] = {}
     """named sets of keys, chosen in a config by ``preset: NAME``"""
-    besides: ClassVar[tuple[type, ...]] = ()
+    optional_capabilities: ClassVar[tuple[type, ...]] = ()
     """protocols of hooks that have no default: a class has them or not"""
 
     @property
@@ -45,25 +45,25 @@ def is_foreign(part: Any) -> bool:
     return cls.__module__.partition(".")[0] != "trackbench"
 
 
-def parts_within(part: Any) -> Iterator[Any]:
+def walk_parts(part: Any) -> Iterator[Any]:
     """Yield a part of an experiment, or each of several, and all that it is made of."""
     if isinstance(part, tuple | list):
         for one in part:
-            yield from parts_within(one)
+            yield from walk_parts(one)
     elif isinstance(part, type):
         yield part
     elif is_dataclass(part):
         yield part
         for field in fields(part):
-            yield from parts_within(getattr(part, field.name))
+            yield from walk_parts(getattr(part, field.name))
 
 
-def foreign_within(part: Any) -> list[Any]:
+def foreign_parts(part: Any) -> list[Any]:
     """Return the parts within a part that are not the package's own."""
-    return [inner for inner in parts_within(part) if is_foreign(inner)]
+    return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
 
-class MistakenHookError(TypeError):
+class InvalidHookError(TypeError):
     """What a class lacks that its base asks for, or calls nearly like a hook: a line for each."""
 
     def __str__(self) -> str:
@@ -78,10 +78,10 @@ class Hook(NamedTuple):
     text: str
 
 
-def on_base(cls: type[Any], base: type[Part]) -> type[Any]:
+def rebase(cls: type[Any], base: type[Part]) -> type[Any]:
     """The class itself, or one of the same name and keys with the base's hooks behind its own.
 
-    Raises MistakenHookError at what is missing or nearly spelt like a hook; the package's own classes
+    Raises InvalidHookError at what is missing or nearly spelt like a hook; the package's own classes
     are looked through by a test.
     """
     if not issubclass(cls, base):
@@ -91,7 +91,7 @@ def on_base(cls: type[Any], base: type[Part]) -> type[Any]:
         cls = new_class(cls.__name__, (cls, base), {}, lambda body: body.update(own))
     found = mistakes(cls, base) if not cls.__module__.startswith("trackbench.") else []
     if found:
-        raise MistakenHookError(*(f"{file}:{line}: {what}" for file, line, what in found))
+        raise InvalidHookError(*(f"{file}:{line}: {what}" for file, line, what in found))
     return cls
 
 
@@ -104,7 +104,7 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
         yield Hook(form, _is_needed(found[name]), _text(name, found[name], base))
 
 
-def offered(cls: type[Any], base: type[Part]) -> list[str]:
+def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
     """Names of the hooks that have a default and that a class has an own of."""
     keys = {f.name for f in fields(cls)}
     names = [n for n, what in _declared(base).items() if n not in keys and not _is_needed(what)]
@@ -116,17 +116,21 @@ def _declared(base: type[Part]) -> dict[str, Any]:
     """What stands in the base by the name of each hook."""
     found: dict[str, Any] = {}
     for owner in _owners(base):
-        without = None if owner in base.besides else _NOTHING
+        without = None if owner in base.optional_capabilities else _NOTHING
         here = dict.fromkeys(inspect.get_annotations(owner), without) | dict(vars(owner))
         found |= {name: what for name, what in here.items() if name not in found}
-    none = {"kind", "besides", *([f.name for f in fields(base)] if is_dataclass(base) else ())}
+    none = {
+        "kind",
+        "optional_capabilities",
+        *([f.name for f in fields(base)] if is_dataclass(base) else ()),
+    }
     return {n: v for n, v in found.items() if not n.startswith("_") and n not in none}
 
 
 def _owners(base: type[Part]) -> list[type]:
     """The classes that declare a base's hooks, its own first."""
     own = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
-    return [*own, *base.besides]
+    return [*own, *base.optional_capabilities]
 
 
 def mistakes(cls: type[Any], base: type[Part]) -> list[tuple[str, int, str]]:

@@ -37,7 +37,7 @@ DataFile = Annotated[str, IS_FILE]
 """A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
 
 
-def regular(path: str | Path) -> Path:
+def require_regular_file(path: str | Path) -> Path:
     """The path of a file that can be read to its end.
 
     Raises OSError for what is not there, a folder, and a device or a pipe, which may have no end.
@@ -67,7 +67,7 @@ class DataError(ValueError):
         self.places = places
 
 
-class MistakenKeyError(ValueError):
+class InvalidKeyError(ValueError):
     """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
 
     def __init__(self, what: str, *path: str | int) -> None:
@@ -76,8 +76,8 @@ class MistakenKeyError(ValueError):
 
 
 @dataclass(frozen=True)
-class PartOf:
-    """Marks a key that holds a registered part, or a list: ``Annotated[Motion, PartOf("motions")]``.
+class Registered:
+    """Marks a key that holds a registered part, or a list: ``Annotated[Motion, Registered("motions")]``.
 
     A config gives a mapping with a ``kind``, or the kind alone. What reads the config makes the parts
     first and puts numbers in their place; this takes the part of that number in their stead.
@@ -91,11 +91,11 @@ class PartOf:
         from pydantic_core import core_schema
 
         return core_schema.with_info_plain_validator_function(
-            _made_before, json_schema_input_schema=core_schema.any_schema()
+            _prebuilt, json_schema_input_schema=core_schema.any_schema()
         )
 
 
-def _made_before(number: Any, info: Any) -> Any:
+def _prebuilt(number: Any, info: Any) -> Any:
     return None if number is None else info.context[number]
 
 
@@ -106,5 +106,7 @@ def is_number(value: object) -> TypeGuard[float]:
 
 def part_group(hint: Any) -> str | None:
     """The registry group of the parts that a key of this type holds, if it holds any."""
-    marks = (mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, PartOf))
+    marks = (
+        mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Registered)
+    )
     return next(marks, None)

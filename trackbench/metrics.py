@@ -82,7 +82,7 @@ def metric_of(name: str) -> tuple[Metric, str]:
 
 
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
-    """Each metric that a series is made into, and its name; one that ``counts`` names is summed."""
+    """Each metric that a series is made into, and its name; one in ``counts`` is summed."""
     head, _, quantity = series.partition("_")
     if series in _OF_SERIES:
         yield from ((m, m.name) for m in _OF_SERIES[series])

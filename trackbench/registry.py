@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args
 
-from trackbench.extension_points import Part, on_base
+from trackbench.extension_points import Part, rebase
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
@@ -65,7 +65,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
-        whole = on_base(cls, base_of(group))
+        whole = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
         if is_plugin(cls.__module__):
@@ -91,20 +91,20 @@ def registered_kinds() -> Iterator[type[Any]]:
     return (cls for known in _kinds.values() for cls in known.values())
 
 
-def bring_back(module: str) -> None:
+def reactivate(module: str) -> None:
     """Let a plugin's kinds be its own again, after another file of its name was loaded."""
     for group, kind, cls in registered(module):
         _kinds[group][kind] = cls
 
 
-def forget(module: str) -> None:
+def unregister(module: str) -> None:
     """Take a plugin's kinds away, whose code did not run to its end."""
     for group, kind, cls in _of_plugins.pop(module, []):
         if _kinds[group].get(kind) is cls:
             del _kinds[group][kind]
 
 
-def end_properly() -> None:
+def restore_normal_exit() -> None:
     """Let the program end as Python does: files that code of one's own leaves open are written then."""
     atexit.unregister(gc.freeze)  # by which `__main__` ends sooner
 
@@ -133,7 +133,7 @@ def kinds(group: Group) -> dict[str, type[Any]]:
         _scanned.add(group)
         _scan(_PACKAGES[group])
         for entry in _entries(group):
-            end_properly()
+            restore_normal_exit()
             entry.load()
     return dict(sorted(_kinds[group].items()))
 

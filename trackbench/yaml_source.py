@@ -18,7 +18,7 @@ import yaml
 from yaml.reader import Reader
 
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.field_types import FORMULA, regular
+from trackbench.field_types import FORMULA, require_regular_file
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Where a value stands: the keys and list indices that lead to it."""
@@ -67,11 +67,11 @@ class Source:
         """A mistake in the value at ``keys``."""
         return Problem(self.mark(keys), dotted(keys), what)
 
-    def blame(self, keys: Keys, what: str) -> None:
+    def add_problem(self, keys: Keys, what: str) -> None:
         """Note a mistake in the value at ``keys``."""
         self.problems.append(self.problem(keys, what))
 
-    def blame_key(self, keys: Keys, what: str) -> None:
+    def add_key_problem(self, keys: Keys, what: str) -> None:
         """Note a mistake in the key itself."""
         self.problems.append(Problem(self.key_mark(keys), dotted(keys), what))
 
@@ -80,7 +80,7 @@ class Source:
         if self.problems:
             raise UserError(*sorted(set(self.problems)))
 
-    def part(self, keys: Keys, data: Any) -> "Source":
+    def subtree(self, keys: Keys, data: Any) -> "Source":
         """What stands at ``keys``, as a source of its own: ``data`` and the positions in it."""
         n = len(keys)
         marks, key_marks = (
@@ -89,7 +89,7 @@ class Source:
         )
         return Source(data, marks, key_marks)
 
-    def graft(self, keys: Keys, other: "Source") -> None:
+    def adopt_positions(self, keys: Keys, other: "Source") -> None:
         """Take over the positions of a part that came from elsewhere."""
         for mine, theirs in ((self.marks, other.marks), (self.key_marks, other.key_marks)):
             mine.update({keys + at: mark for at, mark in theirs.items()})
@@ -112,7 +112,7 @@ def read(path: Path, shown: str | None = None) -> Source:
 
 def text_of(path: Path) -> str:
     """Content of a text file of at most 1 MB; raises OSError, in words, if it is anything else."""
-    size = regular(path).stat().st_size
+    size = require_regular_file(path).stat().st_size
     if size > _LARGEST_FILE:
         raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
     return _decoded(path.read_bytes())
@@ -135,7 +135,7 @@ def _decoded(content: bytes) -> str:
     return IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
 
 
-def unseen(text: str) -> str | None:
+def unprintable_reason(text: str) -> str | None:
     """What to say of a text that cannot be written into a file or onto a page as it is."""
     if len(text) > _LONGEST_TEXT:
         return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
@@ -268,8 +268,8 @@ class _Builder:
         return scalar(node.value) if plain else node.value
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
-        if unseen(text):
-            self.problems.append(Problem(mark, dotted(keys), str(unseen(text))))
+        if unprintable_reason(text):
+            self.problems.append(Problem(mark, dotted(keys), str(unprintable_reason(text))))
 
     def _mark(self, node: yaml.Node) -> Mark:
         return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)

@@ -9,7 +9,7 @@ from tests.commands import trackbench
 from tests.conftest import make_filter
 from trackbench.cli import main
 from trackbench.config import metric_checks
-from trackbench.plugins.errors import place
+from trackbench.plugins.errors import location_of
 
 HEAD = """
 from dataclasses import dataclass
@@ -168,7 +168,7 @@ def test_a_scenario_of_ones_own(method: str, tmp_path: Path) -> None:
 
 def test_pythons_own_files_are_nobodys() -> None:
     """Every filter is a `Generic`, whose file is none of a plugin's."""
-    assert place(_raised_in_typing(), make_filter("pf", N=5)) == ""
+    assert location_of(_raised_in_typing(), make_filter("pf", N=5)) == ""
 
 
 def _raised_in_typing() -> TypeError:

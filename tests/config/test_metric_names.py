@@ -11,7 +11,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config import metric_names
 from trackbench.errors import UserError
-from trackbench.filters.base import tells_notes
+from trackbench.filters.base import declares_diagnostics
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 
@@ -154,7 +154,7 @@ def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> 
         raise RuntimeError("broken")
 
     monkeypatch.setattr(PF, "init", broken)
-    monkeypatch.setattr(metric_names, "tells_notes", lambda cls: False)
+    monkeypatch.setattr(metric_names, "declares_diagnostics", lambda cls: False)
     more = "tables: {a: {kind: metrics, columns: {A: mean(dead_steps)}}}"
     assert prepared(tmp_path, more) == []
 
@@ -194,7 +194,7 @@ def test_numbers_have_the_digits_they_are_said_to_have(tmp_path: Path) -> None:
 
 
 def test_no_step_is_needed_to_know_what_a_filter_of_the_package_notes() -> None:
-    assert all(tells_notes(cls) for cls in kinds("filters").values())
+    assert all(declares_diagnostics(cls) for cls in kinds("filters").values())
 
 
 def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
@@ -203,6 +203,6 @@ def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
             return super().diagnostics(state) | {"mine": 1.0}
 
     class Told(More):
-        notes = frozenset({"dead_steps", "ess", "distinct", "mine"})
+        diagnostic_names = frozenset({"dead_steps", "ess", "distinct", "mine"})
 
-    assert [tells_notes(cls) for cls in (PF, More, Told)] == [True, False, True]
+    assert [declares_diagnostics(cls) for cls in (PF, More, Told)] == [True, False, True]

@@ -201,7 +201,7 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
         experiment = load(config, allow_plugins=True)
         plugins += experiment.plugins
         task = make_plan(experiment).tasks[0, "Half"][0]
-        keys.append(block_key(task, task.used))
+        keys.append(block_key(task, task.runs_used))
     assert [plugin.packages for plugin in plugins] == [(("yaml", "1.0"),), (("yaml", "2.0"),)]
     assert keys[0] != keys[1]
     monkeypatch.undo()

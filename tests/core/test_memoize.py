@@ -44,8 +44,8 @@ def test_a_second_block_computes_no_gain(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(kalman.linalg, "inverse", lambda S: gains.append(S) or inverse(S))
     scenario, tracker = seen_as(maneuver(), WhiteAcceleration(q=0.01)), KF()
     steps = len(scenario.steps) - 1
-    run_block(BlockTask(scenario, tracker, seed=1, index=0, width=3, used=3))
+    run_block(BlockTask(scenario, tracker, seed=1, index=0, width=3, runs_used=3))
     first = len(gains)
     assert 0 < first < steps  # the steady state is reached before the end
-    run_block(BlockTask(scenario, tracker, seed=1, index=1, width=3, used=3))
+    run_block(BlockTask(scenario, tracker, seed=1, index=1, width=3, runs_used=3))
     assert len(gains) == first

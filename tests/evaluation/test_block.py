@@ -32,7 +32,7 @@ def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
     found = run_block(task)
     lost = found.per_run["lost"] != FOUND
     assert 0 < lost.sum() < 60
-    rows = found.kept["squared_position"]
+    rows = found.run_series["squared_position"]
     assert np.isnan(rows[:, lost]).all()
     assert np.isfinite(rows[:, ~lost]).all()
 
@@ -42,8 +42,8 @@ def test_what_is_kept_for_medians_leaves_lost_runs_out() -> None:
 )
 def test_the_first_runs_of_all_are_shown(index: int, used: int, shown: int) -> None:
     """Fifty runs in blocks of forty; none of training."""
-    task = BlockTask(merwe(), make_filter("ukf"), 1, index, 40, 40, shown=50)
-    assert task.shown_of(used) == shown
+    task = BlockTask(merwe(), make_filter("ukf"), 1, index, 40, 40, runs_with_tracks=50)
+    assert task.runs_with_tracks_among(used) == shown
 
 
 def test_the_median_of_mostly_infinite_values_is_infinite() -> None:

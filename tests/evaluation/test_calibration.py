@@ -28,7 +28,7 @@ TENTH_OF_Q = Assume(motion=WhiteAcceleration(q=0.1))
 
 
 def series(scenario: Tracking, tracker: AnyFilter, runs: int, **keys: object) -> dict[str, Array]:
-    return track(scenario, tracker, runs, foretold=ALL, **keys).diagnostics
+    return track(scenario, tracker, runs, predictive_metrics=ALL, **keys).diagnostics
 
 
 @cache
@@ -42,7 +42,7 @@ def shares(found: dict[str, Array], quantity: str) -> Array:
 
 
 def test_of_a_gaussian_by_its_estimate() -> None:
-    found = track(LINEAR, make_filter("kf"), 20, covariances=20, foretold=ALL)
+    found = track(LINEAR, make_filter("kf"), 20, covariances=20, predictive_metrics=ALL)
     plain = track(LINEAR, make_filter("kf"), 20)
     assert np.array_equal(found.mean, plain.mean)
     said = found.diagnostics
@@ -60,7 +60,7 @@ def test_of_a_gaussian_by_its_estimate() -> None:
 
 
 def _truth(runs: int) -> Array:
-    task = BlockTask(LINEAR, make_filter("kf"), 1, 0, runs, runs, shown=runs)
+    task = BlockTask(LINEAR, make_filter("kf"), 1, 0, runs, runs, runs_with_tracks=runs)
     tracks = run_block(task).tracks
     assert tracks is not None
     return tracks.truth
@@ -129,7 +129,7 @@ def test_the_exact_posterior_of_a_scalar_is_calibrated() -> None:
 @pytest.mark.parametrize(("N", "calibrated"), [(19, False), (999, True)])
 def test_a_cloud_is_calibrated_if_it_is_large(N: int, calibrated: bool) -> None:
     scenario, told = replace(LINEAR, last=1), ("calibration", "ranks")
-    found = track(scenario, make_filter("pf", N=N), 300, foretold=told).diagnostics
+    found = track(scenario, make_filter("pf", N=N), 300, predictive_metrics=told).diagnostics
     p = min(at_step(found["pit_nees"][-1]).p, over_steps(shares(found, "px")).p)
     assert (p > 1e-3) == calibrated
 
@@ -147,7 +147,7 @@ def test_regions_of_few_particles_hold_what_they_can() -> None:
 def test_an_ensemble_of_draws_is_calibrated(N: int) -> None:
     """The first state's members and the truth are draws from one prior, in four components."""
     told: tuple[Kind, ...] = ("calibration", "ranks")
-    found = track(LINEAR, make_filter("enkf", N=N), RUNS, foretold=told).diagnostics
+    found = track(LINEAR, make_filter("enkf", N=N), RUNS, predictive_metrics=told).diagnostics
     for p in LEVELS:
         share = (p * N // 100 + 1) / (N + 1)
         error = np.sqrt(share * (1 - share) / RUNS)
@@ -163,7 +163,7 @@ def test_an_ensemble_of_draws_is_calibrated(N: int) -> None:
 def ratio(kind: str, runs: int, **keys: object) -> Array:
     task = BlockTask(
         replace(LINEAR, last=4), make_filter(kind, **keys), 1, 0, runs, runs,
-        reference=make_filter("kf"), foretold=("score", "evidence"),
+        reference=make_filter("kf"), predictive_metrics=("score", "evidence"),
     )  # fmt: skip
     return run_block(task).per_run["evidence"]
 

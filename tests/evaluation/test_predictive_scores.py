@@ -14,7 +14,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_metrics import run_block
 from trackbench.evaluation.predictive_scores import LAGS, held_out
-from trackbench.evaluation.run_filter import estimate
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -69,14 +69,14 @@ def autocorrelation(white: Array, lag: int) -> float:
 @pytest.mark.parametrize("kind", ["kf", "rpf"])
 def test_who_is_asked_goes_on_as_before(kind: str) -> None:
     tracker = make_filter(kind)
-    alone, asked = track(GAPPY, tracker, 3), track(GAPPY, tracker, 3, foretold=BOTH)
+    alone, asked = track(GAPPY, tracker, 3), track(GAPPY, tracker, 3, predictive_metrics=BOTH)
     assert np.array_equal(alone.mean, asked.mean)
     assert np.array_equal(alone.nees, asked.nees)
     assert set(asked.diagnostics) > set(alone.diagnostics)
 
 
 def test_predictions_are_the_kalman_filters_innovations() -> None:
-    z, found = data(GAPPY, 3), track(GAPPY, KF(), 3, foretold=BOTH).diagnostics
+    z, found = data(GAPPY, 3), track(GAPPY, KF(), 3, predictive_metrics=BOTH).diagnostics
     names = GAPPY.model.sensor.components
     for run in range(3):
         nus, whites, told = kalman_loop(GAPPY, z, run)
@@ -94,7 +94,7 @@ def test_predictions_are_the_kalman_filters_innovations() -> None:
 
 
 def test_metrics_of_a_run_are_sums_over_its_measured_components() -> None:
-    task = BlockTask(GAPPY, KF(), 1, index=0, width=3, used=3, foretold=BOTH)
+    task = BlockTask(GAPPY, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
     with np.errstate(all="ignore"):
         per_run, z = run_block(task).per_run, data(GAPPY, 3)
     for run in range(3):
@@ -111,7 +111,7 @@ def test_metrics_of_a_run_are_sums_over_its_measured_components() -> None:
 
 def test_without_a_pair_there_is_no_autocorrelation() -> None:
     two = replace(LINEAR, last=2)
-    task = BlockTask(two, KF(), 1, index=0, width=3, used=3, foretold=BOTH)
+    task = BlockTask(two, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
     with np.errstate(all="ignore"):
         per_run = run_block(task).per_run
     assert np.isfinite(per_run["autocorrelation_1"]).all()
@@ -128,11 +128,11 @@ def test_every_so_manyth_measurement_of_a_run_is_held_out() -> None:
 
 @pytest.mark.parametrize("kind", ["kf", "pf"])
 def test_what_is_held_out_is_not_seen(kind: str) -> None:
-    task = BlockTask(GAPPY, make_filter(kind), 1, index=0, width=3, used=3, hold_out=4)
+    task = BlockTask(GAPPY, make_filter(kind), 1, index=0, width=3, runs_used=3, hold_out=4)
     simulated = simulate(GAPPY, 1, 0, 3)
     held = held_out(simulated.measurements, 4)
     moved = simulated._replace(measurements=simulated.measurements + np.where(held, 50.0, 0.0))
-    first, second = estimate(task, simulated), estimate(task, moved)
+    first, second = run_filter(task, simulated), run_filter(task, moved)
     assert np.array_equal(first.mean, second.mean)
     told = "held_log_likelihood"
     assert np.array_equal(np.isnan(first.diagnostics[told][1:]), ~held)
@@ -140,14 +140,16 @@ def test_what_is_held_out_is_not_seen(kind: str) -> None:
     missing = np.where(held, np.nan, simulated.measurements)
     plain = replace(task, hold_out=None)
     assert np.array_equal(
-        estimate(plain, simulated._replace(measurements=missing)).mean, first.mean
+        run_filter(plain, simulated._replace(measurements=missing)).mean, first.mean
     )
 
 
 def test_held_out_measurements_are_predicted_as_the_kalman_filter_does() -> None:
-    task = BlockTask(GAPPY, KF(), 1, index=0, width=3, used=3, foretold=BOTH, hold_out=4)
+    task = BlockTask(
+        GAPPY, KF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH, hold_out=4
+    )
     z = data(GAPPY, 3)
-    found, held = estimate(task, simulate(GAPPY, 1, 0, 3)).diagnostics, held_out(z, 4)
+    found, held = run_filter(task, simulate(GAPPY, 1, 0, 3)).diagnostics, held_out(z, 4)
     motion, sensor = GAPPY.model
     for run in range(3):
         m, P = simulate(GAPPY, 1, 0, run + 1).prior.mean[:, run], simulate(GAPPY, 1, 0, 1).prior.cov
@@ -172,7 +174,7 @@ def test_held_out_measurements_are_predicted_as_the_kalman_filter_does() -> None
 
 def test_a_right_filter_is_white_and_in_its_band_and_a_wrong_one_is_not() -> None:
     scenario = replace(LINEAR, last=60)
-    right = BlockTask(scenario, KF(), 1, index=0, width=50, used=50, foretold=BOTH)
+    right = BlockTask(scenario, KF(), 1, index=0, width=50, runs_used=50, predictive_metrics=BOTH)
     slow = replace(scenario.assume, motion=WhiteAcceleration(q=0.01))
     wrong = replace(right, assume=slow)
     number = 50 * 60 * 2
@@ -205,9 +207,9 @@ class Silent(Filter[Any]):
 
 def test_a_filter_that_tells_no_likelihood_has_none() -> None:
     silent: Any = Silent()
-    found = track(GAPPY, silent, 2, foretold=BOTH, hold_out=5).diagnostics
+    found = track(GAPPY, silent, 2, predictive_metrics=BOTH, hold_out=5).diagnostics
     assert not {"log_likelihood", "held_log_likelihood"} & set(found)
-    own = track(GAPPY, KF(), 2, foretold=BOTH, hold_out=5).diagnostics
+    own = track(GAPPY, KF(), 2, predictive_metrics=BOTH, hold_out=5).diagnostics
     assert np.array_equal(found["anis"], own["anis"], equal_nan=True)
 
 
@@ -218,4 +220,4 @@ def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:
 
     wrong: Any = Wrong()
     with pytest.raises(ValueError, match="log_likelihood"):
-        track(GAPPY, wrong, 2, foretold=BOTH)
+        track(GAPPY, wrong, 2, predictive_metrics=BOTH)

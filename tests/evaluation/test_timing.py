@@ -53,7 +53,7 @@ class Busy(Filter[Any]):
 class Object(Busy):
     """One whose state is an object that changes with each step."""
 
-    one_by_one: ClassVar[bool] = True
+    loops_over_runs: ClassVar[bool] = True
     seen: list[tuple[int, int]] = field(default_factory=list, compare=False)
 
     def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:

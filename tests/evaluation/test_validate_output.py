@@ -16,9 +16,9 @@ from trackbench.core.memoize import once
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_metrics import run_block
-from trackbench.evaluation.run_filter import passed
+from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.evaluation.validate_output import check_estimate
-from trackbench.filters.base import ReturnedError
+from trackbench.filters.base import WrongReturnError
 from trackbench.filters.ukf import UKF
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
@@ -212,9 +212,9 @@ def test_a_filter_that_writes_to_memory_fails_alone(where: str, held_out: int | 
     gain = inverse(np.eye(2)).copy()
     simulate.cache_clear()
     before = block(other, scenario, hold_out=held_out).per_run
-    with pytest.raises(ReturnedError, match="that all filters of the block share: copy"):
+    with pytest.raises(WrongReturnError, match="that all filters of the block share: copy"):
         block(WritesMemory(where=where), scenario, hold_out=held_out)
-    passed.cache_clear()
+    run_filter_cached.cache_clear()
     after = block(other, scenario, hold_out=held_out).per_run  # of the same data
     for name, values in before.items():
         np.testing.assert_array_equal(after[name], values)
@@ -224,7 +224,7 @@ def test_a_filter_that_writes_to_memory_fails_alone(where: str, held_out: int | 
 def test_only_blocks_with_foreign_code_are_sealed(monkeypatch: pytest.MonkeyPatch) -> None:
     sealed = []
     monkeypatch.setattr(run_filter, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared))
-    passed.cache_clear()
+    run_filter_cached.cache_clear()
     block(make_filter("ukf"))
     assert not sealed
     block(make_filter("ekf"), reference=WritesMemory(where=""))

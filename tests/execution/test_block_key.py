@@ -27,7 +27,7 @@ from trackbench.registry import kinds
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.training import Training
 
-TASK = BlockTask(merwe(T=4, R=0.1), PF(N=4), seed=1, index=1, width=3, used=2, reference=KF())
+TASK = BlockTask(merwe(T=4, R=0.1), PF(N=4), seed=1, index=1, width=3, runs_used=2, reference=KF())
 SHOWN = replace(TASK, shown=4, keep_covariance=True)
 LEGS = maneuver(legs=(Leg(start=40, end=80, ax=0.3),))
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)
@@ -62,7 +62,7 @@ SAME_OF_REFERENCE = {
     **{name: why for name, why in SAME_ESTIMATES.items() if name != "reference"},
     "filter": "the reference is another filter",
     "assume": "the reference is exact: it assumes the scenario's own model",
-    "foretold": "only scores are compared with the reference's (the next test)",
+    "predictive_metrics": "only scores are compared with the reference's (the next test)",
 }
 NOT_OF_TRAINING = {
     "shown": "no tracks of training runs are kept",
@@ -119,7 +119,7 @@ def varied(part: Any) -> Iterator[tuple[str, Any]]:
 def test_another_value_of_a_field_is_another_key(name: str) -> None:
     task = SHOWN if name == "keep_covariance" else TASK
     other = replace(task, **{name: OTHERS.get(name, "another")})
-    same = block_key(other, other.used) == block_key(task, task.used)
+    same = block_key(other, other.runs_used) == block_key(task, task.runs_used)
     assert same == (name in NO_KEY)
     assert (other == task) == same  # equal tasks are computed once
 
@@ -132,15 +132,20 @@ def test_the_runs_that_a_block_is_reduced_to_are_part_of_its_key() -> None:
 def test_a_field_that_changes_the_estimates_has_estimates_of_its_own(name: str) -> None:
     other = replace(TASK, **{name: OTHERS.get(name, "another")})
     if name == "scenario":
-        assert (other.alone, other.of_reference) != (TASK.alone, TASK.of_reference)
+        assert (other.filtering_key, other.reference_task) != (
+            TASK.filtering_key,
+            TASK.reference_task,
+        )
         return
-    assert (other.alone == TASK.alone) == (name in SAME_ESTIMATES)
-    assert (other.of_reference == TASK.of_reference) == (name in SAME_OF_REFERENCE)
+    assert (other.filtering_key == TASK.filtering_key) == (name in SAME_ESTIMATES)
+    assert (other.reference_task == TASK.reference_task) == (name in SAME_OF_REFERENCE)
 
 
 def test_the_references_score_is_asked_where_scores_are_compared() -> None:
-    assert replace(TASK, foretold=("evidence",)).of_reference.foretold == ("score",)
-    assert replace(TASK, foretold=("score",)).of_reference.foretold == ()
+    assert replace(TASK, predictive_metrics=("evidence",)).reference_task.predictive_metrics == (
+        "score",
+    )
+    assert replace(TASK, predictive_metrics=("score",)).reference_task.predictive_metrics == ()
 
 
 @pytest.mark.parametrize("group", MODELS)
@@ -171,10 +176,10 @@ def test_every_field_within_a_task_is_part_of_its_key(
     planned = make_plan(load(tmp_path / "all.yaml")).tasks[0, "Mine"][0]
     within: set[str] = set()
     for task in (planned, *(replace(planned, scenario=LEGS, filter=made) for made in NESTED)):
-        keys = {"": block_key(task, task.used)}
+        keys = {"": block_key(task, task.runs_used)}
         for name in ("scenario", "filter", "reference", "assume"):
             for path, other in varied(getattr(task, name)):
-                keys[f"{name}.{path}"] = block_key(replace(task, **{name: other}), task.used)
+                keys[f"{name}.{path}"] = block_key(replace(task, **{name: other}), task.runs_used)
         paths = {key: path for path, key in keys.items()}
         assert len(paths) == len(keys), [path for path, key in keys.items() if paths[key] != path]
         within |= keys.keys()
@@ -191,8 +196,8 @@ def test_a_plan_fills_in_every_field(tmp_path: Path) -> None:
     (first, last) = make_plan(experiment, save_tracks=True, looks=(2, 6)).tasks[0, "Mine"]
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     assert not [name for name, value in defaults.items() if getattr(first, name) == value]
-    assert (first.also, last.also) == ((2,), (2,))
-    assert [(t.seed, t.index, t.width, t.used, t.shown) for t in (first, last)] == [
+    assert (first.extra_run_counts, last.extra_run_counts) == ((2,), (2,))
+    assert [(t.seed, t.index, t.width, t.runs_used, t.runs_with_tracks) for t in (first, last)] == [
         (3, 0, 4, 4, 7),
         (3, 1, 4, 3, 7),
     ]
@@ -205,9 +210,9 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
     (first, last) = Training(load(tmp_path / "all.yaml"), "Mine").tasks((0.1,))
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = {name for name, value in defaults.items() if getattr(first, name) == value}
-    assert left - {"foretold"} == NOT_OF_TRAINING.keys()
+    assert left - {"predictive_metrics"} == NOT_OF_TRAINING.keys()
     assert first.assume is not None
-    assert [(t.seed, t.index, t.width, t.used) for t in (first, last)] == [
+    assert [(t.seed, t.index, t.width, t.runs_used) for t in (first, last)] == [
         (3, -1, 3, 3),
         (3, -2, 3, 3),
     ]

@@ -22,9 +22,9 @@ class Mine(PF):
     """A filter of one's own."""
 
 
-OWN = BlockTask(merwe(T=3), PF(N=4), seed=1, index=0, width=2, used=2)
-FOREIGN = BlockTask(merwe(T=3), Mine(N=4), seed=1, index=0, width=2, used=2)
-NUMPYS = BlockTask(merwe(T=3, gamma_shape=0.5), PF(N=4), seed=1, index=0, width=2, used=2)
+OWN = BlockTask(merwe(T=3), PF(N=4), seed=1, index=0, width=2, runs_used=2)
+FOREIGN = BlockTask(merwe(T=3), Mine(N=4), seed=1, index=0, width=2, runs_used=2)
+NUMPYS = BlockTask(merwe(T=3, gamma_shape=0.5), PF(N=4), seed=1, index=0, width=2, runs_used=2)
 ASSUMED = replace(OWN, assume=Assume(motion=SineGamma(gamma_shape=0.5)))
 KNOWN = replace(OWN, assume=Assume(motion=SineGamma()))
 
@@ -49,7 +49,7 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
 
 
 def test_a_worker_refuses_what_may_come_out_otherwise() -> None:
-    here = worker.ground()
+    here = worker.environment_digests()
     other = here._replace(numpys="of another processor")
     assert worker.compute(pickle.dumps(OWN), (), other)[2].width == 2
     for task in (FOREIGN, NUMPYS, ASSUMED):

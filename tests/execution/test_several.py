@@ -135,7 +135,7 @@ def test_blocks_that_fit_waste_no_run(tmp_path: Path) -> None:
     plan = make_plan(api.prepare(config, options))
     widths = {label: [task.width for task in tasks] for (_, label), tasks in plan.tasks.items()}
     assert widths == {"PF": [20], "Other": [10, 10]}
-    assert all(task.used == task.width for task in plan.unique)
+    assert all(task.runs_used == task.width for task in plan.unique)
 
 
 def _lines(path: Path) -> list[str]:

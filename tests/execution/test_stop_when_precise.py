@@ -15,7 +15,12 @@ from tests.papers import merwe_text
 from tests.simulated import ended
 from trackbench.commands.run_experiment import Report
 from trackbench.errors import UserError
-from trackbench.evaluation.stopping_rule import Looked, Wanted, exact_after, looks
+from trackbench.evaluation.stopping_rule import (
+    PrecisionCheck,
+    PrecisionTarget,
+    checkpoints,
+    exact_after,
+)
 from trackbench.evaluation.summary import SummaryRow
 
 TEXT = f"""name: u
@@ -42,10 +47,10 @@ def test_it_stops_when_every_filter_is_exact_enough(tmp_path: Path) -> None:
     report = run(tmp_path, 4000, UNTIL)
     summary = report.summary[report.summary["metric"] == "mean(rmse)"]
     runs = int(summary["runs"].max())
-    assert runs in list(looks(20, 4000))
+    assert runs in list(checkpoints(20, 4000))
     assert runs < 4000
     assert (summary["stderr"] <= 0.05 * summary["value"]).all()
-    *_, short, once = (n for n in looks(20, 4000) if n < runs)
+    *_, short, once = (n for n in checkpoints(20, 4000) if n < runs)
     for fewer, enough in ((short, False), (once, True)):
         first = run(tmp_path, fewer).summary
         first = first[first["metric"] == "mean(rmse)"]
@@ -58,7 +63,7 @@ def test_a_table_says_after_how_many_runs_each_was_enough(tmp_path: Path) -> Non
     after = {keys[0]: int(keys[3]) for keys in table.keys}
     assert after.keys() == {"EKF", "PF"}
     assert max(after.values()) == runs
-    assert set(after.values()) <= set(looks(20, 4000))
+    assert set(after.values()) <= set(checkpoints(20, 4000))
 
 
 def test_the_bytes_are_those_of_so_many_runs(tmp_path: Path) -> None:
@@ -111,9 +116,9 @@ def test_the_progress_bar_says_how_far_it_is(tmp_path: Path) -> None:
 
 
 def test_looks_do_not_hang_on_what_is_seen() -> None:
-    assert list(looks(50, 300)) == [50, 75, 112, 168, 252, 300]
-    assert list(looks(50, 20)) == [20]
-    assert list(looks(1, 4)) == [1, 2, 3, 4]
+    assert list(checkpoints(50, 300)) == [50, 75, 112, 168, 252, 300]
+    assert list(checkpoints(50, 20)) == [20]
+    assert list(checkpoints(1, 4)) == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(
@@ -145,18 +150,21 @@ def test_rare_far_runs_bias_what_ends_early(law: str, share: float) -> None:
 
 def test_a_share_is_of_the_value() -> None:
     row = SummaryRow("mean(rmse)", -20.0, 0.3, 100, 0)
-    assert Wanted.read("mean(rmse)", "1%").share(row) == pytest.approx(1.5)
-    assert Wanted.read("mean(rmse)", 0.6).share(row) == pytest.approx(0.5)
-    assert np.isnan(Wanted.read("mean(rmse)", "1%").share(row._replace(value=0.0)))
+    assert PrecisionTarget.read("mean(rmse)", "1%").share(row) == pytest.approx(1.5)
+    assert PrecisionTarget.read("mean(rmse)", 0.6).share(row) == pytest.approx(0.5)
+    assert np.isnan(PrecisionTarget.read("mean(rmse)", "1%").share(row._replace(value=0.0)))
 
 
 def test_an_event_that_no_run_had_is_not_exact() -> None:
     """Of three runs that did not stray up to 71 % could have (Clopper and Pearson)."""
     row = SummaryRow("mean(strayed)", 0.0, 0.0, 3, 0)
-    assert Wanted.read("mean(strayed)", 0.1).share(row) == pytest.approx(
+    assert PrecisionTarget.read("mean(strayed)", 0.1).share(row) == pytest.approx(
         0.7076 / 3.92 / 0.1, rel=1e-3
     )
-    assert Wanted.read("mean(distinct)", 0.1).share(row._replace(metric="mean(distinct)")) == 0.0
+    assert (
+        PrecisionTarget.read("mean(distinct)", 0.1).share(row._replace(metric="mean(distinct)"))
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize("error", ["0%", "-1", "x", "x%", "0", "nan%", ".inf"])
@@ -172,8 +180,10 @@ def test_an_error_is_a_number_or_a_share(error: str, tmp_path: Path) -> None:
 def test_a_number_is_exact_enough_up_to_the_error_that_is_wanted(
     share: float, runs: int, enough: bool
 ) -> None:
-    wanted = Wanted.read("mean(rmse)", "5%")
+    wanted = PrecisionTarget.read("mean(rmse)", "5%")
     row = SummaryRow("mean(rmse)", -2.0, 0.1 * share, runs, 0)
     assert wanted.share(row) == pytest.approx(share, nan_ok=True)
-    assert Looked(wanted, row, share).enough == enough
-    assert Wanted.read("mean(rmse)", 0.2).share(row) == pytest.approx(share / 2, nan_ok=True)
+    assert PrecisionCheck(wanted, row, share).enough == enough
+    assert PrecisionTarget.read("mean(rmse)", 0.2).share(row) == pytest.approx(
+        share / 2, nan_ok=True
+    )

@@ -51,7 +51,9 @@ class Found(NamedTuple):
 
 
 def found(name: str, tracker: Any, seed: int = 1) -> Found:
-    out = track(SCENARIOS[name], tracker, RUNS, seed, covariances=RUNS, foretold=("score",))
+    out = track(
+        SCENARIOS[name], tracker, RUNS, seed, covariances=RUNS, predictive_metrics=("score",)
+    )
     assert out.cov is not None
     variance = np.stack([out.cov[i, i] for i in range(4)])
     return Found(out.mean[:, 1:], variance[:, 1:], out.diagnostics["log_likelihood"][1:])

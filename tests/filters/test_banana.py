@@ -14,7 +14,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.consistency import normalised_error
-from trackbench.evaluation.run_filter import Filtered
+from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.scenarios.tracking import Tracking
 
 FAR = banana(velocity_cross=1000.0)
@@ -44,7 +44,7 @@ def anees(kind: str, runs: int = 200, scenario: Tracking = FAR, **keys: Any) -> 
 
 
 @cache
-def tracked(kind: str, **keys: Any) -> Filtered:
+def tracked(kind: str, **keys: Any) -> FilterOutput:
     """Fifty runs of the far target."""
     return track(FAR, make_filter(kind, **keys), 50)
 

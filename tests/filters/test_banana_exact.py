@@ -11,7 +11,7 @@ from tests.filters.cross_speed import Posterior, exact_posterior
 from tests.papers import banana
 from trackbench.core import linalg
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.run_filter import Filtered
+from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.tracking import Tracking
 
@@ -36,7 +36,7 @@ def solved(speed: float, runs: int = RUNS) -> tuple[Tracking, Simulation, Poster
 
 
 @cache
-def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> Filtered:
+def estimated(speed: float, kind: str, keys: tuple[tuple[str, Any], ...]) -> FilterOutput:
     return track(banana(velocity_cross=speed, scans=SCANS), make_filter(kind, **dict(keys)), RUNS)
 
 

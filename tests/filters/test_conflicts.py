@@ -16,7 +16,7 @@ from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.scalar import Autoregressive
 from trackbench.scenarios.score import Score
-from trackbench.scenarios.starts.without_scans import Given
+from trackbench.scenarios.starts.without_scans import GivenStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import Source
@@ -48,7 +48,7 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
         first=0,
         last=None,
         target=Measured(measurements=str(seen)),
-        start=Given(mean=(1.0e6, 0.0, 2.5e6, 0.0), sigma=(5e3, 1e2, 5e3, 1e2)),
+        start=GivenStart(mean=(1.0e6, 0.0, 2.5e6, 0.0), sigma=(5e3, 1e2, 5e3, 1e2)),
         assume=Assume(motion=simulated.target.own_motion),
         score=Score(),
     )
@@ -62,7 +62,7 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
 def test_the_line_of_sight_is_that_of_the_scans() -> None:
     radar = banana(scans=4)
     elsewhere = Assume(sensor=replace(radar.sensor, at=(1e3, 0.0)))
-    (refused,) = refusals(make_filter("los-rbpf"), radar.believing(elsewhere))
+    (refused,) = refusals(make_filter("los-rbpf"), radar.with_assumptions(elsewhere))
     assert "looks from the origin" in refused.what
 
 

@@ -11,7 +11,7 @@ from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_filter import estimate
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.ensemble import _lengths
 from trackbench.filters.gaussian_base import KF
 from trackbench.filters.ukf import CKF
@@ -36,8 +36,8 @@ RUNS, N = 40, 1000
 
 def followed(scenario: Tracking, tracker: Any, runs: int) -> tuple[np.ndarray, np.ndarray]:
     """Means (n, K, M) and covariances (n, n, K, M) of the steps after the first state."""
-    task = BlockTask(scenario, tracker, seed=1, index=0, width=runs, used=runs)
-    got = estimate(task, simulate(scenario, 1, 0, runs), covariances=runs)
+    task = BlockTask(scenario, tracker, seed=1, index=0, width=runs, runs_used=runs)
+    got = run_filter(task, simulate(scenario, 1, 0, runs), covariances=runs)
     assert got.cov is not None
     return got.mean[:, 1:], got.cov[:, :, 1:]
 

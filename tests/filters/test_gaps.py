@@ -7,7 +7,7 @@ from tests.conftest import make_filter
 from tests.papers import merwe
 from trackbench.config.checks import has
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_filter import Filtered, estimate
+from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.registry import kinds
 
 SCENARIO = merwe(T=6, R=0.1)
@@ -17,18 +17,18 @@ BRED = {"pfde", "hdepf"}
 KINDS = [
     k
     for k, cls in kinds("filters").items()
-    if all(has(SCENARIO, need) for need in getattr(cls, "needs", ()))
+    if all(has(SCENARIO, need) for need in getattr(cls, "requires", ()))
 ]
 
 
-def track(kind: str, gaps: slice, runs: int = RUNS) -> Filtered:
+def track(kind: str, gaps: slice, runs: int = RUNS) -> FilterOutput:
     tracker = make_filter(kind, **({"nodes": 48} if kind == "grid" else {}))
-    task = BlockTask(SCENARIO, tracker, 1, index=0, width=runs, used=runs)
+    task = BlockTask(SCENARIO, tracker, 1, index=0, width=runs, runs_used=runs)
     data = simulate(SCENARIO, 1, 0, runs)
     seen = data.measurements.copy()
     seen[:, gaps] = np.nan
     with np.errstate(all="ignore"):
-        return estimate(task, data._replace(measurements=seen), runs)
+        return run_filter(task, data._replace(measurements=seen), runs)
 
 
 @pytest.mark.parametrize("kind", KINDS)

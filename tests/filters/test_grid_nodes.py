@@ -11,8 +11,8 @@ from tests.conftest import make_filter
 from tests.papers import merwe
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import estimate
-from trackbench.filters.base import ReturnedError
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.filters.base import WrongReturnError
 from trackbench.models.base import Model
 from trackbench.scenarios.starts.without_scans import GaussianStart
 
@@ -23,7 +23,7 @@ def means(nodes: int, R: float, start: GaussianStart) -> Array:
     scenario = replace(merwe(R=R, T=6), start=start)
     task = BlockTask(scenario, make_filter("grid", nodes=nodes), 1, 0, 8, 8)
     with np.errstate(all="ignore"):
-        return estimate(task, task.data).mean[0, 1:]
+        return run_filter(task, task.data).mean[0, 1:]
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def means(nodes: int, R: float, start: GaussianStart) -> Array:
     [(32, 1e-5, NARROW), (64, 1e-5, WIDE), (64, 0.1, WIDE), (8, 0.1, NARROW)],
 )
 def test_too_few_nodes_are_refused(nodes: int, R: float, start: GaussianStart) -> None:
-    with pytest.raises(ReturnedError, match=rf"does not resolve .* `nodes: {nodes}`; raise"):
+    with pytest.raises(WrongReturnError, match=rf"does not resolve .* `nodes: {nodes}`; raise"):
         means(nodes, R, start)
 
 

@@ -38,7 +38,7 @@ QUIET: dict[str, Any] = {"nmf": CV, "mf": CA, "detector": Detector(eta=1e9, wind
 
 def told(scenario: Scenario, tracker: Any, runs: int, seed: int = 1) -> Array:
     """log p(z_k | z_1..k-1) (T, M)."""
-    found = track(scenario, tracker, runs, seed, foretold=("score",))
+    found = track(scenario, tracker, runs, seed, predictive_metrics=("score",))
     return found.diagnostics["log_likelihood"][1:]
 
 
@@ -158,7 +158,7 @@ def test_a_switching_filter_scores_by_the_filter_that_was_on() -> None:
     scenario = maneuver(duration=300.0, score_from=0.0, legs=(TURN,))
     detector = Detector(eta=20.0, window_s=20.0)
     alert = track(
-        scenario, AdaptiveKF(**{**QUIET, "detector": detector}), 20, foretold=("score",)
+        scenario, AdaptiveKF(**{**QUIET, "detector": detector}), 20, predictive_metrics=("score",)
     ).diagnostics
     log_det = -2.0 * alert["log_likelihood"] - alert["nis"] - 2.0 * np.log(2.0 * np.pi)
     was = np.vstack([alert["mode"][:1], alert["mode"][:-1]])[60:] == 1.0

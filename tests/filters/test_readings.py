@@ -183,8 +183,8 @@ def test_a_boost_lasts_as_many_steps_as_it_says(kind: str, scans: int) -> None:
         sizes.append(state.particles.x.shape[-1])
         state = tracker.step(scenario.model, state, z, int(k), rng)
     assert sizes == [150] * scans + [50] * (4 - scans)
-    assert (tracker.particle_count, tracker.most_particles) == (50, 150)
-    assert (make_filter("kf").particle_count, make_filter("kf").most_particles) == (1, 1)
+    assert (tracker.particle_count, tracker.max_particle_count) == (50, 150)
+    assert (make_filter("kf").particle_count, make_filter("kf").max_particle_count) == (1, 1)
 
 
 def test_particles_follow_the_motions_as_their_chain_says() -> None:

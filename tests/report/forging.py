@@ -35,10 +35,10 @@ Factors = Callable[[np.random.Generator, tuple[int, ...]], Any]
 
 def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
     """The results of a machine on which filters of this kind have other errors, or draw other noise."""
-    rng, estimate = np.random.default_rng(1), run_filter.estimate
-    run_filter.passed.cache_clear()
+    rng, estimate = np.random.default_rng(1), run_filter.run_filter
+    run_filter.run_filter_cached.cache_clear()
 
-    def estimated(task: BlockTask, data: Any, *more: Any) -> run_filter.Filtered:
+    def estimated(task: BlockTask, data: Any, *more: Any) -> run_filter.FilterOutput:
         result = estimate(task, data, *more)
         if factors is None or task.filter.kind != kind:
             return result
@@ -53,5 +53,5 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
             patch.setattr(run_filter, "block_stream", lambda seed, index: stream(seed + 1, index))
         options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
         folder = api.run(config, options).folder
-    run_filter.passed.cache_clear()
+    run_filter.run_filter_cached.cache_clear()
     return folder

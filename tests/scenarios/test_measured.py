@@ -273,4 +273,4 @@ def test_data_edited_after_they_were_read_do_not_name_the_block(
     first = make_plan(load(write(tmp_path))).unique[0]
     data.write_text(data.read_text().replace("\n3,2,", "\n3,2,1"))
     second = make_plan(load(write(tmp_path))).unique[0]
-    assert block_key(first, first.used) != block_key(second, second.used)
+    assert block_key(first, first.runs_used) != block_key(second, second.runs_used)

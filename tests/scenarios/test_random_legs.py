@@ -10,7 +10,7 @@ from tests.conftest import EXPERIMENTS, track
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.field_types import MistakenKeyError
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.sensors.polar_position import PolarPosition
 from trackbench.scenarios.targets.base import Timeline
 from trackbench.scenarios.targets.random_legs import RandomLegs
@@ -115,7 +115,7 @@ def test_mistakes_are_said() -> None:
     with pytest.raises(ValueError, match="straight_steps: 9 is more than 2"):
         RandomLegs(**keys, straight_steps=(9, 2))
     target = RandomLegs(**keys)
-    assert target.no_bound is not None
+    assert target.why_no_bound is not None
     timeline = Timeline(np.arange(3), np.arange(3.0), 1.0)
     assert target.path(timeline).shape == (4, 3)
-    assert issubclass(MistakenKeyError, ValueError)
+    assert issubclass(InvalidKeyError, ValueError)

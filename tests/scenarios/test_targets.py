@@ -14,7 +14,7 @@ from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
-from trackbench.field_types import DataError, MistakenKeyError
+from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
@@ -226,8 +226,8 @@ def test_no_bound(changes: dict[str, Any], why: str) -> None:
         "start": TwoScan(),
         "last": 5,
     }
-    assert Tracking(**keys).no_bound is None
-    assert why in str(Tracking(**{**keys, **changes}).no_bound)
+    assert Tracking(**keys).why_no_bound is None
+    assert why in str(Tracking(**{**keys, **changes}).why_no_bound)
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_what_does_not_fit(changes: dict[str, Any], what: str) -> None:
         "start": TwoScan(),
         "last": 5,
     }
-    with pytest.raises(MistakenKeyError, match=what):
+    with pytest.raises(InvalidKeyError, match=what):
         Tracking(**{**keys, **changes})
 
 
@@ -259,9 +259,9 @@ def test_a_flown_target_needs_a_motion_to_assume() -> None:
     scenario = Tracking(
         target=Legs(launch=Launch()), sensor=PositionSensor(sigma=1.0), start=TwoScan(), last=5
     )
-    with pytest.raises(MistakenKeyError, match="name the motion that filters assume"):
+    with pytest.raises(InvalidKeyError, match="name the motion that filters assume"):
         _ = scenario.model
-    assumed = scenario.believing(Assume(motion=ConstantAcceleration(q=1.0)))
+    assumed = scenario.with_assumptions(Assume(motion=ConstantAcceleration(q=1.0)))
     assert assumed.model.motion.components[-1] == "ay"
 
 

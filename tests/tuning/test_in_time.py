@@ -61,7 +61,7 @@ def test_tuning_sees_the_first_part_and_nothing_of_the_rest(
 ) -> None:
     scenario = load(config).points[0].scenario
     (task,) = Training(load(config), "KF").tasks((0.5,))
-    assert task.used == 2
+    assert task.runs_used == 2
     assert scenario.training is not None
     last = scenario.training.steps[-1]
     assert 0.4 * ROWS < last < 0.6 * ROWS

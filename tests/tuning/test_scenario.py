@@ -59,7 +59,7 @@ def _with(config: Path, scenario: str) -> Path:
 
 def _keys(config: Path, *changes: str) -> list[str]:
     training = Training(load(config, changes), "KF")
-    return [block_key(task, task.used) for task in training.tasks((0.1,))]
+    return [block_key(task, task.runs_used) for task in training.tasks((0.1,))]
 
 
 def test_training_flies_the_other_target_and_the_results_do_not(config: Path) -> None:

@@ -46,9 +46,9 @@ def test_streams_of_training_are_streams_of_no_run() -> None:
 
 def test_a_training_run_is_the_same_in_blocks_of_any_width(tmp_path: Path) -> None:
     point = load(_written(tmp_path)).points[0]
-    wide = BlockTask(point.scenario, point.filters["KF"], 3, index=-1, width=6, used=6)
+    wide = BlockTask(point.scenario, point.filters["KF"], 3, index=-1, width=6, runs_used=6)
     narrow = [
-        BlockTask(point.scenario, point.filters["KF"], 3, index=-1 - i, width=2, used=2)
+        BlockTask(point.scenario, point.filters["KF"], 3, index=-1 - i, width=2, runs_used=2)
         for i in range(3)
     ]
     whole = run_whole_block(wide)[6]
@@ -56,7 +56,7 @@ def test_a_training_run_is_the_same_in_blocks_of_any_width(tmp_path: Path) -> No
     np.testing.assert_array_equal(whole.per_run["rmse_position"], np.concatenate(parts))
     assert not whole.steps
     assert whole.tracks is None
-    judged = BlockTask(point.scenario, point.filters["KF"], 3, index=0, width=6, used=6)
+    judged = BlockTask(point.scenario, point.filters["KF"], 3, index=0, width=6, runs_used=6)
     there = run_whole_block(judged)[6].per_run["rmse_position"]
     assert not set(there) & set(whole.per_run["rmse_position"])
 
@@ -66,9 +66,9 @@ def test_every_filter_is_tuned_on_the_same_runs(tmp_path: Path) -> None:
     used = []
     for label, values in (("KF", (0.1,)), ("PF", (3000,))):
         tasks = Training(experiment, label).tasks(values)
-        assert sum(task.used for task in tasks) == 100
+        assert sum(task.runs_used for task in tasks) == 100
         data = [simulate(t.scenario, t.seed, t.first_run, t.width) for t in tasks]
-        truth = [d.truth[..., : t.used] for d, t in zip(data, tasks, strict=True)]
+        truth = [d.truth[..., : t.runs_used] for d, t in zip(data, tasks, strict=True)]
         used.append(np.concatenate(truth, axis=-1))
     assert len(Training(experiment, "PF").tasks((3000,))) > 1
     np.testing.assert_array_equal(*used)
@@ -101,7 +101,7 @@ def test_training_runs_of_a_recording_are_its_last(tmp_path: Path) -> None:
     assert np.concatenate(seen).tolist() == [9.0, 8.0, 7.0, 6.0]
     with pytest.raises(UserError, match=r"5 training runs beside 6 .* the 10 recorded"):
         load(config, ["tuning.runs=5"])
-    assert Training(experiment, "KF").tasks((0.1,))[0].foretold == ("score",)
+    assert Training(experiment, "KF").tasks((0.1,))[0].predictive_metrics == ("score",)
     with pytest.raises(UserError, match=r"tuning.metric: 'mean\(nope\)' is no metric here"):
         load(config, ["tuning.metric=mean(nope)"])
 

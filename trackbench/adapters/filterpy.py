@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trackbench.adapters.component_order import Pair
-from trackbench.adapters.partial_measurements import given_half, measured_part
+from trackbench.adapters.partial_measurements import measured_part, partial_update
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.mixtures import log_mixture
-from trackbench.filters.base import ReturnedError
+from trackbench.filters.base import WrongReturnError
 
 _BANK = "filters"
 """Where filterpy's IMM keeps its filters."""
@@ -44,7 +44,7 @@ class FilterPy(PerRun):
         for part in (*_within(self._object), self._object):
             if np.size(part.x) != len(mean):
                 what = f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
-                raise ReturnedError("make", f"{what}: name them in `state`")
+                raise WrongReturnError("make", f"{what}: name them in `state`")
             # In the object's own form: a column for some, a vector for others.
             part.x, part.P = mean.reshape(np.shape(part.x)).copy(), cov.copy()
         self._takes_dt = "dt" in inspect.signature(self._object.predict).parameters
@@ -68,7 +68,7 @@ class FilterPy(PerRun):
         if self._there.all():
             own.update(_as_state(z, each[0]), **self._keywords)
         else:
-            with given_half(each, z, self._there, self._keywords) as (part, keywords):
+            with partial_update(each, z, self._there, self._keywords) as (part, keywords):
                 own.update(_as_state(part, each[0]), **keywords)
         if hasattr(own, "mu"):
             self._noted = {"mode": 1.0 - float(own.mu[0])}
@@ -104,7 +104,7 @@ class FilterPy(PerRun):
         for name in ("x", "P", "predict", "update"):
             if not hasattr(own, name):
                 what = f"make(dt) gives a {type(own).__name__}, which has no {name}"
-                raise ReturnedError("make", what)
+                raise WrongReturnError("make", what)
         return own, keywords
 
 

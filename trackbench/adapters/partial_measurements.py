@@ -11,7 +11,7 @@ from trackbench.core.kalman import Innovation
 
 _NO_WEIGHT = 1e16
 """Variance of what is missing, in those of the sensor: no gain is left of it in a float64."""
-HALF = "a part of a measurement is missing, and this filter takes whole ones"
+PARTIAL_UNSUPPORTED = "a part of a measurement is missing, and this filter takes whole ones"
 
 
 def measured_part(nu: Any, S: Any, there: Mask) -> Innovation:
@@ -25,7 +25,7 @@ def measured_part(nu: Any, S: Any, there: Mask) -> Innovation:
     return Innovation(nu[there], S[np.ix_(there, there)])
 
 
-def without_weight(R: Array, there: Mask) -> Array:
+def inflate_missing(R: Array, there: Mask) -> Array:
     """The sensor's covariance with so large variances of what is missing that nothing comes of it."""
     out = np.where(there[:, None] & there, R, 0.0)
     out[~there, ~there] = _NO_WEIGHT * np.maximum(np.diagonal(R)[~there], 1.0)
@@ -33,7 +33,7 @@ def without_weight(R: Array, there: Mask) -> Array:
 
 
 @contextmanager
-def given_half(
+def partial_update(
     each: Sequence[Any], z: Array, there: Mask, keywords: dict[str, Any]
 ) -> Iterator[tuple[Array, dict[str, Any]]]:
     """Let filterpy's objects be updated with a part of z (n_z,): the z and the keywords they take.
@@ -43,12 +43,12 @@ def given_half(
     """
     rows = "HJacobian" in keywords or all(hasattr(one, "H") for one in each)
     if not all(hasattr(one, "R") for one in each) or (len(each) > 1 and not rows):
-        raise ValueError(HALF)
+        raise ValueError(PARTIAL_UNSUPPORTED)
     names = ("H", "dim_z", "R") if rows else ("R",)
     before = [{name: getattr(one, name) for name in names if hasattr(one, name)} for one in each]
     try:
         for one, had in zip(each, before, strict=True):
-            one.R = had["R"][np.ix_(there, there)] if rows else without_weight(had["R"], there)
+            one.R = had["R"][np.ix_(there, there)] if rows else inflate_missing(had["R"], there)
             if rows:
                 one.dim_z = int(there.sum())
             if "H" in had:

@@ -14,7 +14,7 @@ from trackbench.adapters.component_order import Order, Pair, as_numbers, mistake
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
-from trackbench.filters.base import Filter, ReturnedError
+from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model
 from trackbench.models.motions.irregular import Irregular
 from trackbench.registry import register
@@ -36,7 +36,7 @@ class Looped(Filter[Objects]):
 
     one: ClassVar[Any]
     """the class of one run, a `trackbench.adapters.PerRun`"""
-    one_by_one: ClassVar[bool] = True
+    loops_over_runs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         self._made()  # what the keys have to be among themselves, its own class says
@@ -90,7 +90,9 @@ class Looped(Filter[Objects]):
         """What the objects note of themselves."""
         rows = [own.diagnostics() for own in state.each]
         if any(row.keys() != rows[0].keys() for row in rows):
-            raise ReturnedError("diagnostics", "the names of the diagnostics differ between runs")
+            raise WrongReturnError(
+                "diagnostics", "the names of the diagnostics differ between runs"
+            )
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -110,12 +112,12 @@ def looped(one: type[Any]) -> type[Looped]:
         "__doc__": one.__doc__,
         "__module__": one.__module__,
         "__qualname__": one.__qualname__,
-        "needs": one.needs,
-        "counts": one.counts,
-        "excused": {"purity": _PURITY, **one.excused},
+        "requires": one.requires,
+        "summed_diagnostics": one.summed_diagnostics,
+        "contract_exemptions": {"purity": _PURITY, **one.contract_exemptions},
         "presets": one.presets,
     }
-    base = Telling if one.tells_likelihood() else Looped
+    base = Telling if one.has_likelihood() else Looped
     made = make_dataclass(
         one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
     )
@@ -150,13 +152,13 @@ def _moments(found: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
     method = "step" if "step" in vars(one) or not hasattr(one, "update") else "update"
     if not isinstance(found, tuple | list) or len(found) != 2:
         what = f"{one.__name__} gives a {type(found).__name__}, not a mean and a covariance"
-        raise ReturnedError(method, what)
+        raise WrongReturnError(method, what)
     kept = []
     for what, given, shape in (("mean", found[0], (n,)), ("covariance", found[1], (n, n))):
         array = as_numbers(given, shape)
         if array is None:
             text = f"the {what} of a run is {_described(given)}, not {shape} real numbers"
-            raise ReturnedError(method, text)
+            raise WrongReturnError(method, text)
         kept.append(array)
     return kept[0], kept[1]
 
@@ -217,11 +219,11 @@ class PerRun:
     """names of the measurement's components in the filter's order: ``("azimuth", "range")``"""
     extra_std: ClassVar[Mapping[str, float]] = {}
     """components of ``state`` that the scenario's has not: deviation at the start, from zero"""
-    needs: ClassVar[tuple[str, ...]] = ()
+    requires: ClassVar[tuple[str, ...]] = ()
     """see `trackbench.filters.base`, as for the three that follow"""
     presets: ClassVar[dict[str, dict[str, Any]]] = {}
-    counts: ClassVar[frozenset[str]] = frozenset()
-    excused: ClassVar[dict[str, str]] = {"kalman": "has a model of its own"}
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has a model of its own"}
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: Any) -> None:
         super().__init_subclass__(**others)
@@ -264,7 +266,7 @@ class PerRun:
         return float("nan")
 
     @classmethod
-    def tells_likelihood(cls) -> bool:
+    def has_likelihood(cls) -> bool:
         """Whether the class has a `log_likelihood` of its own."""
         return cls.log_likelihood is not PerRun.log_likelihood
 

@@ -7,7 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from trackbench.adapters.component_order import Pair
-from trackbench.adapters.partial_measurements import HALF, measured_part, without_weight
+from trackbench.adapters.partial_measurements import (
+    PARTIAL_UNSUPPORTED,
+    inflate_missing,
+    measured_part,
+)
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation
@@ -28,7 +32,7 @@ class StoneSoup(PerRun):
     """
 
     packages: ClassVar[tuple[str, ...]] = ("stonesoup",)
-    excused: ClassVar[dict[str, str]] = {}
+    contract_exemptions: ClassVar[dict[str, str]] = {}
 
     def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
         """A predictor and an updater."""
@@ -83,8 +87,8 @@ def _half(sensor: Any, there: Mask) -> Any:
     from stonesoup.types.array import CovarianceMatrix
 
     if not hasattr(sensor, "noise_covar"):
-        raise ValueError(HALF)
+        raise ValueError(PARTIAL_UNSUPPORTED)
     out = copy(sensor)
     R = np.asarray(sensor.noise_covar, dtype=float)
-    out.noise_covar = CovarianceMatrix(without_weight(R, there))
+    out.noise_covar = CovarianceMatrix(inflate_missing(R, there))
     return out

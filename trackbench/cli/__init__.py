@@ -12,7 +12,7 @@ import typer
 from trackbench import __version__
 from trackbench.cli.check import cache, check
 from trackbench.cli.info import copy, describe, list_, new, schema, show
-from trackbench.cli.output import objects_alone, tell, told
+from trackbench.cli.output import as_reportable, objects_alone, print_error
 from trackbench.cli.results import compare, plot, report, verify
 from trackbench.cli.run import run, sweep, tune
 
@@ -68,4 +68,4 @@ def main() -> None:
         try:
             app()
         except Exception as error:
-            sys.exit(tell(told(error)))
+            sys.exit(print_error(as_reportable(error)))

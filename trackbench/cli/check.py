@@ -42,14 +42,14 @@ def cache(
 ) -> None:
     """Show or clear what is kept for the next run: finished blocks, drawn figures."""
     from trackbench.errors import counted
-    from trackbench.execution.cache import Held, cache_folder, cache_size, clear_cache
+    from trackbench.execution.cache import FolderSize, cache_folder, cache_size, clear_cache
 
     root = cache_folder()
     if clear or prune:
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
 
-    def told(held: Held, word: str = "block") -> str:
+    def told(held: FolderSize, word: str = "block") -> str:
         return f"{counted(held.number, word)}, {held.bytes / 1e6:.1f} MB"
 
     typer.echo(f"{root}/: {told(size.blocks)}")

@@ -68,7 +68,7 @@ def _is_the_systems(stream: TextIO) -> bool:
         return False
 
 
-def told(error: Exception) -> "UserError | RunError":
+def as_reportable(error: Exception) -> "UserError | RunError":
     """What can be said of an error in a line, plugins' as well; a bug of our own is raised again."""
     from trackbench.errors import RunError, UserError
 
@@ -82,7 +82,7 @@ def told(error: Exception) -> "UserError | RunError":
     return RunError(line)
 
 
-def tell(error: "UserError | RunError") -> int:
+def print_error(error: "UserError | RunError") -> int:
     """Say what went wrong; the exit code."""
     from trackbench.errors import UserError
 

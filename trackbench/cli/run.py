@@ -17,7 +17,7 @@ from trackbench.cli.options import (
     api_options,
     runs_experiments,
 )
-from trackbench.cli.output import echo_line, reported, tell, this_command, told
+from trackbench.cli.output import as_reportable, echo_line, print_error, reported, this_command
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
@@ -142,7 +142,7 @@ def _watch(configs: list[Path], options: "Options", json: bool) -> None:
         try:
             _run("run", [config], options, json)
         except Exception as error:
-            tell(told(error))
+            print_error(as_reportable(error))
 
     with suppress(KeyboardInterrupt):
         watch(config, go)

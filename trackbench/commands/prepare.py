@@ -17,11 +17,11 @@ from trackbench.config.from_mapping import Config
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.evaluation.stopping_rule import looks
+from trackbench.evaluation.stopping_rule import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Plan, announced, check_memory, make_plan
-from trackbench.execution.stop_when_precise import begun
+from trackbench.execution.stop_when_precise import first_batch
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import MADE, RAW
 from trackbench.tuning.record import Record
@@ -145,14 +145,14 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
     workers = min(most_workers(options), len(plan.unique))
     needed = check_memory(experiment, workers, options.save_tracks)
     line = announced(experiment, plan, workers, needed)
-    first = begun(experiment)
+    first = first_batch(experiment)
     return Job(config, first, folder, plan_of(first, most, options), line, most)
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
     """The plan of an experiment of at most so many runs, which `until` may end earlier."""
     settings = experiment.settings
-    stops = list(looks(settings.min_runs, most)) if settings.until else []
+    stops = list(checkpoints(settings.min_runs, most)) if settings.until else []
     return make_plan(experiment, options.save_tracks, stops)
 
 
@@ -162,7 +162,7 @@ def with_tuned(job: Job, options: Options) -> Job:
     open_engine = engine(options.engine, workers, options.scheduler)
     tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
     found = {label: record.best.values for label, record in tuning.items()}
-    experiment = begun(prepare(job.config, options, found))
+    experiment = first_batch(prepare(job.config, options, found))
     plan = plan_of(experiment, job.most, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from trackbench.atomic_files import touched
+from trackbench.atomic_files import record_writes
 from trackbench.commands.prepare import (
     Job,
     Options,
@@ -29,7 +29,7 @@ from trackbench.execution.cpu_times import Times, times_of
 from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute
-from trackbench.execution.stop_when_precise import grown, why_ended
+from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.report import DRAWER
 from trackbench.report.findings.sentences import answer
 from trackbench.report.html.report_page import write_report
@@ -126,7 +126,7 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
             say(f"note: {caution}", options)
 
     def more(i: int, outcome: Outcome) -> Plan | None:
-        bigger = grown(jobs[i].experiment, jobs[i].most, outcome)
+        bigger = next_batch(jobs[i].experiment, jobs[i].most, outcome)
         if bigger is None:
             return None
         plan = plan_of(bigger, jobs[i].most, options)
@@ -169,12 +169,12 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
-    for line in [*_what_happened(outcome), *why_ended(job.experiment, job.most, outcome)]:
+    for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
         say(line, options)
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
-    with touched() as paths:
+    with record_writes() as paths:
         losses, facts = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured
         )

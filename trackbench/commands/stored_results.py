@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.atomic_files import touched
+from trackbench.atomic_files import record_writes
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.open import check_folder, open_results, open_with_notes, using
 from trackbench.report.plotting.page_formats import Style
@@ -112,7 +112,7 @@ def _written_again(
     _check_writable(folder)
     with locked(folder, lambda line: print(line, file=sys.stderr)), using(folder):
         results = open_with_notes(folder, allow_plugins)
-        with touched() as paths:
+        with record_writes() as paths:
             try:
                 yield results, paths
             finally:

@@ -2,10 +2,10 @@
 
 from trackbench.config.build_kinds import build_plain
 from trackbench.config.experiment import Point
-from trackbench.extension_points import foreign_within
-from trackbench.field_types import MistakenKeyError
+from trackbench.extension_points import foreign_parts
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.assumed_sensor import Assume
-from trackbench.plugins.errors import blamed
+from trackbench.plugins.errors import located_message
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
 
@@ -17,7 +17,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
         return None
     keys = ("filters", label, "assume")
     if label == source.data.get("reference"):
-        source.blame_key(keys, "the reference filter assumes what makes the data")
+        source.add_key_problem(keys, "the reference filter assumes what makes the data")
     return build_plain(Assume, source, keys)
 
 
@@ -27,17 +27,17 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
     try:
         seen = point.seen_by(label)
         _ = seen.model
-    except MistakenKeyError as error:
+    except InvalidKeyError as error:
         own = (*keys[:2], *error.path) if label in point.assumed else ("scenario", *error.path)
-        source.blame(own, str(error))
+        source.add_problem(own, str(error))
         return None
     except ValueError as error:
-        source.blame(keys, str(error))
+        source.add_problem(keys, str(error))
         return None
     except Exception as error:
-        foreign = foreign_within(point.assumed.get(label))
+        foreign = foreign_parts(point.assumed.get(label))
         if not foreign:
             raise
-        source.blame(keys, blamed(error, *foreign))
+        source.add_problem(keys, located_message(error, *foreign))
         return None
     return seen

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast, get_args, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.errors import Mark, Problem
-from trackbench.field_types import IS_FILE, ONE_LINE, DataError, MistakenKeyError
+from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError
 from trackbench.yaml_source import Keys, Source, dotted, formula
 
 T = TypeVar("T")
@@ -111,7 +111,7 @@ def build(
     """
     data = at(source, keys)
     if not isinstance(data, dict):
-        source.blame(keys, f"{_show(data)} is not a mapping")
+        source.add_problem(keys, f"{_show(data)} is not a mapping")
         return None
     try:
         # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
@@ -172,7 +172,7 @@ def _problems(
 def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]) -> Problem:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
     error = ctx.get("error")
-    within = error.path if isinstance(error, MistakenKeyError) else ()
+    within = error.path if isinstance(error, InvalidKeyError) else ()
     where = _existing(source, keys, item["loc"] + within)
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         inner = _within(cls, where[len(keys) : -1])

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin
 
 from trackbench.config.build_dataclass import at, build, file_keys, hints_of, unknown
-from trackbench.config.includes import laid_over
+from trackbench.config.includes import deep_merge
 from trackbench.config.plugin_checks import mistaken_sensor
-from trackbench.extension_points import foreign_within
+from trackbench.extension_points import foreign_parts
 from trackbench.field_types import part_group
-from trackbench.plugins.errors import blamed
+from trackbench.plugins.errors import located_message
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import Keys, Source, dotted
@@ -31,14 +31,14 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
         if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
-            source.blame(keys, needs)
+            source.add_problem(keys, needs)
         return None
     kind = data["kind"]
     cls = of_kind(group, kind) if isinstance(kind, str) else None
     if cls is None:
         what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
         what = _GONE.get((group, kind), what) if isinstance(kind, str) else what
-        source.blame((*keys, "kind"), what)
+        source.add_problem((*keys, "kind"), what)
         return None
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys))
     also = ["preset"] if cls.presets else []
@@ -52,7 +52,7 @@ def build_plain(cls: type[T], source: Source, keys: Keys) -> T | None:
     """A dataclass without a kind from the mapping at ``keys``, with the parts it has."""
     data = at(source, keys)
     if not isinstance(data, dict):
-        source.blame(keys, "is not a mapping")
+        source.add_problem(keys, "is not a mapping")
         return None
     return _built(cls, data, source, keys)
 
@@ -61,19 +61,19 @@ def _built(
     cls: type[T], own: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
     inner = _Inner(source, [])
-    part = source.part(keys, inner.numbered(cls, own, keys))
+    part = source.subtree(keys, inner.numbered(cls, own, keys))
     what, built = mistaken_sensor(inner.made), None
     if what is not None:
-        source.blame(keys, what)
+        source.add_problem(keys, what)
         return None
     try:
         with guarded():
             built = build(cls, part, (), inner.made, also)
     except Exception as error:
-        foreign = foreign_within((cls, *inner.made))
+        foreign = foreign_parts((cls, *inner.made))
         if not foreign:
             raise
-        part.blame((), blamed(error, *foreign))
+        part.add_problem((), located_message(error, *foreign))
     source.problems += [
         replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in part.problems
     ]
@@ -105,7 +105,7 @@ class _Inner(NamedTuple):
     def _number(self, group: Group, hint: Any, value: Any, keys: Keys) -> int:
         if isinstance(value, list) and _may_be(hint, tuple):
             if not value:
-                self.source.blame(keys, f"is empty: name at least one of {group}")
+                self.source.add_problem(keys, f"is empty: name at least one of {group}")
             parts = [self._part(group, (*keys, i)) for i in range(len(value))]
             self.made.append(None if None in parts or not parts else tuple(parts))
         else:
@@ -153,9 +153,9 @@ def _with_preset(cls: type[Any], source: Source, keys: Keys) -> dict[str, Any]:
     where = (*keys, "preset")
     if not isinstance(name, str) or name not in presets:
         other = unknown(str(name), list(presets))
-        source.blame(where, f"{name!r} is not a preset of {cls.kind}; {other}")
+        source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {other}")
         return data
-    if any(presets.values()) and all(laid_over(p, data) == data for p in presets.values()):
+    if any(presets.values()) and all(deep_merge(p, data) == data for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
-        source.blame(where, what)
-    return laid_over(presets[name], data)
+        source.add_problem(where, what)
+    return deep_merge(presets[name], data)

@@ -49,12 +49,12 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
     """Labels of the filters to run, once every label that the top level names is one of a filter."""
     known = list(settings.filters)
     if not known:
-        source.blame(("filters",), "name at least one filter")
+        source.add_problem(("filters",), "name at least one filter")
     for i, label in enumerate(settings.only):
         if label not in known:
             blame_label(source, settings, ("only", i), label)
     if settings.bound in known:
-        source.blame(("bound",), f"{settings.bound!r} is already the label of a filter")
+        source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
     if settings.reference is not None and settings.reference not in known:
         blame_label(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
@@ -66,7 +66,7 @@ def has(scenario: Scenario, need: str) -> bool:
     if part == "state":
         return scenario.components == moving(2)
     if part == "prior":
-        kind = scenario.prior_kind
+        kind = scenario.prior_type
         return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
     return any(hasattr(getattr(scenario.model, part), either) for either in name.split("|"))
 
@@ -74,7 +74,7 @@ def has(scenario: Scenario, need: str) -> bool:
 def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
     """What the filter needs of the model, and what it says itself about this scenario."""
     unmet = False
-    for need in tracker.needed:
+    for need in tracker.all_requirements:
         if not has(scenario, need):
             what = f"{tracker.kind} needs {_NEEDS.get(need, need)}, which there is not here"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
@@ -98,7 +98,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
                 continue
             if not all(map(_is_usual, trackers, repeat(path))):
                 keys = ("filters", label, *path)
-                source.blame(keys, f"has no effect {why}; leave it out")
+                source.add_problem(keys, f"has no effect {why}; leave it out")
 
 
 def _is_given(source: Source, label: str, path: list[str]) -> bool:
@@ -125,23 +125,23 @@ def check_bound(source: Source, scenario: Scenario) -> None:
     """A lower bound that the experiment asks for must exist."""
     if source.data.get("bound") is None:
         return
-    why = scenario.no_bound
+    why = scenario.why_no_bound
     if why is not None:
         what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
-        source.blame(("bound",), what)
+        source.add_problem(("bound",), what)
 
 
 def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
     """What a part says of its keys; an empty key is the part itself."""
     for key, what in found.items():
-        source.blame((*keys, *key.split(".")) if key else keys, what)
+        source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:
     """The figure that the report begins with is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        source.blame(("key_figure",), unknown(name, list(settings.figures)))
+        source.add_problem(("key_figure",), unknown(name, list(settings.figures)))
 
 
 def check_named_filters(
@@ -194,7 +194,7 @@ def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
 def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> None:
     """Note a label that no filter has."""
     other = unknown(label, list(settings.filters))
-    source.blame(where, f"{label!r} is not a filter here; {other}")
+    source.add_problem(where, f"{label!r} is not a filter here; {other}")
 
 
 def check_drawable(
@@ -216,7 +216,7 @@ def check_figures(
             number, most = getattr(figure, key), limits[key]
             if number > most:
                 what = f"{number} is more than the {most} there {'are' if most > 1 else 'is'}"
-                source.blame(("figures", name, key), what)
+                source.add_problem(("figures", name, key), what)
 
 
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
@@ -228,7 +228,7 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     if "runs" in source.data and settings.runs <= most:
         most = settings.runs
     elif "runs" in source.data:
-        source.blame(("runs",), f"{settings.runs} is more than the {most} recorded runs")
+        source.add_problem(("runs",), f"{settings.runs} is more than the {most} recorded runs")
     # There will never be more: a wider block would filter runs that are not there.
     block = settings.block or (None if settings.until else "fit")
     return replace(settings, runs=most, block=block)

@@ -12,7 +12,7 @@ from trackbench.config.build_dataclass import at, file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
-from trackbench.config.tuning_settings import tuned
+from trackbench.config.tuning_settings import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part
 from trackbench.yaml_source import Keys, scalar
@@ -68,7 +68,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
     settings = experiment.settings
     paths = [path for joint in settings.grid for path in single_paths(joint)]
     for label, keys in settings.tune.items():
-        paths += [f"filters.{of}.{key}" for of in (label, tuned(label)) for key in keys]
+        paths += [f"filters.{of}.{key}" for of in (label, tuned_label(label)) for key in keys]
     varied = [split_path(experiment.source, path) for path in paths]
     varied = [keys for keys in varied if keys[-1] in ("kind", "preset")]
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}

@@ -128,7 +128,7 @@ class Point:
         """The scenario with the model that this filter assumes."""
         if label not in self.assumed:
             return self.scenario
-        return self.scenario.believing(self.assumed[label])
+        return self.scenario.with_assumptions(self.assumed[label])
 
 
 class Labelled:

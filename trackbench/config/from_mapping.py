@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from trackbench.errors import Mark, UserError
-from trackbench.yaml_source import DEEPEST, Keys, Source, formula, unseen
+from trackbench.yaml_source import DEEPEST, Keys, Source, formula, unprintable_reason
 
 Config: TypeAlias = Path | str | Mapping[str, Any]
 """A file, the name of a shipped experiment, or what a file would say as a mapping."""
@@ -25,7 +25,7 @@ def source_of(config: Mapping[str, Any]) -> Source:
 def _plain(value: Any, keys: Keys, source: Source) -> Any:
     source.marks[keys] = _MARK
     for what in _mistakes(value, keys):
-        source.blame(keys, what)
+        source.add_problem(keys, what)
         return None
     if isinstance(value, Mapping):
         return {key: _plain(inner, (*keys, key), source) for key, inner in value.items()}
@@ -43,10 +43,10 @@ def _mistakes(value: Any, keys: Keys) -> Iterator[str]:
         if not all(isinstance(key, str) for key in value):
             yield "a key must be a word"
         yield from filter(
-            None, (unseen(key) or formula(key) for key in value if isinstance(key, str))
+            None, (unprintable_reason(key) or formula(key) for key in value if isinstance(key, str))
         )
-    elif isinstance(value, str) and unseen(value):
-        yield str(unseen(value))
+    elif isinstance(value, str) and unprintable_reason(value):
+        yield str(unprintable_reason(value))
     elif isinstance(value, bytes) or not (
         value is None
         or isinstance(value, str | bool | int | float | Path | Sequence)

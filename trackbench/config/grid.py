@@ -47,7 +47,7 @@ def is_of_scenario(path: str) -> bool:
     return any(single.startswith("scenario.") for single in single_paths(path))
 
 
-def separate(
+def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
     """Paths that vary filters by themselves, together where they have a filter in common."""
@@ -73,7 +73,7 @@ def combinations(
     """
     if every:
         return list(product(*(range(len(values)) for values in grid.values())))
-    apart = separate(grid, labels, reference)
+    apart = independent_filter_paths(grid, labels, reference)
     held = {path for paths in apart for path in paths}
     points: set[Places] = set()
     for paths in apart or [[]]:
@@ -88,7 +88,7 @@ def number_of_points(
     """How many `combinations` gives."""
     if every:
         return prod(len(values) for values in grid.values())
-    apart = separate(grid, labels, reference)
+    apart = independent_filter_paths(grid, labels, reference)
     alone = [prod(len(grid[path]) for path in paths) for paths in apart]
     held = {path for paths in apart for path in paths}
     together = prod(len(values) for path, values in grid.items() if path not in held)
@@ -112,7 +112,7 @@ def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any]
     return out
 
 
-def take(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
+def apply_point(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
     """Give the config the values of one point, which stand at these marks."""
     for joint, value in values.items():
         for path, own in zip(single_paths(joint), values_of(joint, value), strict=True):
@@ -125,18 +125,18 @@ def _is_possible(source: Source, settings: Settings) -> bool:
         where = ("grid", path)
         for keys in (split_path(source, single) for single in single_paths(path)):
             if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
-                source.blame_key(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
+                source.add_key_problem(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
                 return False
             if keys[0] == "filters" and keys[1] not in settings.filters:
                 blame_label(source, settings, where, str(keys[1]))
                 return False
         if not values:
-            source.blame(where, "has no values")
+            source.add_problem(where, "has no values")
         _check_repeated(source, path, values)
     overlaps = _overlapping(source, grid)
     number = number_of_points(grid, settings.filters, settings.reference, settings.product)
     if number > _MOST_POINTS:
-        source.blame(("grid",), f"{number} points; a grid has at most {_MOST_POINTS}")
+        source.add_problem(("grid",), f"{number} points; a grid has at most {_MOST_POINTS}")
         return False
     return not overlaps
 
@@ -150,7 +150,7 @@ def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
             for other, name in varied.items():
                 if all(a == b for a, b in zip(keys, other, strict=False)):
                     what = f"{dotted(max(keys, other, key=len))} is varied by {name!r}, too"
-                    source.blame_key(("grid", path), what)
+                    source.add_key_problem(("grid", path), what)
                     found = True
             varied[keys] = path
     return found
@@ -160,7 +160,7 @@ def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
     """Two points of the same values would be one point with every run twice."""
     for i, value in enumerate(values):
         if value in values[:i]:
-            source.blame(("grid", path, i), f"{value!r} is given twice")
+            source.add_problem(("grid", path, i), f"{value!r} is given twice")
 
 
 _RANGE = re.compile(rf"{RANGE}:([0-9]{{1,9}})")

@@ -7,8 +7,8 @@ from typing import Any
 
 from trackbench.config.build_dataclass import at
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.field_types import regular
-from trackbench.yaml_source import Keys, Source, dotted, parse, read, scalar, unseen
+from trackbench.field_types import require_regular_file
+from trackbench.yaml_source import Keys, Source, dotted, parse, read, scalar, unprintable_reason
 
 _PARTS = ("filters", "tables", "figures")
 
@@ -30,7 +30,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
         try:
             _inline(source, keys, folder, depth=0)
             if isinstance(at(source, keys), dict):
-                _inline_nested(source, keys, depth=0)
+                _include_nested(source, keys, depth=0)
         except UserError as error:
             found = [p for p in error.problems if isinstance(p, Problem)]
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
@@ -38,7 +38,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     return unread
 
 
-def _inline_nested(source: Source, keys: Keys, depth: int) -> None:
+def _include_nested(source: Source, keys: Keys, depth: int) -> None:
     """The parts of a part, such as a target's motion; a path counts from the file it stands in."""
     data = at(source, keys)
     inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
@@ -47,9 +47,9 @@ def _inline_nested(source: Source, keys: Keys, depth: int) -> None:
         is_file = isinstance(value, str) and key != "use" and value.endswith((".yaml", ".yml"))
         if is_file or (isinstance(value, dict) and "use" in value):
             _inline(source, place, Path(source.mark(place).file).parent, depth + 1)
-            _inline_nested(source, place, depth + 1)
+            _include_nested(source, place, depth + 1)
         elif isinstance(value, dict | list):
-            _inline_nested(source, place, depth)
+            _include_nested(source, place, depth)
 
 
 def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
@@ -98,8 +98,8 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
     """Like `assignment`, the value as it was typed."""
     mark = Mark(f"{option} {text}")
     places = [i for i, c in enumerate(text) if c == "=" and i > 0]
-    if not places or unseen(text):
-        raise UserError(Problem(mark, "", unseen(text) or "write PATH=VALUE"))
+    if not places or unprintable_reason(text):
+        raise UserError(Problem(mark, "", unprintable_reason(text) or "write PATH=VALUE"))
     best: tuple[int, Keys, str] | None = None
     for i in places:
         keys = split_path(source, text[:i])
@@ -154,24 +154,24 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     path = folder / name
     try:
-        regular(path)
+        require_regular_file(path)
     except OSError as error:
         what = f"cannot read {path}: {reason(error)}"
         raise UserError(Problem(mark, dotted(keys), what)) from None
     part = read(path)
     if not isinstance(part.data, dict):
         raise UserError(Problem(part.mark(()), dotted(keys), "is not a mapping with a kind"))
-    own = source.part(keys, changes)
+    own = source.subtree(keys, changes)
     own.marks.pop((), None)  # the part stands where its file begins
-    source.graft(keys, part)
-    source.graft(keys, own)
-    parent[keys[-1]] = laid_over(part.data, changes, by_kind=True)
+    source.adopt_positions(keys, part)
+    source.adopt_positions(keys, own)
+    parent[keys[-1]] = deep_merge(part.data, changes, by_kind=True)
     if "use" in part.data:
         parent[keys[-1]]["use"] = part.data["use"]
         _inline(source, keys, path.parent, depth + 1)
 
 
-def laid_over(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) -> dict[str, Any]:
+def deep_merge(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) -> dict[str, Any]:
     """``base`` with the keys of ``top``; a mapping in both is laid over in the same way.
 
     ``by_kind``: but of another kind, and so with other keys, it stands in place of the base's.
@@ -182,6 +182,6 @@ def laid_over(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) 
         if not isinstance(mine, dict) or not isinstance(value, dict):
             return value
         other = by_kind and value.get("kind", mine.get("kind")) != mine.get("kind")
-        return value if other else laid_over(mine, value, by_kind)
+        return value if other else deep_merge(mine, value, by_kind)
 
     return {**base, **{key: both(key, value) for key, value in top.items()}}

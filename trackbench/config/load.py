@@ -29,7 +29,7 @@ from trackbench.config.checks import (
 from trackbench.config.defaults_without_truth import fill_in
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.from_mapping import source_of
-from trackbench.config.grid import add_axis, grid_points, take
+from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.metric_checks import check_metrics, check_trained_metrics
 from trackbench.config.plugin_checks import mistake_of
@@ -42,7 +42,7 @@ from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.plugins.errors import foreign_line
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import Group
-from trackbench.yaml_source import Source, read, unseen
+from trackbench.yaml_source import Source, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
@@ -51,7 +51,7 @@ _ALONE = {
 }
 
 
-class MistakenNamesError(UserError):
+class UnknownNamesError(UserError):
     """Metrics that are asked for, or rows of published files, and nothing else: the rest is made."""
 
     def __init__(self, experiment: Experiment, *problems: Problem) -> None:
@@ -89,7 +89,7 @@ def load(
     add_tuned(source, found or {})
     plugins = load_plugins(source, home, allow_plugins)
     try:
-        experiment = _told(source, home, plugins)
+        experiment = _validate_with_plugin_errors(source, home, plugins)
     except UserError as error:
         raise _with_unread(unread, error) if unread else error from None
     if unread:
@@ -127,15 +127,17 @@ def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:
 
 def _set_only(source: Source, labels: Sequence[str]) -> None:
     for label in labels:
-        if unseen(label):
-            raise UserError(Problem(Mark(f"--only {label}"), "", str(unseen(label))))
+        if unprintable_reason(label):
+            raise UserError(Problem(Mark(f"--only {label}"), "", str(unprintable_reason(label))))
     if labels:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
     for i, label in enumerate(labels):
         override(source, ("only", i), label, Mark(f"--only {label}"))
 
 
-def _told(source: Source, folder: Path, plugins: tuple[Plugin, ...]) -> Experiment:
+def _validate_with_plugin_errors(
+    source: Source, folder: Path, plugins: tuple[Plugin, ...]
+) -> Experiment:
     """The experiment; what a plugin raises where nobody expects it is a mistake with its line."""
     try:
         with guarded():
@@ -153,7 +155,7 @@ def _settings(source: Source, whole: Settings | None) -> Settings:
     """The settings, without their mistakes if they have any; raises UserError if none are left."""
     settings = whole or _without_mistakes(source)
     if settings is not None and not settings.filters:  # of which no label can be known
-        source.blame(("filters",), "name at least one filter")
+        source.add_problem(("filters",), "name at least one filter")
         settings = None
     if settings is None:
         _sections(source)
@@ -168,7 +170,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     labels = chosen_labels(source, settings)
     tried = []
     for values, marks in grid_points(source, settings):
-        take(source, values, marks)
+        apply_point(source, values, marks)
         tried.append(_point(source, labels, values))
     points = [point for point in tried if point is not None]
     whole_grid = points if len(points) == len(tried) else []
@@ -199,7 +201,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     parsed = (tables, figures, source, published, plugins, axes, training)
     made = Experiment(settings, points, left_out, *parsed)
     if sound and source.problems:
-        raise MistakenNamesError(made, *sorted(set(source.problems)))
+        raise UnknownNamesError(made, *sorted(set(source.problems)))
     source.check()
     return made
 
@@ -224,7 +226,7 @@ def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point |
         return None
     what = mistake_of(scenario, bounded=source.data.get("bound") is not None)
     if what is not None:
-        source.blame(("scenario",), what)
+        source.add_problem(("scenario",), what)
         return None
     point = Point(dict(values), scenario, filters, assumed)
     check_bound(source, scenario)

@@ -54,7 +54,7 @@ def check_metrics(
     for a in asked:
         what = _unknown(a, names, settings) or _left_out(a, names, settings)
         if what is not None:
-            source.blame(a.keys, what)
+            source.add_problem(a.keys, what)
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
@@ -65,7 +65,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     for a in _asked_by_tuning(settings):
         what = _unknown(a, names, settings)
         if what is not None:
-            source.blame(("tuning", "scenario"), f"tuning.metric: {what}")
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
 
 
 def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
@@ -134,7 +134,7 @@ def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | Non
         return f"there is no truth to measure {word!r} by; there are: {others}"
     if m.metric == "evidence" and settings.reference is None:
         return "the evidence is a ratio to an exact filter's: name that under reference"
-    if word in known or not asked.named or names.may_be_noted(asked.measure.metric):
+    if word in known or not asked.named or names.could_be_diagnostic(asked.measure.metric):
         return None
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})

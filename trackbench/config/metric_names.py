@@ -15,11 +15,16 @@ from trackbench.evaluation.consistency import sizes
 from trackbench.evaluation.error_series import StepSums, over_steps
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.predictive_scores import foretold_series
+from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.evaluation.summary import step_rows, summary_rows
 from trackbench.field_types import is_number
-from trackbench.filters.base import AnyFilter, knows_expectations, tells_likelihood, tells_notes
+from trackbench.filters.base import (
+    AnyFilter,
+    declares_diagnostics,
+    has_expectations,
+    has_likelihood,
+)
 from trackbench.metrics import METRICS, is_reserved, joined
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import of_kind
@@ -28,7 +33,7 @@ from trackbench.scenarios.base import Scenario, in_window
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""
 
-_FEW = 10
+_PROBE_PARTICLES = 10
 """Particles that are enough to see what a filter notes."""
 _MOST_NOTED, _MOST_OF_RUNS = 6, 50
 """Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
@@ -42,7 +47,9 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
 
 
-def number_per_run(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
+def max_metrics_per_run(
+    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
+) -> int:
     """How many metrics of a filter per_run.csv holds, rather too many: it is not asked what it notes."""
     wanted = kept_metrics(settings, "per_run.csv")
     if wanted is not None:
@@ -118,7 +125,7 @@ class Names:
             self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
             self.made |= set(_efficiencies(per_run))
 
-    def may_be_noted(self, name: str) -> bool:
+    def could_be_diagnostic(self, name: str) -> bool:
         """Whether a filter that could not be asked may note this; our own note registered metrics."""
         own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
         return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
@@ -147,7 +154,7 @@ def names_of(
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_foretold(settings, point.scenario, tracker))
-            counts = frozenset() if tracker is None else tracker.counts
+            counts = frozenset() if tracker is None else tracker.summed_diagnostics
             if noted:
                 try:
                     series |= _noted(settings, point.seen_by(label), tracker)
@@ -183,8 +190,8 @@ def _numbers(tracker: AnyFilter) -> set[str]:
 
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """What is there for whoever asks for it."""
-    scores = tracker is not None and tells_likelihood(tracker)
-    names = foretold_series(scenario.true_sensor.components, scores, settings.hold_out)
+    scores = tracker is not None and has_likelihood(tracker)
+    names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
     if scenario.has_truth:
         names += calibration_series(scenario.components, scores and settings.reference is not None)
     return names
@@ -201,7 +208,7 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
         if settings.reference is not None and label != settings.reference:
             yield joined("distance", quantity)
     yield from ("nees", "outside", *(f"nees_{name}" for name in scenario.marginals))
-    if tracker is not None and knows_expectations(tracker):
+    if tracker is not None and has_expectations(tracker):
         for name in scenario.observables(nowhere):
             yield from (f"squared_{name}", f"error_{name}")
 
@@ -210,12 +217,12 @@ def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
-    if tells_notes(type(tracker)):
-        return set(tracker.notes)
+    if declares_diagnostics(type(tracker)):
+        return set(tracker.diagnostic_names)
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # nothing is known of the memory yet
-        tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _FEW))
+        tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _PROBE_PARTICLES))
     with guarded(), np.errstate(all="ignore"):
         state = tracker.init(model, prior_of(data, model), rng)
         k = int(scenario.steps[1])

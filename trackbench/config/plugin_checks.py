@@ -15,10 +15,10 @@ from trackbench.config.build_dataclass import adapter
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import per_run_metrics, series
-from trackbench.extension_points import Part, foreign_within, is_foreign, parts_within
-from trackbench.filters.base import AnyFilter, Filter, ReturnedError
+from trackbench.extension_points import Part, foreign_parts, is_foreign, walk_parts
+from trackbench.filters.base import AnyFilter, Filter, WrongReturnError
 from trackbench.models.sensors.base import Measuring
-from trackbench.plugins.errors import BadPluginError, blamed, place
+from trackbench.plugins.errors import BadPluginError, located_message, location_of
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import base_of
 from trackbench.scenarios.base import Scenario
@@ -30,7 +30,7 @@ _PLAIN = (bool, int, float, str, type(None))
 def check_kind(cls: type[Part]) -> None:
     """Raise BadPluginError for a class that no config could make a part of."""
     for what in _mistakes(cls):
-        raise BadPluginError(f"{place(ReturnedError('', ''), cls)}{cls.__name__}: {what}")
+        raise BadPluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
 
 
 def _mistakes(cls: type[Part]) -> Iterator[str]:
@@ -41,10 +41,10 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
     ):
         yield "presets is not a mapping of names to mappings of keys"
     if issubclass(cls, Filter):
-        needs: Any = cls.needs
+        needs: Any = cls.requires
         if not isinstance(needs, tuple) or not all(isinstance(n, str) and "." in n for n in needs):
             yield f"needs is {needs!r}, not a tuple of names such as 'motion.F'"
-        if isinstance(cls.counts, str):
+        if isinstance(cls.summed_diagnostics, str):
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
         yield from _mistakes_of_exhibit(cls)
@@ -92,30 +92,30 @@ def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
         found: dict[str, str] = asked(tracker.conflicts, dict, scenario)
         sentences = asked(tracker.cautions, list, scenario)
         check_words(*found, *found.values(), *sentences)
-        asked(tracker.held, int, scenario.model)
-        for key in ("N", "particle_count", "most_particles"):
+        asked(tracker.extra_memory, int, scenario.model)
+        for key in ("N", "particle_count", "max_particle_count"):
             number = getattr(tracker, key, 1)
             if not isinstance(number, int) or number < 1:
-                raise ReturnedError(key, f"its {key} is {number!r}, no whole number")
+                raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
         hash(tracker)
     except Exception as error:
-        return {"": blamed(error, tracker)}
+        return {"": located_message(error, tracker)}
     return found
 
 
 def check_words(*texts: object) -> None:
-    """Raise ReturnedError for what is said in anything but words."""
+    """Raise WrongReturnError for what is said in anything but words."""
     if not all(isinstance(text, str) for text in texts):
-        raise ReturnedError("conflicts", "conflicts and cautions are words, and these are not")
+        raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
 
 
 def asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
-    """What a hook says. Raises what it raises, and ReturnedError for what is of another kind."""
+    """What a hook says. Raises what it raises, and WrongReturnError for what is of another kind."""
     with guarded():
         found = hook(about)
     if not isinstance(found, (list, tuple) if kind is list else kind):
         what = f"{hook.__name__} gives a {type(found).__name__}, not a {kind.__name__}"
-        raise ReturnedError(hook.__name__, what)
+        raise WrongReturnError(hook.__name__, what)
     return found
 
 
@@ -128,20 +128,20 @@ def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
 
     ``bounded`` if its lower bounds are wanted.
     """
-    own = foreign_within(scenario)
+    own = foreign_parts(scenario)
     for part in own:
         try:
             with guarded(), np.errstate(all="ignore"):
                 _ask_part(part, scenario)
         except Exception as error:
-            return blamed(error, part, *own)
+            return located_message(error, part, *own)
     try:
         with guarded(), np.errstate(all="ignore"):
             if own:
                 _ask(scenario, bounded)
     except Exception as error:
-        method = error.method if isinstance(error, ReturnedError) else ""
-        return blamed(error, *sorted(own, key=lambda part: not _gives(part, method)))
+        method = error.method if isinstance(error, WrongReturnError) else ""
+        return located_message(error, *sorted(own, key=lambda part: not _gives(part, method)))
     return None
 
 
@@ -155,15 +155,15 @@ def mistaken_sensor(made: Sequence[Any]) -> str | None:
 
     Asked before a scenario is made of them, which may look at its measurements.
     """
-    sensors = [part for part in foreign_within(tuple(made)) if isinstance(part, Measuring)]
-    targets = [*filter(_is_target, parts_within(tuple(made)))] if sensors else []
+    sensors = [part for part in foreign_parts(tuple(made)) if isinstance(part, Measuring)]
+    targets = [*filter(_is_target, walk_parts(tuple(made)))] if sensors else []
     for target in targets:
         for sensor in sensors:
             try:
                 with guarded(), np.errstate(all="ignore"):
                     _ask_sensor(sensor, len(target.components))
             except Exception as error:
-                return blamed(error, sensor, target)
+                return located_message(error, sensor, target)
     return None
 
 
@@ -182,13 +182,13 @@ def _is_target(part: Any) -> "TypeGuard[Target]":
 
 
 def _ask_sensor(sensor: Measuring, n_x: int) -> None:
-    """Raise ReturnedError for what is no distribution of a measurement of two states."""
+    """Raise WrongReturnError for what is no distribution of a measurement of two states."""
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
     found: object = sensor.measurement(x, 1)
     if not isinstance(found, Gaussian):
         what = f"measurement gives a {type(found).__name__}, not a Gaussian"
-        raise ReturnedError("measurement", what)
+        raise WrongReturnError("measurement", what)
     _check_shape("measurement", "its mean", found.mean, (n, 2))
     _check_shape("measurement", "its covariance", found.cov, (n, n), (n, n, 1), (n, n, 2))
 
@@ -218,16 +218,16 @@ def _ask(scenario: Scenario, bounded: bool) -> None:
 def _check_windows(windows: Mapping[str, object], steps: int) -> None:
     for name, mask in windows.items():
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (steps,):
-            what = f"the window {name!r} is {_told(mask)}, not an array ({steps},) of bool"
-            raise ReturnedError("windows", what)
+            what = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
+            raise WrongReturnError("windows", what)
 
 
 def _check_shape(method: str, what: str, found: object, *shapes: tuple[int, ...]) -> None:
     if not isinstance(found, np.ndarray) or found.shape not in shapes:
-        raise ReturnedError(method, f"{what} is {_told(found)}, not an array {shapes[0]}")
+        raise WrongReturnError(method, f"{what} is {_describe(found)}, not an array {shapes[0]}")
 
 
-def _told(found: object) -> str:
+def _describe(found: object) -> str:
     if isinstance(found, np.ndarray):
         return f"an array {found.shape} of {found.dtype}"
     return f"a {type(found).__name__}"

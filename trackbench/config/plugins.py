@@ -15,9 +15,9 @@ from types import ModuleType
 
 from trackbench import registry
 from trackbench.errors import RunError, UserError, reason
-from trackbench.extension_points import MistakenHookError
-from trackbench.field_types import regular
-from trackbench.plugins.errors import BadPluginError, place_within, said
+from trackbench.extension_points import InvalidHookError
+from trackbench.field_types import require_regular_file
+from trackbench.plugins.errors import BadPluginError, message_of, place_within
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import kinds
 from trackbench.yaml_source import Source
@@ -53,7 +53,7 @@ class Plugin:
 
 def read_plugin(path: Path) -> Plugin:
     """The file as it is now; raises OSError."""
-    source = regular(path).read_bytes()
+    source = require_regular_file(path).read_bytes()
     return Plugin(str(path.absolute()), source, tuple(_versions(source)))
 
 
@@ -133,7 +133,7 @@ def load_plugin(plugin: Plugin, checked: bool = True) -> None:
     which a worker need not look at once more.
     """
     if plugin.module in sys.modules:
-        registry.bring_back(plugin.module)
+        registry.reactivate(plugin.module)
         return
     here = tuple(_versions(plugin.source))
     if here != plugin.packages:
@@ -142,22 +142,22 @@ def load_plugin(plugin: Plugin, checked: bool = True) -> None:
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
     sys.modules[plugin.module] = module
-    registry.end_properly()
+    registry.restore_normal_exit()
     try:
         with guarded():
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
         if checked:
             _check_kinds(plugin.module)
     except BaseException as error:
-        registry.forget(plugin.module)
+        registry.unregister(plugin.module)
         del sys.modules[plugin.module]
         if isinstance(error, BadPluginError) or not isinstance(error, Exception):
             raise
-        if isinstance(error, MistakenHookError):
+        if isinstance(error, InvalidHookError):
             raise BadPluginError(*error.args) from None
         where = place_within(error, {plugin.path}) or f"{Path(plugin.path).name}: "
         ended = error.__context__ if isinstance(error, RunError) else None
-        raise BadPluginError(where + said(ended or error)) from None
+        raise BadPluginError(where + message_of(ended or error)) from None
 
 
 def _listed(packages: tuple[tuple[str, str], ...]) -> str:

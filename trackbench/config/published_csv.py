@@ -16,7 +16,7 @@ from trackbench.config.build_dataclass import build, unknown
 from trackbench.config.published import Claim, Published, PublishedNumber, picks, split
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.yaml_source import Source, formula, scalar, text_of, unseen
+from trackbench.yaml_source import Source, formula, scalar, text_of, unprintable_reason
 
 _NUMBERS = re.compile("[-_.]*[0-9]+")
 
@@ -144,7 +144,7 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
     start = Mark(name, line, 1)
     source = Source({}, {(): start}, {(): start})
     if len(cells) != len(header):
-        source.blame((), f"{len(cells)} cells under {len(header)} headings")
+        source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
     required = {f.name for f in fields(cls) if f.default is MISSING}
     column = 1
@@ -153,8 +153,8 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
         if cell != "" or key in words & required:
             source.data[key] = cell if key in words else _number(cell)
             source.marks[key,] = source.key_marks[key,] = Mark(name, line, column)
-            if what := unseen(cell) or (formula(cell) if key in words else None):
-                source.blame((key,), what)
+            if what := unprintable_reason(cell) or (formula(cell) if key in words else None):
+                source.add_problem((key,), what)
         column += len(_as_written(written)) + 1
     return source
 
@@ -179,13 +179,13 @@ def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | Non
             named.append((key, expression.other))
     for key, label in named:
         if labels is not None and label not in labels:
-            source.blame((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
+            source.add_problem((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
     first, second = row.expression, getattr(row, "right_expression", None)
     if isinstance(row, PublishedNumber) and first and first.is_many:
-        source.blame(("expression",), f"{str(first)!r} is no number: name one step")
+        source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
     elif second and second.is_many and not (first and first.steps == second.steps):
         what = f"{str(second)!r} is not at the steps of {str(first)!r}"
-        source.blame(("right_expression",), what)
+        source.add_problem(("right_expression",), what)
 
 
 def _check_point(
@@ -193,9 +193,9 @@ def _check_point(
 ) -> None:
     """The row's point can be read, and is one of the grid."""
     if not all("=" in part for part in split(row.point)):
-        source.blame(("point",), f"{row.point!r} is not path=value; path=value")
+        source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
     elif points and not any(picks(row.point, values) for values in points):
-        source.blame(("point",), f"{row.point!r} is no point of the grid")
+        source.add_problem(("point",), f"{row.point!r} is no point of the grid")
 
 
 def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
@@ -205,10 +205,10 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
             continue
         same = "an earlier row has this paper, table, row, filter, metric and point, too"
         if other.value != row.value:
-            source.blame(("value",), f"is {row.value} here and {other.value} there: {same}")
+            source.add_problem(("value",), f"is {row.value} here and {other.value} there: {same}")
         elif row.reading == other.reading or not (row.reading and other.reading):
             what = f"{same}: give each a `reading` of its own, or leave one out"
-            source.blame(("reading",), what)
+            source.add_problem(("reading",), what)
         else:
             continue
         return
@@ -217,15 +217,15 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
 def _check_claim(row: Claim, source: Source) -> None:
     """Something is said, and if it is to be measured, of a filter and beside something."""
     if not row.claim.strip():
-        source.blame(("claim",), "is empty")
+        source.add_problem(("claim",), "is empty")
     if (row.expressions or row.rights) and not row.left.strip():
-        source.blame(("left",), "is empty: name the filter that is spoken of")
+        source.add_problem(("left",), "is empty: name the filter that is spoken of")
     if row.expressions and not row.rights and "factor" not in source.data:
-        source.blame(("factor",), "is empty, as right is: there is nothing to compare with")
+        source.add_problem(("factor",), "is empty, as right is: there is nothing to compare with")
     if row.rights and row.factor <= 0.0:
         what = f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
-        source.blame(("factor",), what)
+        source.add_problem(("factor",), what)
     elif row.expressions and row.relation == "~" and not (row.factor and row.tolerance):
         key = "factor" if row.factor == 0.0 else "tolerance"
         what = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
-        source.blame((key,), what)
+        source.add_problem((key,), what)

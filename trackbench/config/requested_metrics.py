@@ -18,7 +18,7 @@ _OF_PREDICTIONS = re.compile(
 )
 
 
-def foretold(experiment: Experiment) -> tuple[Kind, ...]:
+def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
     """What any part of the config names; without a truth it is all that can be said, and is."""
     if not all(p.scenario.has_truth for p in experiment.points):
         return ("score", "prediction")
@@ -57,7 +57,7 @@ def takes_times(experiment: Experiment) -> bool:
 
 
 @dataclass(frozen=True)
-class Shared:
+class Contributions:
     """Measures that per_run.csv has each run's share in, since anything asks for them.
 
     Those that every filter has shares in; and those of many steps, by label: these are many.
@@ -78,7 +78,7 @@ class Shared:
         return list(dict.fromkeys([*self.everywhere, *found]))
 
 
-def shared(experiment: Experiment) -> Shared:
+def requested_contributions(experiment: Experiment) -> Contributions:
     """What tables, figures and published files ask for."""
     asked = [asked.measure for asked in asked_by_parts(experiment.parts)]
     asked += experiment.published.expressions
@@ -89,6 +89,6 @@ def shared(experiment: Experiment) -> Shared:
             for label in filter(None, [*claim.labels, expression.other]):
                 if expression.is_many:
                     of_steps[label][expression.plain] = None
-    return Shared(
+    return Contributions(
         tuple(sorted(everywhere, key=str)), {label: tuple(m) for label, m in of_steps.items()}
     )

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.config.build_kinds import build_kind
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point
-from trackbench.config.includes import laid_over
+from trackbench.config.includes import deep_merge
 from trackbench.config.plugin_checks import mistake_of
 from trackbench.evaluation.block import simulate
 from trackbench.yaml_source import Source
@@ -27,14 +27,14 @@ def training_point(source: Source, point: Point) -> Point | None:
     if not isinstance(given, dict):  # said with the other settings
         return None
     # Positions of the given keys stand over those of the scenario that they are laid over.
-    whole = laid_over(copy.deepcopy(source.data["scenario"]), copy.deepcopy(given), by_kind=True)
+    whole = deep_merge(copy.deepcopy(source.data["scenario"]), copy.deepcopy(given), by_kind=True)
     own = Source({KEYS[0]: {KEYS[1]: whole}})
-    own.graft(KEYS, source.part(("scenario",), None))
-    own.graft(KEYS, source.part(KEYS, None))
+    own.adopt_positions(KEYS, source.subtree(("scenario",), None))
+    own.adopt_positions(KEYS, source.subtree(KEYS, None))
     scenario = build_kind("scenarios", own, KEYS)
     what = None if scenario is None else mistake_of(scenario, bounded=False)
     if what is not None:
-        own.blame(KEYS, what)
+        own.add_problem(KEYS, what)
     source.problems += own.problems
     return None if own.problems else replace(point, scenario=scenario)
 

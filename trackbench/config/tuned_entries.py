@@ -14,7 +14,7 @@ from trackbench.config.experiment import Point, Settings
 from trackbench.config.includes import override, split_path
 from trackbench.config.training_scenario import KEYS, same_recordings
 from trackbench.config.tuning_objective import bad_terms, default_metric
-from trackbench.config.tuning_settings import Axis, read_axis, tuned
+from trackbench.config.tuning_settings import Axis, read_axis, tuned_label
 from trackbench.errors import Mark, Problem
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
@@ -35,9 +35,9 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
         return
     for label in wanted:
         _check_own(source, label)
-        if label in found or not _is_entry(source, tuned(label)):
-            _copy(source, ("filters", label), ("filters", tuned(label)))
-        _set(source, tuned(label), label, found.get(label, {}))
+        if label in found or not _is_entry(source, tuned_label(label)):
+            _copy(source, ("filters", label), ("filters", tuned_label(label)))
+        _set(source, tuned_label(label), label, found.get(label, {}))
     _order(source, wanted)
     run = _with_tuned_of_only(source, wanted)
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
@@ -48,13 +48,13 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
 def _check_own(source: Source, label: str) -> None:
     """Blame an entry that has the tuned filter's label, but is not this filter with other values."""
     keys = _mapping(source, ("tune",))[label]
-    if not isinstance(keys, dict) or not _is_entry(source, tuned(label)):
+    if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
-    both = [label, tuned(label)]
+    both = [label, tuned_label(label)]
     one, other = (with_values(source, of, dict.fromkeys(keys)).data["filters"][of] for of in both)
     if one != other:
         what = f"tuning gives this label to the tuned {label}: give this filter another label"
-        source.blame_key(("filters", tuned(label)), what)
+        source.add_key_problem(("filters", tuned_label(label)), what)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
@@ -84,18 +84,18 @@ def _is_entry(source: Source, label: str) -> bool:
 def _copy(source: Source, keys: Keys, to: Keys) -> None:
     """The value with the positions of all that is in it."""
     at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
-    source.graft(to, source.part(keys, copied))
+    source.adopt_positions(to, source.subtree(keys, copied))
 
 
 def _order(source: Source, labels: Iterable[str]) -> None:
     """Each tuned filter behind its own."""
     filters = source.data["filters"]
-    mine = {tuned(label): filters.pop(tuned(label)) for label in labels}
+    mine = {tuned_label(label): filters.pop(tuned_label(label)) for label in labels}
     out: dict[str, Any] = {}
     for label, entry in filters.items():
         out[label] = entry
-        if tuned(label) in mine:
-            out[tuned(label)] = mine[tuned(label)]
+        if tuned_label(label) in mine:
+            out[tuned_label(label)] = mine[tuned_label(label)]
     source.data["filters"] = out
 
 
@@ -105,11 +105,11 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
     if not isinstance(only, list) or not only:
         return labels
     for label in labels:
-        if label in only and tuned(label) not in only:
+        if label in only and tuned_label(label) not in only:
             mark = source.mark(("only", only.index(label)))
-            only.append(tuned(label))
+            only.append(tuned_label(label))
             source.marks["only", len(only) - 1] = mark
-    return [label for label in labels if tuned(label) in only]
+    return [label for label in labels if tuned_label(label) in only]
 
 
 def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> None:
@@ -129,14 +129,14 @@ def _file_name(label: str) -> str:
 
 
 @dataclass(frozen=True)
-class Tried:
+class Trial:
     """A filter and what it assumes."""
 
     filter: AnyFilter
     assume: Assume | None
 
 
-def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tried | list[Problem]:
+def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
     """The filter with these values; the reasons if there is none."""
     changed = with_values(source, label, values)
     tracker: Any = build_kind("filters", changed, ("filters", label))
@@ -147,7 +147,7 @@ def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trie
         seen = check_assumed(changed, tried, label)
         if seen is not None:
             check_fit(changed, ("filters", label), tracker, seen)
-    return changed.problems or Tried(tracker, assume)
+    return changed.problems or Trial(tracker, assume)
 
 
 _MOST_KEYS = 5
@@ -180,20 +180,22 @@ def tuned_axes(
     for label, keys in settings.tune.items():
         if label == KEYS[1] and label not in settings.filters:
             what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
-            source.blame_key(("tune", label), what)
+            source.add_key_problem(("tune", label), what)
         elif label not in settings.filters:
             blame_label(source, settings, ("tune", label), label)
         elif not 1 <= len(keys) <= _MOST_KEYS:
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
-            source.blame_key(("tune", label), what)
+            source.add_key_problem(("tune", label), what)
         elif label == settings.reference:
-            source.blame_key(("tune", label), "the reference filter is what others are measured to")
+            source.add_key_problem(
+                ("tune", label), "the reference filter is what others are measured to"
+            )
         else:
             axes = [_axis(source, label, key, keys[key]) for key in keys]
             good = len(source.problems) == before
             if None not in axes and training is not None and good:
                 whole = _tried(source, training, label, [a for a in axes if a is not None])
-                if not settings.only or tuned(label) in settings.only:
+                if not settings.only or tuned_label(label) in settings.only:
                     out[label] = whole
     return out
 
@@ -202,10 +204,10 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
     tuning = settings.tuning
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
-        source.blame_key(("tune",), what)
+        source.add_key_problem(("tune",), what)
     for word, what in bad_terms(tuning.metric):
         keys = ("tuning", "metric", *([] if isinstance(tuning.metric, str) else [word]))
-        source.blame(keys, what)
+        source.add_problem(keys, what)
     most = 0 if training is None else training.scenario.recorded_runs or 0
     in_time = training is not None and training.scenario.training is not None
     shared = training is not None and not in_time and same_recordings(points[0], training)
@@ -218,14 +220,14 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
             if beside
             else f"{tuning.runs} is more than the {most} recorded runs"
         )
-        source.blame(("tuning", "runs"), what)
+        source.add_problem(("tuning", "runs"), what)
 
 
 def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
     try:
         return read_axis(key, written)
     except ValueError as error:
-        source.blame(("tune", label, key), str(error))
+        source.add_problem(("tune", label, key), str(error))
         return None
 
 
@@ -236,15 +238,17 @@ def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
-            if not isinstance(make_trial(source, point, label, between), Tried):
+            if not isinstance(make_trial(source, point, label, between), Trial):
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
         out.append(axis)
     for axis in out:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
             tried = make_trial(source, point, label, {**middle, axis.key: value})
-            for problem in [] if isinstance(tried, Tried) else tried:
-                source.blame(("tune", label, axis.key), f"at {value}: {_said(problem, label)}")
+            for problem in [] if isinstance(tried, Trial) else tried:
+                source.add_problem(
+                    ("tune", label, axis.key), f"at {value}: {_said(problem, label)}"
+                )
     return tuple(out)
 
 

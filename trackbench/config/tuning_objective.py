@@ -83,7 +83,7 @@ def as_expression(word: str) -> str:
     return word if m.family[0].per_component else str(m)
 
 
-def made_small(word: str) -> str:
+def objective_label(word: str) -> str:
     """The term as it is added up: what is made large has a minus."""
     return f"-{word}" if _is_made_large(_read(word)) else word
 

@@ -14,7 +14,7 @@ SUFFIX = " (tuned)"
 """What the label of a tuned filter ends with."""
 
 
-def tuned(label: str) -> str:
+def tuned_label(label: str) -> str:
     """Label of the tuned filter beside this one."""
     return label + SUFFIX
 

@@ -1,4 +1,4 @@
-"""The checks of the contract: each raises BrokenError with what it found."""
+"""The checks of the contract: each raises ContractError with what it found."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -11,7 +11,7 @@ from trackbench.contract.fixtures import filtered, kalman_filtered, noise, simul
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
-from trackbench.filters.base import tells_likelihood, tells_notes
+from trackbench.filters.base import declares_diagnostics, has_likelihood
 
 
 class Finding(NamedTuple):
@@ -25,7 +25,7 @@ class Finding(NamedTuple):
         return f"{self.verdict:>8}  {self.check}" + (f": {self.why}" if self.why else "")
 
 
-class BrokenError(Exception):
+class ContractError(Exception):
     """The filter does not do what it promised."""
 
 
@@ -49,17 +49,17 @@ def _shapes(tracker: Any, scenario: Any) -> None:
         _check_array(f"cov at step {k}", found.cov)
         noted = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
         check_names(noted)
-        if i and tells_notes(type(tracker)) and set(noted) != set(tracker.notes):
-            raise BrokenError(f"notes is {sorted(tracker.notes)}, diagnostics {sorted(noted)}")
-        if i and tells_likelihood(tracker):
+        if i and declares_diagnostics(type(tracker)) and set(noted) != set(tracker.notes):
+            raise ContractError(f"notes is {sorted(tracker.notes)}, diagnostics {sorted(noted)}")
+        if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
 
 
 def _check_array(name: str, array: Any) -> None:
     if np.asarray(array).dtype != np.float64:
-        raise BrokenError(f"{name} is of {np.asarray(array).dtype}")
+        raise ContractError(f"{name} is of {np.asarray(array).dtype}")
     if not np.isfinite(array).all():
-        raise BrokenError(f"{name} is not finite")
+        raise ContractError(f"{name} is not finite")
 
 
 def _purity(tracker: Any, scenario: Any) -> None:
@@ -67,22 +67,24 @@ def _purity(tracker: Any, scenario: Any) -> None:
     prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, noise())
     if not _same(prior, data.prior):
-        raise BrokenError("the prior is written to; make a new array")
+        raise ContractError("the prior is written to; make a new array")
     z, k = data.measurements[:, 0], int(scenario.steps[1])
     kept = deepcopy((state, z))
     first = tracker.estimate(tracker.step(scenario.model, state, z, k, noise()))
     if not _same(kept, (state, z)):
-        raise BrokenError("the state or the measurement is written to; make a new array")
+        raise ContractError("the state or the measurement is written to; make a new array")
     again = tracker.estimate(tracker.step(scenario.model, state, z, k, noise()))
     if not np.array_equal(first.mean, again.mean, equal_nan=True):
-        raise BrokenError("the same step with the same noise gives another estimate")
+        raise ContractError("the same step with the same noise gives another estimate")
 
 
 def _repeats(tracker: Any, scenario: Any) -> None:
     data = simulated(scenario, 3)
     first, again = (filtered(tracker, scenario, data) for _ in range(2))
     if not np.array_equal(first.mean, again.mean, equal_nan=True):
-        raise BrokenError("the estimates are others the second time: noise comes from `rng` alone")
+        raise ContractError(
+            "the estimates are others the second time: noise comes from `rng` alone"
+        )
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -104,14 +106,16 @@ def _independence(tracker: Any, scenario: Any) -> None:
         other[..., run] += 1.0
         moved = filtered(tracker, scenario, data._replace(measurements=other))
         if not np.array_equal(whole.mean[..., others], moved.mean[..., others], equal_nan=True):
-            raise BrokenError("another measurement in one run changes the estimates of the others")
+            raise ContractError(
+                "another measurement in one run changes the estimates of the others"
+            )
     if not whole.random:
         turned = filtered(tracker, scenario, simulated(scenario, runs, step=-1)).mean[..., ::-1]
         if not np.allclose(turned, whole.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
-            raise BrokenError("the runs come out differently in another order")
+            raise ContractError("the runs come out differently in another order")
         alone = filtered(tracker, scenario, simulated(scenario, 1))
         if not np.allclose(alone.mean, whole.mean[..., :1], rtol=1e-10, atol=1e-10, equal_nan=True):
-            raise BrokenError("the first run comes out differently without the others")
+            raise ContractError("the first run comes out differently without the others")
 
 
 def _gaps(tracker: Any, scenario: Any) -> None:
@@ -119,7 +123,7 @@ def _gaps(tracker: Any, scenario: Any) -> None:
     seen = data.measurements.copy()
     seen[:, 1, ::2] = np.nan
     if not np.isfinite(filtered(tracker, scenario, data._replace(measurements=seen)).mean).all():
-        raise BrokenError("the estimate is not finite where a measurement is missing (NaN)")
+        raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
 
 
 def _equals_kalman(tracker: Any, scenario: Any) -> None:
@@ -131,10 +135,10 @@ def _equals_kalman(tracker: Any, scenario: Any) -> None:
         return
     off = float(np.abs(error / sigma).max())
     if off > 1e-6:
-        raise BrokenError(f"the mean is off by up to {off:.2g} standard deviations")
+        raise ContractError(f"the mean is off by up to {off:.2g} standard deviations")
     ratio = float(np.abs(mine.cov / exact.cov - 1.0)[exact.cov != 0.0].max())
     if ratio > 1e-6:
-        raise BrokenError(f"the covariance is off by up to {100 * ratio:.2g} %")
+        raise ContractError(f"the covariance is off by up to {100 * ratio:.2g} %")
 
 
 def _check_unbiased(error: Array, sigma: Array, N: int) -> None:
@@ -144,7 +148,7 @@ def _check_unbiased(error: Array, sigma: Array, N: int) -> None:
     bias = np.abs(error.mean(axis=-1))
     if (bias > allowed).any():
         worst = float((bias / allowed).max())
-        raise BrokenError(f"the mean is biased, by {worst:.1f} times what chance and N allow")
+        raise ContractError(f"the mean is biased, by {worst:.1f} times what chance and N allow")
 
 
 CHECKS: dict[str, tuple[str, Callable[[Any, Any], None]]] = {

@@ -11,10 +11,10 @@ import numpy as np
 from trackbench.config import plugin_checks
 from trackbench.config.checks import has
 from trackbench.config.plugins import load_plugin, read_plugin
-from trackbench.contract.checks import CHECKS, BrokenError, Finding
+from trackbench.contract.checks import CHECKS, ContractError, Finding
 from trackbench.contract.fixtures import LINEAR, RADAR, SCALAR
 from trackbench.errors import UserError, in_line
-from trackbench.plugins.errors import BadPluginError, blamed
+from trackbench.plugins.errors import BadPluginError, located_message
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import kinds
 
@@ -44,7 +44,7 @@ def check_filter(
     """
     try:
         tracker = _made(cls) if tracker is None else tracker
-    except BrokenError as error:
+    except ContractError as error:
         return [Finding("can be made without any key", "bad", str(error))]
     found = [Finding("can be made without any key", "good")]
     scenario, why_not = _playground(tracker, scenarios)
@@ -65,29 +65,29 @@ def _tried(name: str, check: Callable[[Any, Any], None], tracker: Any, scenario:
     try:
         with guarded(), np.errstate(all="ignore"):
             check(tracker, scenario)
-    except BrokenError as error:
+    except ContractError as error:
         return Finding(name, "bad", str(error))
     except Exception as error:
-        return Finding(name, "bad", in_line(blamed(error, tracker)))
+        return Finding(name, "bad", in_line(located_message(error, tracker)))
     return Finding(name, "good")
 
 
 def _made(cls: type[Any]) -> Any:
     if not is_dataclass(cls):
-        raise BrokenError("is not a dataclass (frozen=True, kw_only=True)")
+        raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
     required = [f.name for f in fields(cls) if f.init and not _has_default(f)]
     if required:
         what = ", ".join(required)
-        raise BrokenError(f"give {what} a default, so that a first run needs no keys")
+        raise ContractError(f"give {what} a default, so that a first run needs no keys")
     one, other = cls(), cls()
     try:
         if hash(one) != hash(other) or one != other:
-            raise BrokenError("two equal filters differ: make it @dataclass(frozen=True)")
+            raise ContractError("two equal filters differ: make it @dataclass(frozen=True)")
     except TypeError as error:
         what = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
-        raise BrokenError(what) from None
+        raise ContractError(what) from None
     if pickle.loads(pickle.dumps(one)) != one:
-        raise BrokenError("does not survive the way to another process")
+        raise ContractError("does not survive the way to another process")
     return one
 
 
@@ -99,7 +99,7 @@ def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     """The first scenario the filter runs on, and why not on the linear one."""
     reasons: list[str] = []
     for scenario in (LINEAR, SCALAR, RADAR, *scenarios):
-        lacking = [n for n in tracker.needed if not has(scenario, n)]
+        lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
         mistakes = list(plugin_checks.conflicts(tracker, scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)

@@ -32,10 +32,10 @@ class BlockTask:
     seed: int
     index: int
     width: int
-    used: int
+    runs_used: int
     reference: AnyFilter | None = None
     """filter whose estimates distances are measured to, if any"""
-    shown: int = 0
+    runs_with_tracks: int = 0
     """keep whole tracks of runs below this number"""
     keep_covariance: bool = False
     """keep the covariances of the shown tracks too"""
@@ -43,18 +43,18 @@ class BlockTask:
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
     """what the filter assumes that is not the scenario's"""
-    foretold: tuple[Kind, ...] = ()
+    predictive_metrics: tuple[Kind, ...] = ()
     """what the filter is asked beside its estimate: of measurements before it is given them, and of
     where in its posterior the truth lies"""
     hold_out: int | None = None
     """every so many-th measurement of a run is not given to the filter"""
-    also: tuple[int, ...] = field(default=(), compare=False)
+    extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
     """numbers of the block's runs over which it is reduced, too: a batch may stop there, or go on"""
 
     @property
-    def seen(self) -> Scenario:
+    def assumed_scenario(self) -> Scenario:
         """The scenario with the model that the filter assumes."""
-        return self.scenario if self.assume is None else self.scenario.believing(self.assume)
+        return self.scenario if self.assume is None else self.scenario.with_assumptions(self.assume)
 
     @property
     def first_run(self) -> int:
@@ -64,24 +64,33 @@ class BlockTask:
     @property
     def data(self) -> Simulation:
         """The whole block's data."""
-        return simulate(self.scenario.unscored, self.seed, self.first_run, self.width)
+        return simulate(self.scenario.without_scoring, self.seed, self.first_run, self.width)
 
     @property
-    def alone(self) -> "BlockTask":
+    def filtering_key(self) -> "BlockTask":
         """Equal for all tasks of which the filter makes the same estimates."""
-        alone = BlockTask(self.scenario.unscored, self.filter, self.seed, self.index, self.width, 0)
-        return replace(alone, assume=self.assume, foretold=self.foretold, hold_out=self.hold_out)
+        alone = BlockTask(
+            self.scenario.without_scoring, self.filter, self.seed, self.index, self.width, 0
+        )
+        return replace(
+            alone,
+            assume=self.assume,
+            predictive_metrics=self.predictive_metrics,
+            hold_out=self.hold_out,
+        )
 
     @property
-    def of_reference(self) -> "BlockTask":
+    def reference_task(self) -> "BlockTask":
         """The reference's own task."""
         assert self.reference is not None
-        told: tuple[Kind, ...] = ("score",) if "evidence" in self.foretold else ()
-        return replace(self.alone, filter=self.reference, assume=None, foretold=told)
+        told: tuple[Kind, ...] = ("score",) if "evidence" in self.predictive_metrics else ()
+        return replace(
+            self.filtering_key, filter=self.reference, assume=None, predictive_metrics=told
+        )
 
-    def shown_of(self, used: int) -> int:
+    def runs_with_tracks_among(self, used: int) -> int:
         """How many of the block's first ``used`` runs are shown with their whole tracks."""
-        return 0 if self.index < 0 else max(0, min(self.shown - self.first_run, used))
+        return 0 if self.index < 0 else max(0, min(self.runs_with_tracks - self.first_run, used))
 
 
 class Tracks(NamedTuple):
@@ -98,7 +107,7 @@ class BlockResult(NamedTuple):
 
     per_run: dict[str, Array]
     steps: dict[str, StepSums]
-    kept: dict[str, Array]
+    run_series: dict[str, Array]
     tracks: Tracks | None
     cpu_s: float
     width: int

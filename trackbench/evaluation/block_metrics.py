@@ -8,14 +8,14 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
 from trackbench.evaluation.calibration import evidence
 from trackbench.evaluation.error_series import FOUND, per_run_metrics, series, step_sums
-from trackbench.evaluation.run_filter import Filtered, passed
+from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached
 from trackbench.evaluation.validate_output import check_names
 from trackbench.scenarios.base import Simulation
 
 
 def run_block(task: BlockTask) -> BlockResult:
     """Simulate the block's runs, filter them, and reduce the errors to metrics."""
-    return run_whole_block(task)[task.used]
+    return run_whole_block(task)[task.runs_used]
 
 
 def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
@@ -26,20 +26,23 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     keep_freed_memory()
     with np.errstate(all="ignore"):  # a run that leaves the numbers is counted, not warned about
         data = task.data
-        result = passed(task.alone, task.shown_of(task.width) if task.keep_covariance else 0)
-        exact = None if task.reference is None else passed(task.of_reference, 0)
+        result = run_filter_cached(
+            task.filtering_key,
+            task.runs_with_tracks_among(task.width) if task.keep_covariance else 0,
+        )
+        exact = None if task.reference is None else run_filter_cached(task.reference_task, 0)
         exact_mean = None if exact is None else exact.mean
         values = series(task.scenario, data.truth, result.mean, result.nees, exact_mean)
         values |= result.diagnostics
-        if exact is not None and "evidence" in task.foretold:
+        if exact is not None and "evidence" in task.predictive_metrics:
             values |= evidence(values, exact.diagnostics)
-        check_names(task.filter.counts)
+        check_names(task.filter.summed_diagnostics)
         finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.
-        per_run = per_run_metrics(task.scenario, values, task.filter.counts, finite)
+        per_run = per_run_metrics(task.scenario, values, task.filter.summed_diagnostics, finite)
         return {
             used: _trimmed(task, data, result, values, per_run, used)
-            for used in {task.used, task.width, *task.also}
+            for used in {task.runs_used, task.width, *task.extra_run_counts}
         }
 
 
@@ -53,7 +56,7 @@ def _stayed_finite(mean: Array) -> Mask:
 def _trimmed(
     task: BlockTask,
     data: Simulation,
-    result: Filtered,
+    result: FilterOutput,
     values: dict[str, Array],
     per_run: dict[str, Array],
     used: int,
@@ -61,7 +64,7 @@ def _trimmed(
     values = {name: rows[:, :used] for name, rows in values.items()}
     per_run = {name: numbers[:used] for name, numbers in per_run.items()}
     kept = [name for name in task.keep_steps if name in values]
-    tracks, shown = None, task.shown_of(used)
+    tracks, shown = None, task.runs_with_tracks_among(used)
     if shown:
         cov = None if result.cov is None else result.cov[..., :shown]
         seen = data.measurements[..., :shown]
@@ -73,7 +76,7 @@ def _trimmed(
             for name, rows in values.items()
             if task.index >= 0
         },
-        kept={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
+        run_series={n: np.where(per_run["lost"] == FOUND, values[n], np.nan) for n in kept},
         tracks=tracks,
         cpu_s=result.cpu_s,
         width=task.width,

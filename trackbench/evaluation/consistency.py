@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.posteriors import distance
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.filters.base import Filter, State, knows_expectations
+from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 
 _ENOUGH = 1024  # columns: a call on so many is worth its price
@@ -60,7 +60,7 @@ def observed(
 ) -> dict[str, Array]:
     """Errors (M,) of the observables at one step by the name of their series; truth is (n_x, M)."""
     out: dict[str, Array] = {}
-    exact = scenario.observables(truth) if knows_expectations(tracker) else {}
+    exact = scenario.observables(truth) if has_expectations(tracker) else {}
     if not exact:
         return out
     given = tracker.expectation(state, scenario.observables)

@@ -16,7 +16,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.evaluation.validate_output import checked_metrics
-from trackbench.filters.base import ReturnedError
+from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario, in_window
 
@@ -73,7 +73,9 @@ def per_run_metrics(
             out[in_window(name, window)] = numbers
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in out and (name == "lost" or is_reserved(name)):
-            raise ReturnedError("run_metrics", f"{name!r} is a metric of every scenario: rename it")
+            raise WrongReturnError(
+                "run_metrics", f"{name!r} is a metric of every scenario: rename it"
+            )
         if name in out:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         out[name] = numbers

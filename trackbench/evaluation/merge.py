@@ -23,7 +23,7 @@ class FilterResult(NamedTuple):
 
     per_run: dict[str, Array]
     steps: dict[str, StepSums]
-    kept: dict[str, Array]
+    run_series: dict[str, Array]
     tracks: Tracks | None
     timing: list[Timing]
     measured: Measured | None = None
@@ -42,7 +42,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
             per_run.setdefault(name, []).append(values)
         for name, sums in block.steps.items():
             steps[name] = steps[name].plus(sums) if name in steps else sums
-        for name, values in block.kept.items():
+        for name, values in block.run_series.items():
             kept.setdefault(name, []).append(values)
         if block.tracks is not None:
             tracks.append(block.tracks)
@@ -50,7 +50,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
     return FilterResult(
         per_run={name: np.concatenate(parts) for name, parts in per_run.items()},
         steps=steps,
-        kept={name: np.concatenate(parts, axis=1) for name, parts in kept.items()},
+        run_series={name: np.concatenate(parts, axis=1) for name, parts in kept.items()},
         tracks=_merged_tracks(tracks),
         timing=timing,
     )

@@ -28,7 +28,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.filters.base import AnyFilter, tells_likelihood
+from trackbench.filters.base import AnyFilter, has_likelihood
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import predicted_innovation
 
@@ -44,7 +44,7 @@ def held_out(measurements: Array, every: int) -> Mask:
     return np.asarray(there & (np.cumsum(there, axis=0) % every == 0))
 
 
-def foretold_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
+def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
     """Names of all series that may be asked for; ``scores``: the filter tells its log-likelihood."""
     out = [_SCORE] if scores else []
     out += ["anis", "innovations", *(f"autocovariance_{lag}" for lag in range(1, LAGS + 1))]
@@ -54,7 +54,7 @@ def foretold_series(components: Sequence[str], scores: bool, hold_out: int | Non
     return out + [f"{e}_{h}_{c}" for h in heads for c in components for e in ("squared", "error")]
 
 
-class Told(NamedTuple):
+class Step(NamedTuple):
     """One step: where the filter was, where it came, its whole estimate, the step."""
 
     before: Any
@@ -63,7 +63,7 @@ class Told(NamedTuple):
     k: int
 
 
-class Foretelling:
+class PredictionScorer:
     """The series of one filter over one block, step by step."""
 
     def __init__(
@@ -79,26 +79,26 @@ class Foretelling:
         self._wanted = {"score", "prediction"}.intersection(wanted)
         self._all = measurements
         self._held = held_out(measurements, hold_out) if hold_out else None
-        self.given = measurements
+        self.visible = measurements
         if self._held is not None:
-            self.given = frozen(np.where(self._held, np.nan, measurements))
+            self.visible = frozen(np.where(self._held, np.nan, measurements))
         self._rows: dict[str, list[Array]] = {}
         self._past = np.full((LAGS, *measurements[:, 0].shape), np.nan)
 
     @property
-    def is_idle(self) -> bool:
+    def disabled(self) -> bool:
         """Whether nothing is to be told."""
         return not self._wanted and self._held is None
 
-    def kept(self, state: Any) -> Any:
+    def snapshot(self, state: Any) -> Any:
         """The state as it is now: objects of one run change with each step."""
-        if not self._tracker.one_by_one:
+        if not self._tracker.loops_over_runs:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
-    def add(self, told: Told, i: int) -> None:
+    def add(self, told: Step, i: int) -> None:
         """The step that was given measurement i."""
-        z = self.given[:, i]
+        z = self.visible[:, i]
         if "score" in self._wanted:
             self._note(self._scores(told.after, _measured(z)))
         if "prediction" in self._wanted:
@@ -112,13 +112,13 @@ class Foretelling:
         """Values (T + 1, M) by the name of their series; of the first state there are none."""
         return {name: after_first(np.stack(values)) for name, values in self._rows.items()}
 
-    def _aside(self, told: Told, z: Array) -> tuple[Any, Gaussian]:
-        before = self.kept(told.before)
+    def _aside(self, told: Step, z: Array) -> tuple[Any, Gaussian]:
+        before = self.snapshot(told.before)
         state = self._tracker.step(self._model, before, z, told.k, self._rng)
         return state, self._tracker.estimate(state)
 
     def _scores(self, state: Any, measured: Mask) -> dict[str, Array]:
-        if not tells_likelihood(self._tracker):
+        if not has_likelihood(self._tracker):
             return {}
         own: Any = self._tracker.log_likelihood(state)
         found = checked_numbers("series", {_SCORE: own}, len(measured))
@@ -137,14 +137,14 @@ class Foretelling:
         moved = np.concatenate([white[None], self._past[:-1]])
         self._past = np.where(missing, self._past, moved)
 
-    def _held_back(self, told: Told, z: Array) -> None:
+    def _held_back(self, told: Step, z: Array) -> None:
         """Of the runs whose measurement is held back the estimate is the prediction."""
         measured = _measured(z)
         nu = z  # of nothing there is no error
         if measured.any():
             nu = predicted_innovation(self._model, told.found, z, told.k).nu
         self._note(self._errors("held", nu))
-        if tells_likelihood(self._tracker):
+        if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
                 scores = self._scores(self._aside(told, frozen(z))[0], measured)

@@ -50,7 +50,7 @@ def with_shares(
     """
     shares = {}
     for m in wanted:
-        rows = result.kept.get(series_of(m) or "")
+        rows = result.run_series.get(series_of(m) or "")
         if rows is not None:
             shares[str(m)] = _share(m, rows, result, windows, steps, sizes)
     there = {name: values for name, values in shares.items() if values is not None}

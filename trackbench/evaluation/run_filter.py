@@ -15,22 +15,22 @@ from trackbench.core.random_streams import aside_stream, block_stream
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.calibration import Calibration
 from trackbench.evaluation.consistency import ConsistencySeries, observed
-from trackbench.evaluation.predictive_scores import Foretelling, Told, after_first
+from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
 from trackbench.evaluation.validate_output import (
     check_axes,
     check_estimate,
     check_names,
     checked_numbers,
-    told_to_copy,
+    explain_read_only_errors,
 )
-from trackbench.extension_points import foreign_within
-from trackbench.filters.base import ReturnedError
+from trackbench.extension_points import foreign_parts
+from trackbench.filters.base import WrongReturnError
 from trackbench.models.augmented_prior import extended
 from trackbench.models.base import Model, extra_std
 from trackbench.scenarios.base import Simulation
 
 
-class Filtered(NamedTuple):
+class FilterOutput(NamedTuple):
     """mean (n_x, T + 1, M), nees (T + 1, M), cov of the first runs, diagnostics (T + 1, M), CPU s."""
 
     mean: Array
@@ -41,50 +41,52 @@ class Filtered(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def passed(task: BlockTask, covariances: int) -> Filtered:
+def run_filter_cached(task: BlockTask, covariances: int) -> FilterOutput:
     """A filter's way through its block, read-only; cached for tasks that only score it otherwise.
 
     And for those of other filters that have it as their reference.
     """
-    return frozen(estimate(task, task.data, covariances))
+    return frozen(run_filter(task, task.data, covariances))
 
 
-@told_to_copy()
-def estimate(task: BlockTask, data: Simulation, covariances: int = 0) -> Filtered:
+@explain_read_only_errors()
+def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
     """Run the filter over the block's data; estimates of every step, the prior's included.
 
     Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
     filter writes to what it is given, or gives back what is no estimate.
     """
-    tracker, model = task.filter, frozen(task.seen.model)
+    tracker, model = task.filter, frozen(task.assumed_scenario.model)
     rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
-    telling = Foretelling(tracker, model, data.measurements, task.foretold, task.hold_out, aside)
-    prior, kept, clock = prior_of(data, model), _Kept(task, data, model, covariances), _Clock()
-    with _sealed(task, data, telling.given, prior, model):
+    telling = PredictionScorer(
+        tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
+    )
+    prior, kept, clock = prior_of(data, model), _Recorder(task, data, model, covariances), _Clock()
+    with _sealed(task, data, telling.visible, prior, model):
         with clock:
             state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
         kept.add(state, found)
         check_axes(found, prior.mean)
         for i, k in enumerate(task.scenario.steps[1:].tolist()):
-            before = state if telling.is_idle else telling.kept(state)
+            before = state if telling.disabled else telling.snapshot(state)
             with clock:
-                state = tracker.step(model, state, telling.given[:, i], k, rng)
+                state = tracker.step(model, state, telling.visible[:, i], k, rng)
                 found = tracker.estimate(state)
             kept.note(tracker.diagnostics(state))
             kept.add(state, found)
-            if not telling.is_idle:
-                telling.add(Told(before, state, found, k), i)
+            if not telling.disabled:
+                telling.add(Step(before, state, found, k), i)
         return kept.filtered(telling.series(), clock.cpu_s)
 
 
 @contextmanager
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise ReturnedError if code of a plugin writes to what filters share, and undo it.
+    """Raise WrongReturnError if code of a plugin writes to what filters share, and undo it.
 
     numpy cannot write to it; a library that takes an array's address can.
     """
-    if not foreign_within((task.filter, task.scenario, task.assume)):
+    if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
     seal = Seal(shared, memoize.remembered())
@@ -93,7 +95,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
     finally:
         if seal.mend():
             what = "writes to measurements, a prior or matrices that all filters of the block share"
-            raise ReturnedError("step", f"{what}: copy an array before you write to it")
+            raise WrongReturnError("step", f"{what}: copy an array before you write to it")
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:
@@ -103,7 +105,7 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
     return frozen(extended(data.prior, extra_std(model.motion)))
 
 
-class _Kept:
+class _Recorder:
     """What is kept, step by step: copies, since the filter may go on writing to its own."""
 
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
@@ -115,7 +117,7 @@ class _Kept:
         self._observed: list[dict[str, Array]] = []
         scenario, tracker = task.scenario, task.filter
         self._consistency = ConsistencySeries(scenario, task.width)
-        wanted = task.foretold if scenario.has_truth else ()
+        wanted = task.predictive_metrics if scenario.has_truth else ()
         self._judged = Calibration(tracker, scenario.components, wanted)
 
     def note(self, diagnostics: dict[str, Array]) -> None:
@@ -136,7 +138,7 @@ class _Kept:
         if self._covariances:
             self._covs.append(of_each_run(found).cov[..., : self._covariances].copy())
 
-    def filtered(self, told: dict[str, Array], cpu_s: float) -> Filtered:
+    def filtered(self, told: dict[str, Array], cpu_s: float) -> FilterOutput:
         """All of it, with what the filter told of measurements."""
         errors = self._consistency.series()
         errors |= self._judged.series(errors["nees"])
@@ -150,7 +152,7 @@ class _Kept:
         series |= errors
         series |= {n: np.stack([o[n] for o in self._observed]) for n in self._observed[0]}
         cov = np.stack(self._covs, axis=2) if self._covs else None
-        return Filtered(np.stack(self._means, axis=1), nees, cov, series | told, cpu_s)
+        return FilterOutput(np.stack(self._means, axis=1), nees, cov, series | told, cpu_s)
 
 
 class _Clock:

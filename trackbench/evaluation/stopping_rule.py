@@ -18,7 +18,7 @@ from trackbench.evaluation.summary import SummaryRow, summary_rows
 _GROWTH = 1.5  # from one number of runs at which the errors are tried to the next
 
 
-class Wanted(NamedTuple):
+class PrecisionTarget(NamedTuple):
     """The standard error that is wanted of a number of the summary, in its unit or as a share of it."""
 
     metric: str
@@ -26,7 +26,7 @@ class Wanted(NamedTuple):
     relative: bool
 
     @classmethod
-    def read(cls, metric: str, error: float | str) -> "Wanted":
+    def read(cls, metric: str, error: float | str) -> "PrecisionTarget":
         """``1%`` or a number."""
         if isinstance(error, str):
             return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
@@ -43,10 +43,10 @@ class Wanted(NamedTuple):
         return stderr / most if most > 0.0 else float("nan")
 
 
-class Looked(NamedTuple):
+class PrecisionCheck(NamedTuple):
     """A number after so many runs, and its standard error as a share of what is wanted."""
 
-    wanted: Wanted
+    wanted: PrecisionTarget
     row: SummaryRow
     share: float
 
@@ -56,7 +56,7 @@ class Looked(NamedTuple):
         return self.share <= 1.0 or self.row.runs == 0
 
 
-def looks(least: int, most: int) -> Iterator[int]:
+def checkpoints(least: int, most: int) -> Iterator[int]:
     """Numbers of runs at which the errors are looked at: half as many again each time."""
     runs = min(least, most)
     while runs < most:
@@ -72,13 +72,13 @@ def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
     return next(found, stops[-1] if exact[-1] and len(exact) == len(stops) else None)
 
 
-def looked(
-    wanted: Sequence[Wanted],
+def check_precision(
+    wanted: Sequence[PrecisionTarget],
     result: FilterResult,
     sizes: Mapping[str, int],
     windows: Mapping[str, Mask],
     runs: int | None = None,
-) -> list[Looked]:
+) -> list[PrecisionCheck]:
     """The numbers of one filter that are wanted, after its first ``runs`` runs."""
     names = {w.metric for w in wanted}
     parts = {_values(name) for name in names} | {_values("lost")}
@@ -90,7 +90,9 @@ def looked(
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     found = {row.metric: row for row in rows if row.metric in names}
     return [
-        Looked(w, found[w.metric], w.share(found[w.metric])) for w in wanted if w.metric in found
+        PrecisionCheck(w, found[w.metric], w.share(found[w.metric]))
+        for w in wanted
+        if w.metric in found
     ]
 
 

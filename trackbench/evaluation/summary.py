@@ -106,7 +106,7 @@ def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRo
         for j, i in enumerate(there.tolist()):
             for metric, value, stderr in columns:
                 yield StepRow(i, metric, value[j], stderr[j], int(numbers[j]))
-    for name, rows in result.kept.items():
+    for name, rows in result.run_series.items():
         for i, row in enumerate(_found(rows)):
             if len(row):
                 yield StepRow(i, f"median({name})", *median(row), len(row))

@@ -88,7 +88,7 @@ class _Sample:
     """A filter at some steps of its block, to be taken again and again."""
 
     def __init__(self, task: BlockTask) -> None:
-        self._task, self._model = task, frozen(task.seen.model)
+        self._task, self._model = task, frozen(task.assumed_scenario.model)
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
         kept, each = self._passed()
@@ -140,7 +140,7 @@ class _Sample:
 
     def _copy(self, state: Any) -> Any:
         """The state as it is now: objects of one run change with each step."""
-        if not self._task.filter.one_by_one:
+        if not self._task.filter.loops_over_runs:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
@@ -183,8 +183,8 @@ def _shares(counts: Array, T: int) -> Array:
 
 def operations(task: BlockTask) -> Array:
     """Likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
-    tracker, model = task.filter, frozen(task.seen.model)
-    data = simulate(task.scenario.unscored, task.seed, 0, 1)
+    tracker, model = task.filter, frozen(task.assumed_scenario.model)
+    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
     rng, found = block_stream(task.seed, 0), []
     state = tracker.init(model, prior_of(data, model), rng)
     for i, k in enumerate(task.scenario.steps[1 : _COUNTED + 1].tolist()):

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.base import ReturnedError
+from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import is_reserved
 
 _METHODS = {
@@ -23,7 +23,7 @@ _METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
 
 
 @contextmanager
-def told_to_copy() -> Iterator[None]:
+def explain_read_only_errors() -> Iterator[None]:
     """Say of numpy's error about a read-only array what the author of a filter has to know."""
     try:
         yield
@@ -43,7 +43,7 @@ def check_estimate(found: Gaussian, sizes: tuple[int, int], runs: int) -> None:
         mean, cov = found.mean, found.cov
     except AttributeError:
         what = f"an estimate is a Gaussian, and this is a {type(found).__name__}"
-        raise ReturnedError("estimate", what) from None
+        raise WrongReturnError("estimate", what) from None
     n = sizes[0] if _is_real(mean, (sizes[0], runs)) else sizes[1]
     if not _is_real(mean, (n, runs)):
         raise _refused("estimate", "the mean of the estimate", mean, (n, runs))
@@ -57,17 +57,17 @@ def check_axes(first: Gaussian, start: Array) -> None:
     exchanged = first.mean.shape == start.shape[::-1] and np.array_equal(first.mean.T, start)
     if exchanged and not np.array_equal(first.mean, start):
         what = "components and runs of the mean are exchanged: components come first"
-        raise ReturnedError("estimate", what)
+        raise WrongReturnError("estimate", what)
 
 
 def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Array]:
     """Copies of real numbers per run (M,) by name; raises ValueError for anything else."""
     if not isinstance(given, dict):
         text = f"{what}s are a {type(given).__name__}, not a mapping"
-        raise ReturnedError(_METHODS[what], text)
+        raise WrongReturnError(_METHODS[what], text)
     for name, row in given.items():
         if not isinstance(name, str):
-            raise ReturnedError(_METHODS[what], f"the name of a {what} is {name!r}, no word")
+            raise WrongReturnError(_METHODS[what], f"the name of a {what} is {name!r}, no word")
         if not _is_real(row, (runs,)):
             raise _refused(_METHODS[what], f"{what} {name!r}", row, (runs,))
     return {name: np.array(row, dtype=np.float64) for name, row in given.items()}
@@ -79,7 +79,7 @@ def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:
     for name in found:
         if not _METRIC.fullmatch(name):
             why = "use letters, digits, . _ - and what it is of as in delay_s[leg 1]"
-            raise ReturnedError("run_metrics", f"a metric cannot be named {name!r}: {why}")
+            raise WrongReturnError("run_metrics", f"a metric cannot be named {name!r}: {why}")
     return found
 
 
@@ -88,10 +88,10 @@ def check_names(names: Iterable[str]) -> None:
     for name in names:
         if is_reserved(name):
             why = "as metrics of errors are"
-            raise ReturnedError("diagnostics", f"a diagnostic cannot be named {name!r}, {why}")
+            raise WrongReturnError("diagnostics", f"a diagnostic cannot be named {name!r}, {why}")
         if not _WORD.fullmatch(name):  # rmse[k<=30] and mean(rmse) are metrics of errors, too
             why = "use letters, digits, . _ -"
-            raise ReturnedError("diagnostics", f"a diagnostic cannot be named {name!r}: {why}")
+            raise WrongReturnError("diagnostics", f"a diagnostic cannot be named {name!r}: {why}")
 
 
 def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
@@ -99,8 +99,8 @@ def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
     return type(given) is np.ndarray and given.dtype.kind in "fiub" and given.shape in shapes
 
 
-def _refused(method: str, what: str, given: Any, *shapes: tuple[int, ...]) -> ReturnedError:
+def _refused(method: str, what: str, given: Any, *shapes: tuple[int, ...]) -> WrongReturnError:
     is_array = type(given) is np.ndarray
     found = f"an array {given.shape} of {given.dtype}" if is_array else f"a {type(given).__name__}"
     expected = " or ".join(map(str, shapes))
-    return ReturnedError(method, f"{what} is {found}, not an array {expected} of real numbers")
+    return WrongReturnError(method, f"{what} is {found}, not an array {expected} of real numbers")

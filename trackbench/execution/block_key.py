@@ -14,12 +14,12 @@ from trackbench.config.dump import as_config
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import machine_fingerprint
 from trackbench.execution.code_digest import add_sources, code_digest, python_files
-from trackbench.extension_points import Part, parts_within
+from trackbench.extension_points import Part, walk_parts
 
 
 def block_key(task: BlockTask, used: int) -> str:
     """Key of a block reduced to its first ``used`` runs."""
-    shown = task.shown_of(used)
+    shown = task.runs_with_tracks_among(used)
     facts = [
         _part(task.scenario),
         _part(task.filter),
@@ -27,7 +27,7 @@ def block_key(task: BlockTask, used: int) -> str:
         _part(task.assume) if task.assume is not None else None,
         [task.seed, task.index, task.width, used],
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
-        [task.foretold, task.hold_out],
+        [task.predictive_metrics, task.hold_out],
         [code_digest(), machine_fingerprint.own()],
     ]
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
@@ -36,7 +36,7 @@ def block_key(task: BlockTask, used: int) -> str:
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
     """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
-    parts = [inner for inner in parts_within(part) if not isinstance(inner, type)]
+    parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
     for inner in parts:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.atomic_files import made, write_bytes, write_text
+from trackbench.atomic_files import ensure_folder, write_bytes, write_text
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.block_key import block_key
 from trackbench.execution.code_digest import code_digest
@@ -45,7 +45,7 @@ class BlockStore:
 
     def get(self, task: BlockTask) -> BlockResult | None:
         """The task's block if it is there and whole."""
-        key = block_key(task, task.used)
+        key = block_key(task, task.runs_used)
         try:
             content = self._file(key).read_bytes()
         except OSError:
@@ -54,19 +54,19 @@ class BlockStore:
 
     def has_file(self, task: BlockTask) -> bool:
         """Whether there is a file for the task, good or damaged."""
-        return self._file(block_key(task, task.used)).is_file()
+        return self._file(block_key(task, task.runs_used)).is_file()
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
         """Keep a block, by the number of its runs that are used; raises WriteError."""
         for used, result in results.items():
             key = block_key(task, used)
             file = self._file(key)
-            made(file.parent)
+            ensure_folder(file.parent)
             write_bytes(file, encode(result, key))
 
     def prepare(self) -> None:
         """Make the folder, out of version control's sight; raises WriteError."""
-        made(self.root)
+        ensure_folder(self.root)
         if not (self.root / ".gitignore").exists():
             write_text(self.root / ".gitignore", "*\n")
 
@@ -74,14 +74,14 @@ class BlockStore:
         return self.root / "blocks" / code_digest()[:_CODE_DIGITS] / key[:2] / f"{key}.block"
 
 
-class Held(NamedTuple):
+class FolderSize(NamedTuple):
     """Number of files and their bytes."""
 
     number: int
     bytes: int
 
     @classmethod
-    def of(cls, folders: Iterable[Path]) -> "Held":
+    def of(cls, folders: Iterable[Path]) -> "FolderSize":
         """What some folders hold."""
         files = [path for folder in folders for path in folder.rglob("*.*") if path.is_file()]
         return cls(len(files), sum(path.stat().st_size for path in files))
@@ -90,16 +90,16 @@ class Held(NamedTuple):
 class CacheSize(NamedTuple):
     """What a cache folder holds: blocks of this version of the code and of others, and figures."""
 
-    blocks: Held
-    old_blocks: Held
-    figures: Held
+    blocks: FolderSize
+    old_blocks: FolderSize
+    figures: FolderSize
 
 
 def cache_size(root: Path) -> CacheSize:
     """What a cache folder holds."""
     now = code_digest()[:_CODE_DIGITS]
     mine, others = ([f for f in _versions(root) if (f.name == now) is own] for own in (True, False))
-    return CacheSize(Held.of(mine), Held.of(others), Held.of([root / "figures"]))
+    return CacheSize(FolderSize.of(mine), FolderSize.of(others), FolderSize.of([root / "figures"]))
 
 
 def clear_cache(root: Path, old_only: bool = False) -> None:

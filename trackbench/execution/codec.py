@@ -59,7 +59,7 @@ def _arrays(result: BlockResult) -> Iterator[tuple[Path, Array]]:
     for name, sums in result.steps.items():
         for part, array in sums._asdict().items():
             yield ("steps", name, part), array
-    for name, values in result.kept.items():
+    for name, values in result.run_series.items():
         yield ("kept", name), values
     if result.tracks is not None:
         for name, tracks in result.tracks._asdict().items():
@@ -84,7 +84,7 @@ def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
     return BlockResult(
         per_run=per_run,
         steps={name: StepSums(**parts) for name, parts in sums.items()},
-        kept=kept,
+        run_series=kept,
         tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
         cpu_s=header["cpu_s"],
         width=header["width"],

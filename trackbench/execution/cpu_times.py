@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from trackbench.atomic_files import touched, write_text
+from trackbench.atomic_files import record_writes, write_text
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.errors import WriteError, in_line
@@ -36,7 +36,7 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     if not takes_times(experiment):
         return Times({}, {})
     tasks = {
-        key: replace(blocks[0].alone, foretold=(), hold_out=None)
+        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None)
         for key, blocks in outcome.plan.tasks.items()
         if key not in outcome.failures
     }
@@ -52,7 +52,10 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
     failed = {key[1]: in_line(str(found[task])) for key, task in tasks.items() if key not in good}
     if not failed:
-        with touched(), suppress(OSError, WriteError):  # it is none of the results folder's files
+        with (
+            record_writes(),
+            suppress(OSError, WriteError),
+        ):  # it is none of the results folder's files
             file.parent.mkdir(parents=True, exist_ok=True)
             write_text(file, json.dumps([*found.values()]) + "\n")
     return Times(good, failed)

@@ -41,7 +41,7 @@ def cpu_count() -> int:
 def begin(name: str, workers: int | None, *modules: str) -> None:
     """Begin early with what the engine's processes need, these modules as well, if it has any."""
     if name == "processes" and (workers or cpu_count()) > 1:
-        process_pool.begin(*modules)
+        process_pool.start_forkserver(*modules)
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
@@ -50,7 +50,7 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
         return SerialExecutor
-    if process_pool.is_beginning():
+    if process_pool.is_worker_bootstrapping():
         raise RuntimeError(
             "a script that runs an experiment on several processes is imported by each of them: "
             'put the call under `if __name__ == "__main__":`, or use engine="serial"'

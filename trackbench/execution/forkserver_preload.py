@@ -2,8 +2,8 @@
 
 import scipy.special  # noqa: F401  # which kinds import when they need it
 
-from trackbench.execution.worker import ground
+from trackbench.execution.worker import environment_digests
 from trackbench.registry import GROUPS, import_own
 
 import_own(*(group for group in GROUPS if group not in ("figures", "tables")))
-ground()
+environment_digests()

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.extension_points import parts_within
-from trackbench.field_types import MistakenKeyError
+from trackbench.extension_points import walk_parts
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
 
@@ -70,14 +70,14 @@ def hangs_on_numpys(*parts: Any) -> bool:
 
     So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
     """
-    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in parts_within(part))
+    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in walk_parts(part))
 
 
 def _is_of_our_arithmetic(part: Any) -> bool:
     if not type(part).__module__.startswith("trackbench."):
         return False
     motion = None
-    with suppress(MistakenKeyError):  # where every filter assumes a motion of its own
+    with suppress(InvalidKeyError):  # where every filter assumes a motion of its own
         if isinstance(part, Scenario):
             motion = part.model.motion
         elif isinstance(part, Motion):

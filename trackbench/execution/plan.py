@@ -7,9 +7,9 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
-from trackbench.config.metric_names import number_per_run, number_per_step
+from trackbench.config.metric_names import max_metrics_per_run, number_per_step
 from trackbench.config.plugins import Plugin
-from trackbench.config.requested_metrics import foretold, shared
+from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import BlockTask
 from trackbench.filters.base import AnyFilter
@@ -56,7 +56,7 @@ class Plan:
         """The same blocks, of which only so many runs are used."""
         tasks = {
             key: [
-                replace(task, used=min(task.used, runs - task.first_run))
+                replace(task, runs_used=min(task.runs_used, runs - task.first_run))
                 for task in blocks
                 if task.first_run < runs
             ]
@@ -69,7 +69,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
     """Cut every filter's runs into blocks of its width; ``looks`` are numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
-    kept, told = _kept_series(experiment), foretold(experiment)
+    kept, told = _kept_series(experiment), requested_predictions(experiment)
     tasks = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
@@ -83,13 +83,15 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                     seed=settings.seed,
                     index=block,
                     width=width,
-                    used=min(width, settings.runs - block * width),
+                    runs_used=min(width, settings.runs - block * width),
                     reference=None if label == settings.reference else reference,
-                    shown=shown,
+                    runs_with_tracks=shown,
                     keep_covariance=save_tracks or experiment.shown_covariances,
                     keep_steps=kept,
-                    also=tuple(n - block * width for n in looks if 0 < n - block * width < width),
-                    foretold=told,
+                    extra_run_counts=tuple(
+                        n - block * width for n in looks if 0 < n - block * width < width
+                    ),
+                    predictive_metrics=told,
                     hold_out=settings.hold_out,
                 )
                 for block in range(ceil(settings.runs / width))
@@ -99,7 +101,9 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
     """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
-    return tuple(dict.fromkeys([*experiment.settings.medians, *shared(experiment).series]))
+    return tuple(
+        dict.fromkeys([*experiment.settings.medians, *requested_contributions(experiment).series])
+    )
 
 
 def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
@@ -117,8 +121,8 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     Ten of a filter whose runs are looped over: more at once would gain nothing.
     Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
     """
-    N, boosted = tracker.particle_count, tracker.most_particles
-    widest = _ONE_BY_ONE if tracker.one_by_one else _WIDEST
+    N, boosted = tracker.particle_count, tracker.max_particle_count
+    widest = _ONE_BY_ONE if tracker.loops_over_runs else _WIDEST
     most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
     return max(1, min(most, _PARTICLES_AT_A_TIME // N, _BOOSTED_AT_A_TIME // boosted))
 
@@ -181,8 +185,8 @@ def cautions(points: Iterable[Point]) -> list[str]:
 
 def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x, steps = len(scenario.components), len(scenario.steps)
-    cloud = tracker.most_particles * n_x * _TEMPORARIES
-    per_run = cloud + tracker.held(scenario.model) + steps * (6 * n_x + 20)
+    cloud = tracker.max_particle_count * n_x * _TEMPORARIES
+    per_run = cloud + tracker.extra_memory(scenario.model) + steps * (6 * n_x + 20)
     return 8 * width * per_run + _STEP_OBJECTS * steps
 
 
@@ -190,10 +194,10 @@ def _read_bytes(experiment: Experiment) -> int:
     """All values per run and step, which tables and figures are made from, and a piece of their file."""
     settings, point = experiment.settings, experiment.points[0]
     metrics = sum(
-        number_per_run(settings, point.scenario, label, tracker)
+        max_metrics_per_run(settings, point.scenario, label, tracker)
         for label, tracker in point.filters.items()
     )
-    asked, steps = shared(experiment), point.scenario.steps.tolist()
+    asked, steps = requested_contributions(experiment), point.scenario.steps.tolist()
     metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
     rows = sum(
         number_per_step(settings, p.scenario, label, tracker) * len(p.scenario.steps)

@@ -18,20 +18,20 @@ _FORKED = "trackbench.execution.forkserver_preload"
 T = TypeVar("T")
 
 
-def begin(*modules: str) -> None:
+def start_forkserver(*modules: str) -> None:
     """Start the process that workers are forked from; it imports the modules they need meanwhile.
 
     The first call decides on the modules. Where a system has no such process (Windows) nothing happens.
     """
     for name in _BLAS:  # blocks are what runs side by side
         os.environ.setdefault(name, "1")
-    if _can_fork() and not is_beginning():
+    if _can_fork() and not is_worker_bootstrapping():
         from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
         resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
         _context().set_forkserver_preload([_FORKED, *modules])
-        with _deaf_to_interrupts():
+        with _block_sigint():
             ensure_running()
 
 
@@ -40,7 +40,7 @@ def pool(
     workers: int, begun: Callable[..., None] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
     """So many processes, which first call ``begun``; after an error none of them is waited for."""
-    begin()
+    start_forkserver()
     first = (begun, *arguments)
     processes = _Pool(workers, _context(), _start, first)
     try:
@@ -66,13 +66,13 @@ class _Pool(ProcessPoolExecutor):
             raise BrokenProcessPool("a worker died as it was started") from error
 
 
-def is_beginning() -> bool:
+def is_worker_bootstrapping() -> bool:
     """Whether this is a worker that still imports the script it was asked for by."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 
 @contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
+def _block_sigint() -> Iterator[None]:
     """What is started meanwhile leaves Ctrl-C to this process, which hears of it afterwards."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:

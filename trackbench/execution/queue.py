@@ -17,8 +17,8 @@ from trackbench.config.plugins import Plugin
 from trackbench.errors import RunError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.engines import OpenEngine
-from trackbench.execution.worker import compute, ground
-from trackbench.plugins.errors import FilterError, said
+from trackbench.execution.worker import compute, environment_digests
+from trackbench.plugins.errors import FilterError, message_of
 
 _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""
@@ -58,16 +58,16 @@ class Queue:
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Remember why the task's filter fails; returns it and its other blocks, now left out."""
         lost = algorithm(task)
-        last = task.first_run + (task.used - 1) * (1 if task.index >= 0 else -1)
+        last = task.first_run + (task.runs_used - 1) * (1 if task.index >= 0 else -1)
         runs = f"runs {task.first_run} to {last}"
-        why = str(error) if isinstance(error, FilterError) else said(error)
+        why = str(error) if isinstance(error, FilterError) else message_of(error)
         self.failed.setdefault(lost, in_line(f"{why} ({runs})"))
         left_out = [t for t in self._waiting if algorithm(t) == lost]
         self._waiting = deque(t for t in self._waiting if algorithm(t) != lost)
         return [task, *left_out]
 
     def _drain(self, executor: Executor) -> Iterator[tuple[BlockTask, Found]]:
-        expected = ground()
+        expected = environment_digests()
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
                 task = self._waiting[0]

@@ -46,7 +46,7 @@ class Outcome:
     def _block(self, task: BlockTask) -> BlockResult:
         found = self.store.get(task)
         if found is None:  # removed while we were computing
-            found = decode(encode(run_whole_block(task)[task.used], ""), "")
+            found = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
         assert found is not None
         return found
 
@@ -74,7 +74,7 @@ def execute(
     outcomes = [Outcome(plan, store) for plan in plans]
     queue = Queue(workers)
     for outcome in outcomes:
-        _want(outcome, queue, _missing(outcome, fresh))
+        _enqueue(outcome, queue, _missing(outcome, fresh))
     with closing(queue.run(open_engine)) as finished:
         for i, outcome in enumerate(outcomes):
             started = time.perf_counter()
@@ -83,12 +83,12 @@ def execute(
                 while going_on:
                     while outcome.missing:
                         before = len(outcome.missing)
-                        _settle(outcomes, queue, *next(finished))
+                        _record_result(outcomes, queue, *next(finished))
                         bar.update(before - len(outcome.missing))
                     bigger = more(i, outcome)
                     going_on = bigger is not None
                     if bigger is not None:
-                        _enlarge(outcome, bigger, queue, bar)
+                        _extend_plan(outcome, bigger, queue, bar)
             if outcome is outcomes[-1]:
                 next(finished, None)  # nothing comes any more: the workers may go
             outcome.failures = _failures(outcome.plan, queue)
@@ -97,19 +97,19 @@ def execute(
             yield outcome
 
 
-def _want(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
+def _enqueue(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
     """Let blocks of the plan that are not kept wait."""
     for task in tasks:
         queue.add(task, outcome.plan.plugins)
         outcome.missing.add(task)
 
 
-def _enlarge(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
+def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
     """Go on with more runs; what was computed a moment ago is not computed again."""
     before = set(outcome.plan.unique)
     outcome.plan = bigger
     new = (task for task in bigger.unique if task not in before)
-    _want(outcome, queue, (task for task in new if outcome.store.get(task) is None))
+    _enqueue(outcome, queue, (task for task in new if outcome.store.get(task) is None))
     bar.total = len(bigger.unique)
     bar.set_postfix_str(outcome.still)
 
@@ -129,7 +129,9 @@ def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:
         yield task
 
 
-def _settle(outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: Found) -> None:
+def _record_result(
+    outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: Found
+) -> None:
     """Keep a finished block for all that miss it, or give up its filter."""
     if isinstance(found, Exception):
         gone = queue.give_up(task, found)

@@ -6,7 +6,12 @@ from math import inf, isfinite
 
 from trackbench.config.experiment import Experiment
 from trackbench.evaluation.consistency import sizes
-from trackbench.evaluation.stopping_rule import Looked, Wanted, looked, looks
+from trackbench.evaluation.stopping_rule import (
+    PrecisionCheck,
+    PrecisionTarget,
+    check_precision,
+    checkpoints,
+)
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 
@@ -16,25 +21,25 @@ def with_runs(experiment: Experiment, runs: int) -> Experiment:
     return replace(experiment, settings=replace(experiment.settings, runs=runs))
 
 
-def begun(experiment: Experiment) -> Experiment:
+def first_batch(experiment: Experiment) -> Experiment:
     """With as many runs as there are at the first look; all of them if nothing is asked for."""
     settings = experiment.settings
     if not settings.until:
         return experiment
-    return with_runs(experiment, next(looks(settings.min_runs, settings.runs)))
+    return with_runs(experiment, next(checkpoints(settings.min_runs, settings.runs)))
 
 
-def grown(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
+def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
     """Return it with the runs of the next look; None after two good ones in a row, or the last.
 
     The outcome says how far the number is that is farthest from it.
     """
     settings = experiment.settings
-    stops = list(looks(settings.min_runs, most))
+    stops = list(checkpoints(settings.min_runs, most))
     done = [runs for runs in stops if runs <= settings.runs]
     if len(done) == len(stops) or not settings.until:
         return None
-    left, *earlier = [[*short(experiment, outcome, runs)] for runs in done[:-3:-1]]
+    left, *earlier = [[*imprecise(experiment, outcome, runs)] for runs in done[:-3:-1]]
     if not left and earlier and not earlier[0]:
         return None
     worst = max((found for _, found in left), key=_finite_share, default=None)
@@ -42,27 +47,27 @@ def grown(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | N
     return with_runs(experiment, stops[len(done)])
 
 
-def _finite_share(found: Looked) -> float:
+def _finite_share(found: PrecisionCheck) -> float:
     return found.share if isfinite(found.share) else inf
 
 
-def short(
+def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
-) -> Iterator[tuple[Key, Looked]]:
+) -> Iterator[tuple[Key, PrecisionCheck]]:
     """Generate the numbers that were not exact enough after so many runs, by default all."""
-    asked = [Wanted.read(*item) for item in experiment.settings.until.items()]
+    asked = [PrecisionTarget.read(*item) for item in experiment.settings.until.items()]
     for key, result in outcome.results():
         scenario = experiment.points[key[0]].scenario
-        for found in looked(asked, result, sizes(scenario), scenario.windows, runs):
+        for found in check_precision(asked, result, sizes(scenario), scenario.windows, runs):
             if not found.enough:
                 yield key, found
 
 
-def why_ended(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
+def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
     """Why the runs ended, if anything was asked of them."""
     if not experiment.settings.until:
         return
-    runs, left = experiment.settings.runs, list(short(experiment, outcome))
+    runs, left = experiment.settings.runs, list(imprecise(experiment, outcome))
     if not left:
         yield f"{runs} of at most {most} runs: every number is as exact as `until` asks"
     for key, found in left:

@@ -8,14 +8,14 @@ from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.execution import machine_fingerprint
 from trackbench.execution.code_digest import code_digest
-from trackbench.plugins.errors import FilterError, blamed
+from trackbench.plugins.errors import FilterError, located_message
 from trackbench.plugins.interrupts import guarded
 
 if TYPE_CHECKING:
     from trackbench.config.plugins import Plugin
 
 
-class Ground(NamedTuple):
+class Environment(NamedTuple):
     """Digests of what a block's numbers stand on: code, own arithmetic, numpy's arithmetic."""
 
     code: str
@@ -24,17 +24,19 @@ class Ground(NamedTuple):
 
 
 @cache
-def ground() -> Ground:
+def environment_digests() -> Environment:
     """That of this process."""
-    return Ground(code_digest(), machine_fingerprint.own(), machine_fingerprint.numpys())
+    return Environment(code_digest(), machine_fingerprint.own(), machine_fingerprint.numpys())
 
 
-def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dict[int, BlockResult]:
+def compute(
+    task: bytes, plugins: "tuple[Plugin, ...]", expected: Environment
+) -> dict[int, BlockResult]:
     """Run the pickled block task, its plugins loaded first; results by number of runs used.
 
     Raises RuntimeError where its numbers might not be those of the process that asks for them.
     """
-    here = ground()
+    here = environment_digests()
     if here.code != expected.code:
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     if here.own != expected.own:
@@ -56,4 +58,6 @@ def compute(task: bytes, plugins: "tuple[Plugin, ...]", expected: Ground) -> dic
         with guarded():
             return run_whole_block(block)
     except Exception as error:
-        raise FilterError(blamed(error, block.filter, block.scenario, block.reference)) from None
+        raise FilterError(
+            located_message(error, block.filter, block.scenario, block.reference)
+        ) from None

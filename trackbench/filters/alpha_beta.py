@@ -10,7 +10,7 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.field_types import MistakenKeyError, OpenShare, Positive
+from trackbench.field_types import InvalidKeyError, OpenShare, Positive
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity
@@ -49,14 +49,14 @@ class AlphaBeta(Filter[Smoothed]):
     """gain of the velocity times T; default: from q"""
     growing: bool = True
     """whether the start uses least-squares gains"""
-    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    excused: ClassVar[dict[str, str]] = {"kalman": "its gains are fixed"}
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "its gains are fixed"}
 
     def __post_init__(self) -> None:
         if (self.alpha is None) != (self.beta is None):
             raise ValueError("alpha and beta are given together or not at all")
         if self.alpha is not None and self.beta is not None and self.beta >= 4 - 2 * self.alpha:
-            raise MistakenKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
+            raise InvalidKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Its motion is that of `q`."""
@@ -113,7 +113,7 @@ class AlphaBeta(Filter[Smoothed]):
         return state.seen.log_likelihood
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"nis"})
 

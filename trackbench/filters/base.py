@@ -21,13 +21,13 @@ class Filter(Part, Generic[State]):
     Equal filters compute equal estimates and have equal hashes: keys that are lists are tuples.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ()
+    requires: ClassVar[tuple[str, ...]] = ()
     """what it cannot do without of model and prior: ``motion.jacobian``, ``prior.first``"""
-    counts: ClassVar[frozenset[str]] = frozenset()
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
     """names of diagnostics that are summed over the steps, not averaged"""
-    excused: ClassVar[dict[str, str]] = {}
+    contract_exemptions: ClassVar[dict[str, str]] = {}
     """what of the contract it cannot keep by its nature, and why (trackbench/contract/)"""
-    one_by_one: ClassVar[bool] = False
+    loops_over_runs: ClassVar[bool] = False
     """whether its runs are looped over in Python: then blocks are narrow, and its times are marked"""
 
     @abstractmethod
@@ -47,7 +47,7 @@ class Filter(Part, Generic[State]):
         return {}
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """Names of its diagnostics; a class that has some and does not say so is asked by a step."""
         return frozenset()
 
@@ -76,9 +76,9 @@ class Filter(Part, Generic[State]):
         return []
 
     @property
-    def needed(self) -> tuple[str, ...]:
-        """What it needs of the scenario: `needs`, and what a filter within it needs."""
-        return self.needs
+    def all_requirements(self) -> tuple[str, ...]:
+        """What it needs of the scenario: `requires`, and what a filter within it needs."""
+        return self.requires
 
     @property
     def particle_count(self) -> int:
@@ -86,11 +86,11 @@ class Filter(Part, Generic[State]):
         return int(getattr(self, "N", 1))
 
     @property
-    def most_particles(self) -> int:
+    def max_particle_count(self) -> int:
         """The same in the steps in which it has most."""
         return self.particle_count
 
-    def held(self, model: Model) -> int:
+    def extra_memory(self, model: Model) -> int:
         """Numbers alive at once per run beside its particles, for the estimate of the memory."""
         return 0
 
@@ -98,23 +98,23 @@ class Filter(Part, Generic[State]):
 AnyFilter = Filter[Any]
 
 
-def knows_expectations(tracker: AnyFilter) -> bool:
+def has_expectations(tracker: AnyFilter) -> bool:
     """Whether the filter knows posterior means of functions beside those of its estimate."""
     return type(tracker).expectation is not Filter.expectation
 
 
-def tells_notes(cls: type[AnyFilter]) -> bool:
-    """Whether its `notes` are of its own diagnostics: no class below them has others."""
-    nearest = next(c for c in cls.__mro__ if {"notes", "diagnostics"} & vars(c).keys())
-    return "notes" in vars(nearest)
+def declares_diagnostics(cls: type[AnyFilter]) -> bool:
+    """Whether its `diagnostic_names` are of its own diagnostics: no class below them has others."""
+    nearest = next(c for c in cls.__mro__ if {"diagnostic_names", "diagnostics"} & vars(c).keys())
+    return "diagnostic_names" in vars(nearest)
 
 
-def tells_likelihood(tracker: AnyFilter) -> bool:
+def has_likelihood(tracker: AnyFilter) -> bool:
     """Whether the filter tells what it thought of each measurement before it saw it."""
     return type(tracker).log_likelihood is not Filter.log_likelihood
 
 
-class ReturnedError(ValueError):
+class WrongReturnError(ValueError):
     """What a filter's ``method`` gave back is not what it has to be."""
 
     def __init__(self, method: str, what: str) -> None:

@@ -11,7 +11,7 @@ from trackbench.core import elementary, quadrature
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.posteriors import LinePosterior, Posterior
-from trackbench.filters.base import Filter, ReturnedError
+from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
 from trackbench.models.gaussian_steps import AS_IT_IS, extended_prediction
 from trackbench.models.motions.scalar import MerweMotion
@@ -29,8 +29,8 @@ _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its m
 class PriorMean(Filter[Gaussian]):
     """No data at all: the mean and covariance that the motion alone predicts (linear motion)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
-    excused: ClassVar[dict[str, str]] = {"kalman": "looks at no measurement"}
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "looks at no measurement"}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
@@ -50,7 +50,7 @@ class PriorMean(Filter[Gaussian]):
 class Inversion(Filter[Gaussian]):
     """No memory: the state that the measurement alone implies, h^-1(z)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian", "motion.jacobian")
+    requires: ClassVar[tuple[str, ...]] = ("sensor.inverse", "sensor.jacobian", "motion.jacobian")
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
@@ -96,7 +96,7 @@ class Grid(Filter[Resolved]):
     """nodes per root of the measurement equation"""
     deviations: Annotated[float, Ge(4)] = 6.5
     """how many standard deviations of the measurement noise the nodes span on either side"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
+    requires: ClassVar[tuple[str, ...]] = ("motion.support", "motion.origins", "sensor.preimage")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Below its edge the density is continued by its formula, which a large shape makes too steep.
@@ -111,7 +111,7 @@ class Grid(Filter[Resolved]):
             return {"": "grid needs the transition's density as `prob`, and this motion's has none"}
         return {}
 
-    def held(self, model: Model) -> int:
+    def extra_memory(self, model: Model) -> int:
         """Numbers alive at once per run: kernels of nodes by nodes."""
         return 7 * self.nodes * self.nodes
 
@@ -135,7 +135,7 @@ class Grid(Filter[Resolved]):
     def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
         """Lay nodes where z and the prediction allow mass, and condition on z.
 
-        Raises ReturnedError if there are too few nodes.
+        Raises WrongReturnError if there are too few nodes.
         """
         both = zip(state, self._numbers, strict=True)
         new = Resolved(*(self._conditioned(model, old, z, k, n) for old, n in both))
@@ -146,7 +146,7 @@ class Grid(Filter[Resolved]):
         right |= np.isnan(variance) & np.isnan(other)
         if not (right.all() and self._reaches_each_node(model, state.posterior, k)):
             what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
-            raise ReturnedError("step", f"{what}; raise `nodes`, or narrow the start")
+            raise WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
         return new
 
     def _reaches_each_node(self, model: Model, old: quadrature.Posterior, k: int) -> bool:

@@ -32,11 +32,11 @@ class CMKF(GaussianFilter):
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
     start: Conversion | None = None
     """conversion of the two scans that the filter starts from; default: its own"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Only two scans are converted."""
-        if issubclass(scenario.prior_kind, Convertible):
+        if issubclass(scenario.prior_type, Convertible):
             return {}
         return {"start": "as there are no two scans of range and azimuth to start from"}
 
@@ -86,7 +86,7 @@ class Converted(Filter[LastTwo]):
 
     conversion: Conversion = "ucm"
     """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
+    requires: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Two scans give positions and velocities, and nothing else that a motion may have."""

@@ -28,7 +28,7 @@ MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean":
 class EKF(NonlinearFilter):
     """Extended Kalman filter: first-order linearisation at the mean (Anderson & Moore 1979)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
@@ -46,7 +46,7 @@ class IEKF(NonlinearFilter):
 
     iterations: Count = 5
     """linearisations per update; 1 is the EKF"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict; linearise the measurement again at each new estimate."""
@@ -77,7 +77,7 @@ class MCAEKF(NonlinearFilter):
     """how many standard deviations of the updated azimuth the sagitta is taken at"""
     kappa: Positive = 1.0
     """the sagitta is this many standard deviations of the added range noise"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, inflate the range's variance, update."""

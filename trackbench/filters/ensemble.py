@@ -95,7 +95,7 @@ class EnsembleFilter(Filter[Ensemble]):
         return state.seen.log_likelihood
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"nis"})
 
@@ -145,7 +145,7 @@ class ExactFlow(EnsembleFilter):
 
     steps: Annotated[int, Interval(ge=1, le=1000)] = 29
     """steps in pseudo-time, each 1.2 times as long as the one before"""
-    needs: ClassVar[tuple[str, ...]] = ("sensor.jacobian",)
+    requires: ClassVar[tuple[str, ...]] = ("sensor.jacobian",)
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move the particles, then let them flow from the prediction to the posterior."""

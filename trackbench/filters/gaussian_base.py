@@ -38,7 +38,7 @@ class GaussianFilter(Filter[Tracked]):
     gate: OpenShare | None = None
     """refuse a measurement whose NIS is beyond this part of its chi-square law, such as 0.999"""
 
-    counts: ClassVar[frozenset[str]] = frozenset({"gated"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
 
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """The first state: the prior's moments."""
@@ -74,7 +74,7 @@ class GaussianFilter(Filter[Tracked]):
         return state.seen.log_likelihood
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
 
@@ -112,7 +112,7 @@ class NonlinearFilter(GaussianFilter):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """A start from converted scans needs a radar's two scans, a variance a scalar."""
         out, (motion, sensor) = {}, scenario.model
-        if self.start is not None and not issubclass(scenario.prior_kind, Convertible):
+        if self.start is not None and not issubclass(scenario.prior_type, Convertible):
             out["start"] = "there are no two scans of range and azimuth to start from"
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:
@@ -145,7 +145,7 @@ class KF(GaussianFilter):
     The covariance does not depend on the data, so it and the gain are computed once for all runs.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
+    requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: of a linear model the extended step is the Kalman filter's."""

@@ -56,8 +56,10 @@ class GaussianSum(Filter[Mixture]):
     """largest number of components of either sense after an update"""
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "sensor.jacobian")
-    excused: ClassVar[dict[str, str]] = {"kalman": "a sum that is thinned after each update"}
+    requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "sensor.jacobian")
+    contract_exemptions: ClassVar[dict[str, str]] = {
+        "kalman": "a sum that is thinned after each update"
+    }
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:

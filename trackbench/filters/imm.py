@@ -18,7 +18,7 @@ from trackbench.core.mixtures import (
     updated_weights,
 )
 from trackbench.core.sums import total
-from trackbench.field_types import MistakenKeyError, PartOf
+from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, own_components
@@ -53,22 +53,22 @@ class IMM(JumpMarkov[Models]):
 
     mixing: Literal["unbiased", "zero"] = "unbiased"
     """how a smaller state is filled to mix with a larger: the larger's own moments, or zeros"""
-    filter: Annotated[GaussianFilter, PartOf("filters")] = _EKF
+    filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; of a linear model ekf is the
     Kalman filter"""
-    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.filter, GaussianFilter):
-            raise MistakenKeyError("is no filter of one Gaussian", "filter")
+            raise InvalidKeyError("is no filter of one Gaussian", "filter")
         if self.filter.gate is not None:
-            raise MistakenKeyError("the models of an IMM refuse no measurement", "filter", "gate")
+            raise InvalidKeyError("the models of an IMM refuse no measurement", "filter", "gate")
 
     @property
-    def needed(self) -> tuple[str, ...]:
+    def all_requirements(self) -> tuple[str, ...]:
         """Of sensor and start also what the models' filter needs; their motions are its own."""
-        return (*self.needs, *(n for n in self.filter.needs if not n.startswith("motion.")))
+        return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Motions that do not fit; what the models' filter cannot do with one of them."""
@@ -139,7 +139,7 @@ class IMM(JumpMarkov[Models]):
         return log_mixture(state.predicted, each)
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"nis", "mode"})
 
@@ -167,5 +167,5 @@ class _Believed(Scene):
         return self._scenario.times
 
     @property
-    def prior_kind(self) -> type[Distribution]:
-        return self._scenario.prior_kind
+    def prior_type(self) -> type[Distribution]:
+        return self._scenario.prior_type

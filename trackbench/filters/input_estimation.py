@@ -58,9 +58,9 @@ class InputEstimation(Filter[Corrected]):
     """length of the window of onsets, s"""
     min_window_s: NonNegative = 15.0
     """an onset nearer than this is waited for, s"""
-    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
-    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     @property
     def detector(self) -> Detector:
@@ -118,7 +118,7 @@ class InputEstimation(Filter[Corrected]):
         return np.where(missing, np.nan, over_axes(state.seen.log_likelihood))
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"nis", "mode", "alarm", "alarm_age_s"})
 

@@ -14,7 +14,7 @@ from trackbench.core.kernel_smoothing import Mode as Spread
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
-from trackbench.field_types import MistakenKeyError, NonNegative, PartOf, Share
+from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Share
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import Cloud, ParticleFilter
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
@@ -28,31 +28,31 @@ _ROUNDING = 1e-9  # of a row's sum
 class JumpMarkov(Filter[State]):
     """Keys shared by the filters of several motions."""
 
-    motions: Annotated[tuple[Motion, ...], PartOf("motions")]
+    motions: Annotated[tuple[Motion, ...], Registered("motions")]
     """motions of the models, such as [{kind: cv, q: 0.01}, {kind: ca, q: 0.001}]"""
     transition: tuple[tuple[Share, ...], ...]
     """probability of going from model i (row) to model j in one step, however long; rows sum to 1"""
     initial: tuple[Share, ...] | None = None
     """probability of each model at the start; default: equal"""
-    needs: ClassVar[tuple[str, ...]] = ("motion.T|intervals",)
-    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    requires: ClassVar[tuple[str, ...]] = ("motion.T|intervals",)
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
 
     def __post_init__(self) -> None:
         r = len(self.motions)
         if r < 2:
-            raise MistakenKeyError("give at least two motions", "motions")
+            raise InvalidKeyError("give at least two motions", "motions")
         if len(self.transition) != r:
             what = f"{len(self.transition)} rows for {r} motions"
-            raise MistakenKeyError(what, "transition")
+            raise InvalidKeyError(what, "transition")
         for i, row in enumerate(self.transition):
             if len(row) != r:
-                raise MistakenKeyError(f"{len(row)} entries for {r} motions", "transition", i)
+                raise InvalidKeyError(f"{len(row)} entries for {r} motions", "transition", i)
             if abs(sum(row) - 1.0) > _ROUNDING:
-                raise MistakenKeyError(f"the row sums to {sum(row):g}, not to 1", "transition", i)
+                raise InvalidKeyError(f"the row sums to {sum(row):g}, not to 1", "transition", i)
         if self.initial is not None and len(self.initial) != r:
-            raise MistakenKeyError(f"{len(self.initial)} entries for {r} motions", "initial")
+            raise InvalidKeyError(f"{len(self.initial)} entries for {r} motions", "initial")
         if self.initial is not None and abs(sum(self.initial) - 1.0) > _ROUNDING:
-            raise MistakenKeyError(f"sums to {sum(self.initial):g}, not to 1", "initial")
+            raise InvalidKeyError(f"sums to {sum(self.initial):g}, not to 1", "initial")
 
     @property
     def at_first(self) -> Array:
@@ -144,9 +144,9 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
         return x
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
-        return super().notes | {"mode"}
+        return super().diagnostic_names | {"mode"}
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``mode``: the share of particles that follow another motion than the first."""

@@ -92,7 +92,7 @@ class ProposingFilter(Filter[Cloud]):
     defensive: Share = 0.0
     """share of draws taken from the transition instead, which bounds the weights"""
 
-    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
     _also_noted: ClassVar[frozenset[str]] = frozenset()
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
@@ -118,7 +118,7 @@ class ProposingFilter(Filter[Cloud]):
         return state.log_likelihood if densities else np.full(state.dead.shape, np.nan)
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"dead_steps", "ess", "distinct"}) | self._also_noted
 
@@ -147,7 +147,7 @@ class ProposingFilter(Filter[Cloud]):
         """Reason why no particle is drawn from its Kalman filter, or nothing."""
         return "with `defensive: 1`" if self.defensive == 1.0 else ""
 
-    def held(self, model: Model) -> int:
+    def extra_memory(self, model: Model) -> int:
         """Numbers alive at once per run beside the cloud."""
         return self.N * self._held_by_each(model)
 

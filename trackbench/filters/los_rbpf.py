@@ -99,12 +99,12 @@ class LineOfSight(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
+    requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives: the weights are not kept."""
-        return super().notes - {"ess"}
+        return super().diagnostic_names - {"ess"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Weighs in the log domain only, and looks from where the scans of the start were taken."""

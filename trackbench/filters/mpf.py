@@ -35,12 +35,12 @@ class MPF(ParticleFilter):
     """regularisation kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
-    needs: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
+    requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives: the weights are not kept."""
-        return super().notes - {"ess"}
+        return super().diagnostic_names - {"ess"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Without process noise nothing but its particle moves a position."""

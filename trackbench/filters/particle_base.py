@@ -60,7 +60,7 @@ class Cloud(NamedTuple):
 class CloudFilter(Filter[Cloud]):
     """Base of the filters whose estimate is that of a weighted cloud."""
 
-    counts: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
 
     def estimate(self, state: Cloud) -> Gaussian:
         """Weighted mean and covariance."""
@@ -75,7 +75,7 @@ class CloudFilter(Filter[Cloud]):
         return state.log_likelihood
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         return frozenset({"dead_steps", "ess"})
 
@@ -103,7 +103,7 @@ class ParticleFilter(CloudFilter):
     """how many steps the cloud is boosted for"""
 
     @property
-    def most_particles(self) -> int:
+    def max_particle_count(self) -> int:
         """Those of the boost."""
         return self.N * (self.boost if self.boost_scans else 1)
 

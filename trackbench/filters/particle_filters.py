@@ -52,9 +52,9 @@ class PF(ParticleFilter):
         return Cloud(resampled, source, source.moments(), dead, age, w=w, evidence=told)
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
-        return super().notes | {"distinct"}
+        return super().diagnostic_names | {"distinct"}
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``distinct``: share of particles that are no copies after resampling."""

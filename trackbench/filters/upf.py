@@ -64,7 +64,7 @@ class _Resampling(ProposingFilter):
 class EPF(_Resampling):
     """Particle filter with an extended Kalman proposal per particle (de Freitas et al. 2000)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
+    requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
         "merwe-demo": {

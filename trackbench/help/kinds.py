@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
-from trackbench.extension_points import hooks, offered
+from trackbench.extension_points import hooks, overridden_hooks
 from trackbench.field_types import part_group
 from trackbench.help.metrics import columns, described, facts, statistics_known
 from trackbench.metrics import METRICS
@@ -167,7 +167,7 @@ def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
         yield f"windows of metrics: {words}"
     if group == "sensors":
         yield f"components of the measurement: {','.join(cls.components)}"
-    own = offered(cls, base_of(group))
+    own = overridden_hooks(cls, base_of(group))
     if own:
         yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
 

@@ -75,7 +75,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
     """The same as data: metrics, then windows, statistics and numbers."""
-    from trackbench.config.load import MistakenNamesError, load
+    from trackbench.config.load import UnknownNamesError, load
     from trackbench.config.metric_names import kept_metrics, names_of
     from trackbench.config.shipped_experiments import located
     from trackbench.evaluation.metric_expression import measured
@@ -83,7 +83,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
     note = partial(print, file=sys.stderr)
     try:
         experiment = load(located(path, note), allow_plugins=allow_plugins)
-    except MistakenNamesError as error:  # whoever has them wrong looks here for the right ones
+    except UnknownNamesError as error:  # whoever has them wrong looks here for the right ones
         experiment = error.experiment
         note(error)
     settings = experiment.settings

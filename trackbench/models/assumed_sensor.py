@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from trackbench.field_types import PartOf
+from trackbench.field_types import Registered
 from trackbench.models.base import Motion
 from trackbench.models.sensors.base import Measuring
 
@@ -12,9 +12,9 @@ from trackbench.models.sensors.base import Measuring
 class Assume:
     """Motion and sensor that a filter assumes; what is not given is as it is."""
 
-    motion: Annotated[Motion | None, PartOf("motions")] = None
+    motion: Annotated[Motion | None, Registered("motions")] = None
     """motion: {kind: cv, q: 0.3}"""
-    sensor: Annotated[Measuring | tuple[Measuring, ...] | None, PartOf("sensors")] = None
+    sensor: Annotated[Measuring | tuple[Measuring, ...] | None, Registered("sensors")] = None
     """sensor, or as many as there are"""
 
     def over(self, other: "Assume") -> "Assume":

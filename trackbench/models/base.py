@@ -153,7 +153,7 @@ class Scene(Part):
         """Times of the steps (T + 1,), s."""
 
     @property
-    def prior_kind(self) -> type[Distribution]:
+    def prior_type(self) -> type[Distribution]:
         """The class of the prior, for filters that ask it for more than moments."""
         return Gaussian
 

@@ -9,8 +9,8 @@ from traceback import walk_tb
 from typing import Any
 
 from trackbench.errors import RunError
-from trackbench.extension_points import is_foreign, parts_within
-from trackbench.filters.base import ReturnedError
+from trackbench.extension_points import is_foreign, walk_parts
+from trackbench.filters.base import WrongReturnError
 from trackbench.registry import registered_kinds
 
 _EXTRAS = ("filterpy", "stonesoup")
@@ -25,26 +25,26 @@ class BadPluginError(Exception):
     """Why a plugin cannot be used, in lines that name its file and line."""
 
 
-def blamed(error: BaseException, *parts: Any) -> str:
+def located_message(error: BaseException, *parts: Any) -> str:
     """``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
 
     Where none was running, it is the line of the method that the error names, or of the first part's
     class. There is no place in the package's own code.
     """
-    return place(error, *parts) + said(error)
+    return location_of(error, *parts) + message_of(error)
 
 
-def said(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """Kind and message of an error; of a package that is not there, how to get it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
-        return f"needs {lacking(error.name)}"
+        return f"needs {missing_package_hint(error.name)}"
     text = " ".join(str(error).split())
-    if isinstance(error, RunError | ReturnedError):
+    if isinstance(error, RunError | WrongReturnError):
         return text
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
-def lacking(module: str) -> str:
+def missing_package_hint(module: str) -> str:
     """What to install of a module that is not there."""
     name = module.partition(".")[0]
     if name in _EXTRAS and find_spec(name) is None:
@@ -52,16 +52,16 @@ def lacking(module: str) -> str:
     return f"the module {module}, which is not installed"
 
 
-def place(error: BaseException, *parts: Any) -> str:
+def location_of(error: BaseException, *parts: Any) -> str:
     """``my_filter.py:12: ``, or nothing."""
-    files = {_file(cls) for part in parts_within(parts) for cls in _own(part)}
+    files = {_file(cls) for part in walk_parts(parts) for cls in _own(part)}
     return place_within(error, files) or _defined(getattr(error, "method", None), parts[:1])
 
 
 def foreign_line(error: BaseException) -> str | None:
     """``my_target.py:12: ValueError: ...`` if code of any registered kind of one's own was running."""
     where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
-    return where + said(error) if where else None
+    return where + message_of(error) if where else None
 
 
 def own_line(error: BaseException) -> str:
@@ -72,7 +72,7 @@ def own_line(error: BaseException) -> str:
         for f in frames
         if f.f_globals.get("__name__", "").startswith("trackbench")
     ]
-    return place_within(error, set(own)) + said(error)
+    return place_within(error, set(own)) + message_of(error)
 
 
 def place_within(error: BaseException, files: set[str]) -> str:

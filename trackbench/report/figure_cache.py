@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import trackbench
-from trackbench.atomic_files import touched, write_bytes
+from trackbench.atomic_files import record_writes, write_bytes
 from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_folder
 from trackbench.report.kinds import FigureKind
@@ -23,7 +23,7 @@ Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
 _PARTS = ("tables", "figures")
 """Each is made by its own keys alone, and a figure by the lines' looks."""
-_FACTS = ("steps", "one_by_one", "failed")
+_FACTS = ("steps", "loops_over_runs", "failed")
 """What figures take from the manifest."""
 
 
@@ -58,7 +58,10 @@ class KeptFigures:
 
     def put(self, spec: FigureKind, files: Files) -> None:
         """Keep a figure's files; what cannot be kept will be drawn again."""
-        with touched(), suppress(OSError, WriteError):  # they are none of the results folder's
+        with (
+            record_writes(),
+            suppress(OSError, WriteError),
+        ):  # they are none of the results folder's
             for form, content in files:
                 path = self._path(spec, form)
                 path.parent.mkdir(parents=True, exist_ok=True)

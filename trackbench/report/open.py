@@ -17,7 +17,7 @@ from trackbench.report.results import Results
 from trackbench.results.folder_contents import FORMAT, RAW, Damage, damage
 
 _KINDS: dict[str, type] = {
-    **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
+    **{"failed": list, "packages": dict, "cpu_s": float, "loops_over_runs": list},
     "training_holds_out": str,
 }
 """Of what kind the manifest's entries are that a report shows."""
@@ -72,14 +72,14 @@ def _open(folder: Path) -> Results:
     _check_manifest(results)
     source = results.source
     if not isinstance(source.data, dict):
-        source.blame((), "is not an experiment's config")
+        source.add_problem((), "is not an experiment's config")
     elif build(Settings, source, ()) is not None:
         missing = set(results.columns("summary")["filter"]) - set(results.labels)
         if _grid_columns(results) != results.grid:
-            source.blame(("grid",), "the results were computed over another grid")
+            source.add_problem(("grid",), "the results were computed over another grid")
         elif missing:
             what = f"{min(missing)!r} has results but is not a filter here any more"
-            source.blame(("filters",), what)
+            source.add_problem(("filters",), what)
     source.check()
     return results
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.errors import RunError
 from trackbench.extension_points import is_foreign
-from trackbench.plugins.errors import blamed, said
+from trackbench.plugins.errors import located_message, message_of
 from trackbench.plugins.interrupts import guarded
 from trackbench.report.table import Table
 
@@ -45,7 +45,7 @@ def told(part: Any) -> Iterator[None]:
         with guarded():
             yield
     except Exception as error:
-        raise UnmadeError(blamed(error, part)) from None
+        raise UnmadeError(located_message(error, part)) from None
 
 
 def as_table(found: object, part: Any) -> Table:
@@ -56,7 +56,7 @@ def as_table(found: object, part: Any) -> Table:
         try:
             found.csv_rows(), found.markdown(), found.texts().tex("")
         except Exception as error:
-            raise GaveError("table", f"the table cannot be written: {said(error)}") from None
+            raise GaveError("table", f"the table cannot be written: {message_of(error)}") from None
     return found
 
 

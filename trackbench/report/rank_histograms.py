@@ -11,14 +11,14 @@ from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.intervals import holm
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
-from trackbench.field_types import MistakenKeyError
+from trackbench.field_types import InvalidKeyError
 from trackbench.report.results import Results
 
 
 def check_rank(m: Measure, *path: str) -> None:
-    """Raise MistakenKeyError at what is no PIT, at one step or over all of a window."""
+    """Raise InvalidKeyError at what is no PIT, at one step or over all of a window."""
     if m.family[0].name != "pit" or m.statistic or m.is_many or m.relation:
-        raise MistakenKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
+        raise InvalidKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
 def steps_that_are_not(

@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.plugins.errors import said
+from trackbench.plugins.errors import message_of
 from trackbench.report.requested import Asked
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import FILE, Given, points_in, prefix_of
@@ -48,9 +48,9 @@ class Frames(Asked):
             return manifest
 
     @property
-    def one_by_one(self) -> list[str]:
+    def loops_over_runs(self) -> list[str]:
         """Labels of the filters whose runs are looped over in Python, which their times show."""
-        return self.manifest.get("one_by_one", [])
+        return self.manifest.get("loops_over_runs", [])
 
     @property
     def failed(self) -> list[dict[str, Any]]:
@@ -152,7 +152,7 @@ class Frames(Asked):
         try:
             yield path
         except Exception as error:
-            raise UserError(f"{path}: cannot be read, {said(error)}: {AGAIN}") from error
+            raise UserError(f"{path}: cannot be read, {message_of(error)}: {AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from trackbench.config.build_dataclass import unknown
 from trackbench.config.build_kinds import build_kind
 from trackbench.config.includes import split_path
-from trackbench.config.tuning_settings import tuned
+from trackbench.config.tuning_settings import tuned_label
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
 from trackbench.report.default_exhibits import default_keys
@@ -141,7 +141,7 @@ class Results(Frames):
     def _taken(self) -> dict[str, dict[str, Any]]:
         """What the config's tuned filters have for the keys that are tuned, by the filter's label."""
         return {
-            label: {key: self._at(f"filters.{tuned(label)}.{key}") for key in keys}
+            label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
             for label, keys in self.config.get("tune", {}).items()
         }
 

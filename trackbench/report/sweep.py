@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.atomic_files import free_name, write_csv
 from trackbench.config.experiment import DrawnExhibit, Experiment, Settings
-from trackbench.config.grid import filters_of, separate, single_paths
+from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
 from trackbench.config.published import Published
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
@@ -43,7 +43,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     """A figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
-    apart = separate(grid, settings.filters, settings.reference)
+    apart = independent_filter_paths(grid, settings.filters, settings.reference)
     together = [path for path in grid if not any(path in paths for paths in apart)]
     found: dict[str, DrawnExhibit] = {}
     for paths in apart or [[]]:

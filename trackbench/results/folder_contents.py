@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from trackbench.atomic_files import remove, write_text
 from trackbench.errors import UserError
-from trackbench.field_types import regular
+from trackbench.field_types import require_regular_file
 from trackbench.results.xz import PACKED, left_out, opened, packed, there
 from trackbench.yaml_source import read
 
@@ -116,7 +116,9 @@ def _digest(path: Path) -> str:
 def _recorded(folder: Path) -> Iterator[str]:
     """Names in the manifest that a run can have written: a manifest may be edited or forged."""
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
-        for name in json.loads(regular(folder / "manifest.json").read_bytes())["files"]:
+        for name in json.loads(require_regular_file(folder / "manifest.json").read_bytes())[
+            "files"
+        ]:
             if _is_output(PurePosixPath(name)):
                 yield name
 

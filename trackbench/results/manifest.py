@@ -56,7 +56,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
-    looped = [label for label, f in filters.items() if f.one_by_one]
+    looped = [label for label, f in filters.items() if f.loops_over_runs]
     return {
         "trackbench": trackbench.__version__,
         "commit": _commit(),
@@ -78,7 +78,7 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         ],
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
-    } | ({"one_by_one": looped} if looped else {})
+    } | ({"loops_over_runs": looped} if looped else {})
 
 
 def _commit() -> str | None:

@@ -6,7 +6,7 @@ from zipfile import ZIP_LZMA, ZipFile
 
 import numpy as np
 
-from trackbench.atomic_files import replacing
+from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
@@ -15,7 +15,7 @@ from trackbench.execution.plan import Key
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.results.point_facts import prefix_of
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.starts.base import locating
+from trackbench.scenarios.starts.base import position_part
 
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
@@ -50,7 +50,7 @@ class Kept:
         """Write the file as `np.load` reads it, if there is anything in it."""
         if not self.arrays:
             return
-        with replacing(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
+        with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
             for name, array in self.arrays.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.asanyarray(array))
@@ -94,7 +94,7 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     None if no sensor tells a position in one measurement.
     """
     sensor = scenario.true_sensor
-    found = locating(sensor) if isinstance(sensor, Sensors) else None
+    found = position_part(sensor) if isinstance(sensor, Sensors) else None
     if found is None:
         return None
     one, rows = found

@@ -11,9 +11,9 @@ import numpy as np
 from trackbench.atomic_files import (
     CsvWriter,
     Row,
+    atomic_write,
     cells,
-    made,
-    replacing,
+    ensure_folder,
     shortened,
     within,
     write_text,
@@ -21,7 +21,7 @@ from trackbench.atomic_files import (
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import kept_metrics
-from trackbench.config.requested_metrics import Shared, shared
+from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency import sizes
@@ -116,14 +116,14 @@ def write_results(
     kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
     if tracks:
         kept["tracks.npz"] = Kept(experiment)
-    losses, asked = {}, shared(experiment)
+    losses, asked = {}, requested_contributions(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
         writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
-            passes = (task.alone for task in outcome.plan.tasks[key])
+            passes = (task.filtering_key for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
             for name in COLUMNS:
                 writers[name].writerows(_prefixed(experiment, key, name, result))
@@ -139,19 +139,19 @@ def write_results(
 
 
 def _with_shares(
-    experiment: Experiment, key: Key, result: FilterResult, asked: Shared
+    experiment: Experiment, key: Key, result: FilterResult, asked: Contributions
 ) -> FilterResult:
     """With the runs' shares that are asked for, and without the series that they are made of."""
     scenario, settings = experiment.points[key[0]].scenario, experiment.settings
     windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
     names = asked.of(key[1], steps)
     result = with_shares(result, names, windows, steps, parts)
-    kept = {name: rows for name, rows in result.kept.items() if name in settings.medians}
-    return result._replace(kept=kept)
+    kept = {name: rows for name, rows in result.run_series.items() if name in settings.medians}
+    return result._replace(run_series=kept)
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
-    writer = CsvWriter(files.enter_context(replacing(path)))
+    writer = CsvWriter(files.enter_context(atomic_write(path)))
     writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
     return writer
 
@@ -190,7 +190,7 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
     for name, text in files.items():
-        write_text(made(within(folder, "published")) / name, text)
+        write_text(ensure_folder(within(folder, "published")) / name, text)
 
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import MistakenKeyError
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Scene, Sensor
 
@@ -52,12 +52,12 @@ class Scenario(Scene):
         """What makes the measurements, whatever filters assume; default: the model's sensor."""
         return self.model.sensor
 
-    def believing(self, assume: Assume) -> "Scenario":
+    def with_assumptions(self, assume: Assume) -> "Scenario":
         """The scenario as a filter sees it that assumes this."""
-        raise MistakenKeyError(f"of scenario {self.kind} filters assume what it says")
+        raise InvalidKeyError(f"of scenario {self.kind} filters assume what it says")
 
     @property
-    def unscored(self) -> "Scenario":
+    def without_scoring(self) -> "Scenario":
         """The scenario without what hangs on nothing but estimates: equal ones are filtered once."""
         return self
 
@@ -104,7 +104,7 @@ class Scenario(Scene):
         return {}
 
     @property
-    def no_bound(self) -> str | None:
+    def why_no_bound(self) -> str | None:
         """Why `bounds` would be no bound; None if it is one."""
         return "" if type(self).bounds is Scenario.bounds else None
 

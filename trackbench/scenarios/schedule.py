@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.field_types import MOST_STEPS, MistakenKeyError
+from trackbench.field_types import MOST_STEPS, InvalidKeyError
 from trackbench.scenarios.targets.base import Timeline
 
 
@@ -20,23 +20,23 @@ class Schedule(NamedTuple):
     skipped: int
 
     def check(self, own: Timeline | None) -> None:
-        """Raise MistakenKeyError if there is no step, or are too many, of these or the target's own."""
+        """Raise InvalidKeyError if there is no step, or are too many, of these or the target's own."""
         if own is not None:
             if self.first:
-                raise MistakenKeyError("the recorded data say it", "first")
+                raise InvalidKeyError("the recorded data say it", "first")
             steps = own.steps[self.skipped + 1 :]
             if self.last is not None and not steps[0] <= self.last <= steps[-1]:
                 what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
-                raise MistakenKeyError(what, "last")
+                raise InvalidKeyError(what, "last")
             return
         if self.last is None:
-            raise MistakenKeyError("`last` is required: the target has no steps of its own")
+            raise InvalidKeyError("`last` is required: the target has no steps of its own")
         if self.last - self.first > MOST_STEPS:
-            raise MistakenKeyError(f"more than {MOST_STEPS} steps", "last")
+            raise InvalidKeyError(f"more than {MOST_STEPS} steps", "last")
         begun = self.first + self.skipped
         if self.last <= begun:
             what = f"{self.last} leaves no step to measure after step {begun}"
-            raise MistakenKeyError(what, "last")
+            raise InvalidKeyError(what, "last")
 
     def regular(self, T: float) -> Timeline:
         """Every step, T s apart."""

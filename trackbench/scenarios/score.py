@@ -9,7 +9,7 @@ from annotated_types import Interval
 from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.field_types import ONE_LINE, MistakenKeyError, Natural, Positive
+from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensors.base import Measuring
 from trackbench.models.sensors.stacked import Sensors
@@ -31,7 +31,7 @@ class Window:
     def __post_init__(self) -> None:
         if self.first is not None and self.last is not None and self.first > self.last:
             what = f"ends at step {self.last}, before its first, {self.first}: exchange them"
-            raise MistakenKeyError(what, "last")
+            raise InvalidKeyError(what, "last")
 
     def overlaps(self, first: int, last: int) -> bool:
         """Return whether a step of the window is one of ``first`` to ``last``."""
@@ -64,19 +64,19 @@ class Score:
         for i, name in enumerate(names):
             if name in names[:i]:
                 what = f"there are two windows {name!r}: give each a name of its own"
-                raise MistakenKeyError(what, "windows", i, "name")
+                raise InvalidKeyError(what, "windows", i, "name")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
-        """Raise MistakenKeyError for steps outside the run, and for parts of a scalar."""
+        """Raise InvalidKeyError for steps outside the run, and for parts of a scalar."""
         first, last = (
             there if asked is None else asked
             for asked, there in zip(self.steps, (steps[0], steps[-1]), strict=True)
         )
         if not max(first, steps[0]) <= last <= steps[-1]:
             what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
-            raise MistakenKeyError(what, "score", "steps")
+            raise InvalidKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
-            raise MistakenKeyError("a scalar has no such parts", "score", "marginals")
+            raise InvalidKeyError("a scalar has no such parts", "score", "marginals")
 
     def last_trained(self, steps: Index, times: Array) -> int | None:
         """Number of the last step that tuning sees, if the steps are shared out between both."""
@@ -86,11 +86,11 @@ class Score:
         return int(steps[np.count_nonzero(within) - 1])
 
     def of_training(self, last: int) -> "Score":
-        """What is scored up to there. Raises MistakenKeyError if nothing is."""
+        """What is scored up to there. Raises InvalidKeyError if nothing is."""
         first, end = self.steps
         if first is not None and first > last:
             what = f"training sees steps up to {last}, and none is scored before {first}"
-            raise MistakenKeyError(what, "score", "steps")
+            raise InvalidKeyError(what, "score", "steps")
         end = last if end is None else min(end, last)
         windows = tuple(w for w in self.windows if w.overlaps(first or 0, end))
         return replace(self, train=None, steps=(first, end), windows=windows)

@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array, Index, Mask, fixed
 from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import Distribution, PointMass
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Finite, MistakenKeyError, Natural, PartOf, Positive
+from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
@@ -25,7 +25,7 @@ from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.data_files import recorded_columns
 from trackbench.scenarios.schedule import Schedule
 from trackbench.scenarios.score import Score, diverged
-from trackbench.scenarios.starts.base import Opening, Start, repeated
+from trackbench.scenarios.starts.base import InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Scored, Target, Timeline
 
 _NOTHING = Assume()
@@ -40,11 +40,11 @@ class Tracking(Scenario):
     What filters believe of it is ``assume``, of the scenario and of each filter.
     """
 
-    target: Annotated[Target, PartOf("targets")]
+    target: Annotated[Target, Registered("targets")]
     """where the truth comes from: {kind: legs, ...}"""
-    sensor: Annotated[Measuring | tuple[Measuring, ...], PartOf("sensors")]
+    sensor: Annotated[Measuring | tuple[Measuring, ...], Registered("sensors")]
     """what sees it: {kind: range-azimuth, ...}, or a list of sensors"""
-    start: Annotated[Start, PartOf("starts")]
+    start: Annotated[Start, Registered("starts")]
     """what filters start from: {kind: two-scan}"""
     T: Positive = 1.0
     """time between steps, s"""
@@ -67,32 +67,32 @@ class Tracking(Scenario):
         self._check_training()
         self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
-            raise MistakenKeyError("no sensor here tells a position", "score", "lost_sigmas")
+            raise InvalidKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
     def _check_training(self) -> None:
-        """Raise MistakenKeyError if there is nothing to share out between training and judging."""
+        """Raise InvalidKeyError if there is nothing to share out between training and judging."""
         if self._trained is None:
             return
         if self.recorded_runs is None:
             what = "training has runs of its own: only what is recorded is shared out"
-            raise MistakenKeyError(what, "score", "train")
+            raise InvalidKeyError(what, "score", "train")
         if not self.windows or self._trained <= self.steps[0]:
             what = "leaves no step to train on" if self.windows else "leaves no step to be scored"
-            raise MistakenKeyError(what, "score", "train")
+            raise InvalidKeyError(what, "score", "train")
         self.score.of_training(self._trained)
 
     def _check_windows(self) -> None:
-        """Raise MistakenKeyError for a window without scored steps, or with the name of a turn."""
+        """Raise InvalidKeyError for a window without scored steps, or with the name of a turn."""
         scored = self.score.scored(self.steps, self._trained)
         taken = self.target.windows(self.times, scored)
         for i, (name, mask) in enumerate(self.score.named(self.steps, scored).items()):
             if not mask.any():
                 first, last = self.steps[scored][[0, -1]]
                 what = f"holds no scored step; steps {first} to {last} are scored"
-                raise MistakenKeyError(what, "score", "windows", i)
+                raise InvalidKeyError(what, "score", "windows", i)
             if name in taken:
                 what = f"the target itself has a window {name!r}: choose another name"
-                raise MistakenKeyError(what, "score", "windows", i, "name")
+                raise InvalidKeyError(what, "score", "windows", i, "name")
 
     @cached_property
     def _own_timeline(self) -> Timeline | None:
@@ -126,18 +126,18 @@ class Tracking(Scenario):
 
     @cached_property
     def model(self) -> Model:
-        """Motion and sensor that filters assume. Raises MistakenKeyError if no motion is known."""
+        """Motion and sensor that filters assume. Raises InvalidKeyError if no motion is known."""
         motion = self.assume.motion or self.target.own_motion
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
-            raise MistakenKeyError(what, "assume")
+            raise InvalidKeyError(what, "assume")
         sampled = self._sampled(motion)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
-            raise MistakenKeyError(what, "assume")
+            raise InvalidKeyError(what, "assume")
         sensor = self.true_sensor if self.assume.sensor is None else together(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
-            raise MistakenKeyError("the assumed sensor measures something else", "assume", "sensor")
+            raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
 
     def _sampled(self, motion: Motion) -> SampledMotion:
@@ -147,19 +147,19 @@ class Tracking(Scenario):
             return motion.sampled(line.T, axes)
         return Irregular(motion, axes, int(line.steps[1]), fixed(np.diff(line.times)))
 
-    def believing(self, assume: Assume) -> "Tracking":
+    def with_assumptions(self, assume: Assume) -> "Tracking":
         """The same scenario as a filter that assumes this sees it."""
         return replace(self, assume=assume.over(self.assume))
 
     @cached_property
-    def unscored(self) -> "Tracking":
+    def without_scoring(self) -> "Tracking":
         """Without what errors are reduced to: steps, windows, limits."""
         return replace(self, score=Score(marginals=self.score.marginals))
 
     @property
-    def prior_kind(self) -> type[Distribution]:
+    def prior_type(self) -> type[Distribution]:
         """The class of the prior."""
-        return self.start.prior_kind(self.true_sensor)
+        return self.start.prior_type(self.true_sensor)
 
     @cached_property
     def _trained(self) -> int | None:
@@ -241,7 +241,7 @@ class Tracking(Scenario):
         if isinstance(T, np.ndarray):
             T = recorded_columns(T, rng)
         first = int(line.steps[0])
-        opening = Opening(flight.truth[:, 0], scans, first, T, self.target.diffusion)
+        opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
         prior = self.start.prior(opening, self.true_sensor, nominal if driven else None, rng)
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
@@ -254,7 +254,7 @@ class Tracking(Scenario):
         return self.true_sensor.observables(x)
 
     @property
-    def no_bound(self) -> str | None:
+    def why_no_bound(self) -> str | None:
         """Why there is no lower bound, if there is none."""
         if self._own_timeline is not None:
             return "the data are recorded"
@@ -262,9 +262,9 @@ class Tracking(Scenario):
             return "the target is driven by a motion that is not linear"
         if any(s.outliers is not None or s.bias for s in each(self.true_sensor)):
             return "the bound is of normal errors without a bias"
-        if self.prior_kind is PointMass:
+        if self.prior_type is PointMass:
             return "the first state is known"
-        return self.target.no_bound
+        return self.target.why_no_bound
 
     def bounds(self) -> dict[str, Array]:
         """Posterior Cramer-Rao bound on every RMSE (K,), along the path without process noise.
@@ -308,7 +308,7 @@ class Tracking(Scenario):
     @property
     def cautions(self) -> tuple[str, ...]:
         """What was done to the target's data."""
-        return self.target.told
+        return self.target.notices
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""

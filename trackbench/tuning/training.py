@@ -7,7 +7,7 @@ from typing import Any
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import kinds_of
-from trackbench.config.tuned_entries import Tried, make_trial
+from trackbench.config.tuned_entries import Trial, make_trial
 from trackbench.config.tuning_objective import Objective, Score
 from trackbench.config.tuning_settings import Axis
 from trackbench.core.arrays import Array
@@ -43,7 +43,7 @@ class Training:
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = make_trial(self._experiment.source, self._point, self._label, chosen)
-        if not isinstance(trial, Tried):
+        if not isinstance(trial, Trial):
             return []
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
@@ -55,14 +55,14 @@ class Training:
                 raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
         return self.objective.score(per_run)
 
-    def _blocks(self, trial: Tried) -> int:
+    def _blocks(self, trial: Trial) -> int:
         return ceil(self._experiment.settings.tuning.runs / self._most(trial))
 
-    def _most(self, trial: Tried) -> int:
+    def _most(self, trial: Trial) -> int:
         asked = self._experiment.settings.block
         return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
 
-    def _block(self, trial: Tried, number: int) -> BlockTask:
+    def _block(self, trial: Trial, number: int) -> BlockTask:
         """All blocks but the last are full, and none is wider than it has to be."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))
@@ -74,9 +74,9 @@ class Training:
             seed=settings.seed,
             index=-1 - number,
             width=width,
-            used=min(width, settings.tuning.runs - number * width),
+            runs_used=min(width, settings.tuning.runs - number * width),
             reference=self._point.filters[settings.reference or ""] if measured else None,
-            foretold=kinds_of(name.partition("[")[0] for name in self.objective.metrics),
+            predictive_metrics=kinds_of(name.partition("[")[0] for name in self.objective.metrics),
             hold_out=settings.hold_out,
         )
 

@@ -33,7 +33,7 @@ def tune(
     """
     store.prepare()
     queue = Queue(workers)
-    kept = _Kept(store, fresh)
+    kept = _SessionBlocks(store, fresh)
     tuners = [_Tuner(experiment, label, kept) for label in experiment.tuned]
     budget = sum(tuner.budget for tuner in tuners)
     bar = progress_bar(budget, "trial", progress, desc="tuning")
@@ -51,12 +51,12 @@ def tune(
                     _tell(tuners, gone, None)
             else:
                 kept.put(task, result)
-                _tell(tuners, task, result[task.used])
+                _tell(tuners, task, result[task.runs_used])
         next(finished, None)  # nothing comes any more: the workers may go
     return {tuner.label: tuner.record for tuner in tuners}
 
 
-class _Kept:
+class _SessionBlocks:
     """The store's blocks, or only those of this session."""
 
     def __init__(self, store: BlockStore, fresh: bool) -> None:
@@ -74,7 +74,7 @@ class _Kept:
 class _Tuner:
     """One filter's search, and the blocks that it waits for."""
 
-    def __init__(self, experiment: Experiment, label: str, kept: _Kept) -> None:
+    def __init__(self, experiment: Experiment, label: str, kept: _SessionBlocks) -> None:
         self.label, self.budget = label, experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
         self.record = Record(experiment.tuned[label])

@@ -49,7 +49,7 @@ def _averages(
     for (label, metric), rows in frame.groupby(["filter", "metric"], sort=False):
         if label not in here.filters:
             continue
-        counts = here.filters[label].counts
+        counts = here.filters[label].summed_diagnostics
         at = np.searchsorted(here.scenario.steps, rows["step"])
         for window, mask in here.scenario.windows.items():
             inside = rows[mask[at]]

@@ -12,7 +12,7 @@ from itertools import takewhile
 import numpy as np
 
 from trackbench.config.experiment import Experiment
-from trackbench.config.tuning_settings import tuned
+from trackbench.config.tuning_settings import tuned_label
 from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.evaluation.merge import merge
 from trackbench.execution.cache import BlockStore, cache_folder
@@ -43,7 +43,7 @@ def tuning_again(results: Results, experiment: Experiment, runs: int) -> Iterato
         yield from _taken(experiment, label, record)
         again = found[label].trials if whole else _some_again(record, training)
         stored = record.trials if whole else _some(record)
-        draws = experiment.points[0].filters[tuned(label)].particle_count > 1
+        draws = experiment.points[0].filters[tuned_label(label)].particle_count > 1
         yield from _beside(label, stored, again, draws)
 
 
@@ -62,7 +62,7 @@ def _some_again(record: Record, training: Training) -> list[Trial]:
     again = []
     for trial in _some(record):
         tasks = training.tasks(_values(record, trial))
-        blocks = [run_whole_block(task)[task.used] for task in tasks]
+        blocks = [run_whole_block(task)[task.runs_used] for task in tasks]
         score = training.score(merge(blocks).per_run) if blocks else None
         again.append(Trial.of(trial.values, score))
     return again
@@ -104,11 +104,11 @@ def _is_close(record: Record) -> bool:
 
 def _taken(experiment: Experiment, label: str, record: Record) -> Iterator[Finding]:
     """Whether the tuned filter has the best values."""
-    there = given_values(experiment, tuned(label))
+    there = given_values(experiment, tuned_label(label))
     for key, value in record.best.values.items():
         if there.get(key) != value:
             found = f"{there.get(key)}, the best trial of {_FILE} has {value}"
-            yield changed(f"config.yaml: {tuned(label)}: {key} is {found}")
+            yield changed(f"config.yaml: {tuned_label(label)}: {key} is {found}")
 
 
 def _beside(label: str, stored: list[Trial], again: list[Trial], draws: bool) -> Iterator[Finding]:

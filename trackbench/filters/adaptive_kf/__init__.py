@@ -42,8 +42,8 @@ class AdaptiveKF(VariableDimension):
     """return to the non-maneuvering filter"""
     initialise: Literal["ie", "barshalom"] = "ie"
     """augmented start: estimated input added, or refiltered from the onset (1982)"""
-    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
     presets: ClassVar[dict[str, dict[str, Any]]] = {
         "paper-eta35": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 35.0}},
         "paper-eta20": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 20.0}},
@@ -94,9 +94,9 @@ class VDF(VariableDimension):
     """samples over which the acceleration's significance is summed"""
     Ta: Positive = 9.49
     """threshold of that sum"""
-    needs: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    excused: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
-    counts: ClassVar[frozenset[str]] = frozenset({"alarm"})
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     def __post_init__(self) -> None:
         if (self.eta is None) == (self.alpha is None):

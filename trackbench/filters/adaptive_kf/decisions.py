@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.fading_memory import significance_threshold, threshold
 from trackbench.field_types import (
     Count,
-    MistakenKeyError,
+    InvalidKeyError,
     Natural,
     NonNegative,
     OpenShare,
@@ -43,7 +43,7 @@ class Detector:
         if (self.eta is None) == (self.alpha is None):
             raise ValueError("give one of eta and alpha")
         if self.kind == "fading" and self.onset == "argmax":
-            raise MistakenKeyError(
+            raise InvalidKeyError(
                 "kind fading has no zeta to take an argmax of: fading-ie", "onset"
             )
 

@@ -181,7 +181,7 @@ class VariableDimension(Filter[Switched]):
         return np.where(np.isnan(quiet.nu).any(axis=(0, 1)), np.nan, value)
 
     @property
-    def notes(self) -> frozenset[str]:
+    def diagnostic_names(self) -> frozenset[str]:
         """What `diagnostics` gives."""
         of_onset = {"zeta", "zeta_beyond"} if self.logic.detector.onset_rule == "argmax" else set()
         return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})

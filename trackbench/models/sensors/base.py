@@ -50,7 +50,7 @@ class Measuring(Part):
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""
-    besides: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor)
+    optional_capabilities: ClassVar[tuple[type, ...]] = (NearSensor, LocatingSensor)
 
     def __post_init__(self) -> None:
         if self.bias and len(self.bias) != len(self.components):

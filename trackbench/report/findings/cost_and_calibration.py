@@ -137,7 +137,7 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
     """The shortest first; those of the same length in the order of their filters."""
     found = []
     for candidate in candidates:
-        looped = " (looped over in Python)" if candidate.label in results.one_by_one else ""
+        looped = " (looped over in Python)" if candidate.label in results.loops_over_runs else ""
         rows = results.columns("timing", candidate.point).where(filter=candidate.label)
         for row in islice(rows.records(), 1):
             found.append(Time(float(row["cpu_s_per_run"]), candidate, looped))

@@ -65,7 +65,7 @@ class Metrics(TableKind):
                 gains = [expressions.term(m.of(self.gain.of)) for m in beside]
                 table.add([*keys, head], [Cell.of(term) for term in gains])
             table.notes += _lost_notes(results, point, labels)
-        slow = [label for label in labels if label in results.one_by_one]
+        slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in self.columns.values()):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other, in Python.")
         table.notes += [

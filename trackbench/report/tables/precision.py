@@ -6,7 +6,13 @@ from typing import Any
 from trackbench.core.arrays import Array
 from trackbench.evaluation.merge import FilterResult
 from trackbench.evaluation.statistics import Estimate
-from trackbench.evaluation.stopping_rule import Looked, Wanted, exact_after, looked, looks
+from trackbench.evaluation.stopping_rule import (
+    PrecisionCheck,
+    PrecisionTarget,
+    check_precision,
+    checkpoints,
+    exact_after,
+)
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
@@ -28,8 +34,10 @@ class Precision(TableKind):
     def table(self, results: Results) -> Table:
         """The table from a results folder."""
         config = results.config
-        wanted = [Wanted.read(metric, error) for metric, error in config.get("until", {}).items()]
-        stops = list(looks(config["min_runs"], config["runs"]))
+        wanted = [
+            PrecisionTarget.read(metric, error) for metric, error in config.get("until", {}).items()
+        ]
+        stops = list(checkpoints(config["min_runs"], config["runs"]))
         heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
         table = Table(self.title, heads, ["Value"], self.digits)
         for point in results.points():
@@ -52,12 +60,16 @@ def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
 
 
 def _look(
-    results: Results, point: dict[str, Any], result: FilterResult, wanted: Wanted, runs: int
-) -> list[Looked]:
+    results: Results,
+    point: dict[str, Any],
+    result: FilterResult,
+    wanted: PrecisionTarget,
+    runs: int,
+) -> list[PrecisionCheck]:
     if "lost" not in result.per_run:
         return []
-    return looked([wanted], result, results.given(point).sizes, {}, runs)
+    return check_precision([wanted], result, results.given(point).sizes, {}, runs)
 
 
-def _enough(found: list[Looked], stops: list[int]) -> str:
+def _enough(found: list[PrecisionCheck], stops: list[int]) -> str:
     return str(exact_after(stops, [look.enough for look in found]) or "no")

@@ -6,8 +6,8 @@ from math import isfinite
 
 import numpy as np
 
-from trackbench.config.tuning_objective import Objective, Score, made_small
-from trackbench.config.tuning_settings import tuned
+from trackbench.config.tuning_objective import Objective, Score, objective_label
+from trackbench.config.tuning_settings import tuned_label
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.field_types import Digits
@@ -48,7 +48,7 @@ class TuningTable(TableKind):
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():
-            found, given = (_score(objective, runs, of) for of in (tuned(label), label))
+            found, given = (_score(objective, runs, of) for of in (tuned_label(label), label))
             keys = [label, _found(record), str(len(record.trials))]
             table.add(keys, _cells(record, found, given))
             said = _said(record, found, given, tuning["runs"])
@@ -69,8 +69,8 @@ def _trained_on(results: Results) -> str:
 def words_of(metric: str | dict[str, float]) -> str:
     """What is made small, as one writes a sum."""
     if isinstance(metric, str):
-        return made_small(metric)
-    return " + ".join(f"{weight:g} {made_small(word)}" for word, weight in metric.items())
+        return objective_label(metric)
+    return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
 
 
 def _score(

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.elementary import cos_sin
 from trackbench.core.geodesy import Geodetic, east_north_up
-from trackbench.field_types import DataError, Finite, MistakenKeyError, Place
+from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
 from trackbench.scenarios.recordings.ranges import blank_codes, impossible, is_ais
 
@@ -56,22 +56,22 @@ class Naming:
         for key, unit in self.units.items():
             if unit not in UNITS:
                 what = f"{unit!r} is not one of {', '.join(UNITS)}"
-                raise MistakenKeyError(what, "units", key)
+                raise InvalidKeyError(what, "units", key)
         if self.origin and len(self.origin) not in (2, 3):
-            raise MistakenKeyError("is latitude, longitude and perhaps height", "origin")
+            raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
 
     def check_names(self, components: Sequence[str], *within: str) -> None:
-        """Raise MistakenKeyError for an unknown name, and for a unit of another dimension."""
+        """Raise InvalidKeyError for an unknown name, and for a unit of another dimension."""
         known = [*KEYS, *GEODETIC, *COURSE, *components]
         for part, given in (("columns", self.columns), ("units", self.units)):
             for key in given:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
-                    raise MistakenKeyError(what, *within, part, key)
+                    raise InvalidKeyError(what, *within, part, key)
         for key, unit in self.units.items():
             mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
             if mistake is not None:
-                raise MistakenKeyError(mistake, *within, "units", key)
+                raise InvalidKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
         """The column of a quantity among ``names``; of 2.x, the second sensor's, also that of x."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
-from trackbench.field_types import DataError, Place, regular
+from trackbench.field_types import DataError, Place, require_regular_file
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -238,7 +238,7 @@ def _lines(path: str) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells of every line that is not blank."""
     reader = None
     try:
-        with regular(path).open(newline="", encoding="utf-8-sig") as file:
+        with require_regular_file(path).open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
             for cells in reader:
                 if cells:
@@ -264,7 +264,7 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
         what = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
         raise DataError(Place(path, 1, 1, what)) from None
     try:
-        file = regular(path)
+        file = require_regular_file(path)
         if columns is None:
             return parquet.read_schema(file).names
         return parquet.read_table(file, columns=columns).to_pandas()

@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, Streams
-from trackbench.field_types import DataError, Place, regular
+from trackbench.field_types import DataError, Place, require_regular_file
 from trackbench.scenarios.recordings.rows import files_of
 
 
@@ -34,7 +34,7 @@ class FromFiles:
         yield
         digest = hashlib.sha256()
         for path in before:
-            with regular(path).open("rb") as file:
+            with require_regular_file(path).open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         if self._stamps() != before:
             raise DataError(Place(self.patterns[0], 1, 1, "was changed while it was read"))
@@ -45,7 +45,7 @@ class FromFiles:
         out = {}
         for path in (path for pattern in self.patterns for path in files_of(pattern)):
             try:
-                found = regular(path).stat()
+                found = require_regular_file(path).stat()
             except OSError as error:
                 raise DataError(Place(path, 1, 1, (error.strerror or str(error)).lower())) from None
             out[path] = found.st_size, found.st_mtime_ns

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import DataError, MistakenKeyError, Place
+from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_mapping import Columns, Naming
 from trackbench.scenarios.recordings.csv_tables import Table
 
@@ -204,7 +204,7 @@ def chosen_runs(
     for i, name in enumerate(names):
         if name not in known:
             what = f"there is no run {name!r}; there are {', '.join(found.runs[:20])}"
-            raise MistakenKeyError(what, *within, i)
+            raise InvalidKeyError(what, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
     place = np.array([wanted.get(name, -1) for name in found.runs], dtype=np.int32)
     found.runs = names

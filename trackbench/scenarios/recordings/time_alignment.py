@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, fixed
-from trackbench.field_types import MOST_STEPS, DataError, MistakenKeyError, Place
+from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows
 
 _MOST_CELLS = 200_000_000
@@ -33,7 +33,7 @@ class Opened(NamedTuple):
     apart: Array
 
 
-def opened(found: Gathered, rows: Rows, scans: int) -> Opened:
+def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
     """The first scans of each run that are whole, from rows in order."""
     runs = len(found.runs)
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
@@ -48,7 +48,7 @@ def opened(found: Gathered, rows: Rows, scans: int) -> Opened:
     return Opened(times[-1], rows.values[:, places], apart)
 
 
-def one_clock(
+def common_clock(
     found: Gathered, sensors: Sequence[Rows], start: Opened | None, T: float, resample: float | None
 ) -> Clock:
     """The steps of all runs, their first states laid over each other where the scans give them.
@@ -121,13 +121,15 @@ def _checked(found: Gathered, clock: Clock) -> Clock:
     return clock
 
 
-def laid_out(found: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool) -> Array:
+def measurement_array(
+    found: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
+) -> Array:
     """Measurements (n_z, K, M) by step and run. Of rows in one step the nearest to its time is taken."""
     steps, runs = len(clock.steps), len(found.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
         what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
-        raise MistakenKeyError(what, "target", "runs")
+        raise InvalidKeyError(what, "target", "runs")
     out = np.full((sum(sizes), steps - 1, runs), np.nan)
     moved, crowded, above = 0.0, 0, 0
     for rows, size in zip(sensors, sizes, strict=True):

@@ -13,7 +13,7 @@ from trackbench.models.base import LocatingSensor
 from trackbench.models.sensors.stacked import Sensors, each, rows_of
 
 
-class Opening(NamedTuple):
+class InitialScans(NamedTuple):
     """What a start may look at: truth (n_x, M) at the first scan, the first scans (n_z, scans, M).
 
     ``T`` is the time between two scans, s; of recorded runs perhaps each one's own (M,).
@@ -34,12 +34,12 @@ class Start(Part):
     of_truth: ClassVar[bool] = False
     """whether the prior is made of the truth, which no recorded target has"""
 
-    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
+    def prior_type(self, sensor: Sensors) -> type[Distribution]:
         """The class of `prior`, which filters may ask for more than moments."""
         return Gaussian
 
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
-        """Raise MistakenKeyError if it cannot start such a target seen so."""
+        """Raise InvalidKeyError if it cannot start such a target seen so."""
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
         """The true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
@@ -47,7 +47,7 @@ class Start(Part):
 
     @abstractmethod
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The first state's distribution; ``nominal`` is the mean it was drawn about, if it was."""
 
@@ -56,7 +56,7 @@ class Start(Part):
         raise NotImplementedError
 
 
-def locating(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
+def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """The first sensor that tells a position, and where its components stand."""
     for one, where in zip(each(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):

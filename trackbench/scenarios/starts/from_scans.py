@@ -9,13 +9,13 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import MistakenKeyError, Positive
+from trackbench.field_types import InvalidKeyError, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.models.two_point_prior import TwoPoint, differenced
 from trackbench.registry import register
-from trackbench.scenarios.starts.base import Opening, Start, locating
+from trackbench.scenarios.starts.base import InitialScans, Start, position_part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,23 +23,23 @@ class _FromScans(Start):
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """A sensor that tells the position, along every axis of the target."""
         if components not in (moving(2), moving(3)):
-            raise MistakenKeyError("scans start a target in the plane or in space only", "start")
-        found = locating(sensor)
+            raise InvalidKeyError("scans start a target in the plane or in space only", "start")
+        found = position_part(sensor)
         if found is None:
-            raise MistakenKeyError("no sensor here tells a position in one scan", "start")
+            raise InvalidKeyError("no sensor here tells a position in one scan", "start")
         if 2 * found[0].axes != len(components):
             what = f"the sensor sees {found[0].axes} axes of a target in {len(components) // 2}"
-            raise MistakenKeyError(what, "start")
+            raise InvalidKeyError(what, "start")
 
-    def located(self, opening: Opening, sensor: Sensors, scan: int) -> Gaussian:
+    def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
         """The position (axes, M) at one of the scans."""
-        found = locating(sensor)
+        found = position_part(sensor)
         assert found is not None
         one, rows = found
         return one.located(opening.scans[rows, scan], opening.first_step + scan)
 
 
-def _told(sensor: Sensors, x: Array, k: int) -> Gaussian:
+def _position_information(sensor: Sensors, x: Array, k: int) -> Gaussian:
     """The true position (axes, 1) and the covariance of what one scan tells of it."""
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
@@ -56,12 +56,12 @@ class TwoScan(_FromScans):
 
     scans: ClassVar[int] = 2
 
-    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
+    def prior_type(self, sensor: Sensors) -> type[Distribution]:
         """The two scans themselves, of a radar at the origin."""
         return TwoPoint if gives_scans(sensor) else Gaussian
 
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The state at the second scan."""
         if gives_scans(sensor):
@@ -74,7 +74,7 @@ class TwoScan(_FromScans):
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Two-point differencing at the truth, which knows no velocity beforehand."""
-        one, two = (_told(sensor, path[:, i], k + i) for i in range(2))
+        one, two = (_position_information(sensor, path[:, i], k + i) for i in range(2))
         return differenced(one, two, T, diffusion).cov
 
 
@@ -92,7 +92,7 @@ class OneScan(_FromScans):
     scans: ClassVar[int] = 1
 
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """The state at the first scan."""
         seen = self.located(opening, sensor, 0)
@@ -105,7 +105,7 @@ class OneScan(_FromScans):
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """The scan's covariance, and the velocity's."""
-        told = _told(sensor, path[:, 0], k)
+        told = _position_information(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))
         cov[0::2, 0::2] = told.cov

@@ -8,10 +8,10 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, PointMass
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Finite, MistakenKeyError, NonNegative
+from trackbench.field_types import Finite, InvalidKeyError, NonNegative
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
-from trackbench.scenarios.starts.base import Opening, Start, repeated
+from trackbench.scenarios.starts.base import InitialScans, Start, repeated
 
 
 @register("starts", "known")
@@ -21,12 +21,12 @@ class Known(Start):
 
     of_truth: ClassVar[bool] = True
 
-    def prior_kind(self, sensor: Sensors) -> type[Distribution]:
+    def prior_type(self, sensor: Sensors) -> type[Distribution]:
         """A point."""
         return PointMass
 
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """All of it at the truth."""
         return PointMass(opening.truth)
@@ -50,7 +50,7 @@ class GaussianStart(Start):
         """A standard deviation for each component."""
         if len(self.sigma) != len(components):
             what = f"{len(self.sigma)} numbers for {', '.join(components)}"
-            raise MistakenKeyError(what, "start", "sigma")
+            raise InvalidKeyError(what, "start", "sigma")
 
     @property
     def cov(self) -> Array:
@@ -62,7 +62,7 @@ class GaussianStart(Start):
         return Gaussian(nominal, self.cov).sample(rng)
 
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """About what the truth was drawn about, or about a draw about the truth."""
         if nominal is not None:
@@ -76,7 +76,7 @@ class GaussianStart(Start):
 
 @register("starts", "given")
 @dataclass(frozen=True, kw_only=True)
-class Given(Start):
+class GivenStart(Start):
     """Every filter starts from the same normal distribution, wherever the target really is."""
 
     mean: tuple[Finite, ...]
@@ -89,10 +89,10 @@ class Given(Start):
         for key in ("mean", "sigma"):
             if len(getattr(self, key)) != len(components):
                 what = f"{len(getattr(self, key))} numbers for {', '.join(components)}"
-                raise MistakenKeyError(what, "start", key)
+                raise InvalidKeyError(what, "start", key)
 
     def prior(
-        self, opening: Opening, sensor: Sensors, nominal: Array | None, rng: Streams
+        self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """What is given, in every run."""
         mean = repeated(np.array(self.mean), opening.truth.shape[1])

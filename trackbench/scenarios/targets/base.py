@@ -104,19 +104,19 @@ class Target(Part):
         return None
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[str, ...]:
         """Sentences on what is no mistake in its data but should be known."""
         return ()
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
         """The time there is, if its data say so: steps of T seconds, if they say only steps.
 
-        Raises DataError with the mistakes of the data, MistakenKeyError for what does not go with them.
+        Raises DataError with the mistakes of the data, InvalidKeyError for what does not go with them.
         """
         return None
 
     @property
-    def no_bound(self) -> str | None:
+    def why_no_bound(self) -> str | None:
         """Why a bound along its path would be none, if so."""
         return None
 
@@ -138,7 +138,7 @@ class Target(Part):
         """
 
     def check(self, timeline: Timeline) -> None:
-        """Raise MistakenKeyError if it does not fit the time there is."""
+        """Raise InvalidKeyError if it does not fit the time there is."""
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
         """Stretches (K,) of the target's own by name, of the times (K,) that are scored."""

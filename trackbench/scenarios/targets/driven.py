@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Finite, PartOf, Positive
+from trackbench.field_types import Finite, Positive, Registered
 from trackbench.models.augmented_prior import with_rest
 from trackbench.models.base import Motion, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -48,7 +48,7 @@ class PolarLaunch:
 class Driven(Target):
     """A target whose path is drawn from a motion, which filters assume unless told otherwise."""
 
-    motion: Annotated[Motion, PartOf("motions")]
+    motion: Annotated[Motion, Registered("motions")]
     """motion that drives it: {kind: cwna, q: 0.1}"""
     launch: Launch | None = None
     """first state; default: at rest at the origin"""

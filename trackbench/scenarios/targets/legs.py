@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean
-from trackbench.field_types import Finite, MistakenKeyError, NonNegative, Positive
+from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive
 from trackbench.models.motions.turn import turned
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Launch, Scored, Timeline
@@ -76,13 +76,13 @@ class Legs(Flown):
         end = float(timeline.times[-1])
         for n, leg in enumerate(self.legs):
             if leg.end <= leg.start:
-                raise MistakenKeyError(f"leg {n + 1} ends before it starts", *_KEY, n, "end")
+                raise InvalidKeyError(f"leg {n + 1} ends before it starts", *_KEY, n, "end")
             if leg.end > end:
                 what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {end:g} s"
-                raise MistakenKeyError(what, *_KEY, n, "end")
+                raise InvalidKeyError(what, *_KEY, n, "end")
             if n and leg.start < self.legs[n - 1].end:
                 what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
-                raise MistakenKeyError(what, *_KEY, n, "start")
+                raise InvalidKeyError(what, *_KEY, n, "start")
 
     def states(self, times: Array) -> Array:
         """Exact states (n, K): each leg adds its acceleration's two integrals.

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import DataFile, MistakenKeyError, Positive
+from trackbench.field_types import DataFile, InvalidKeyError, Positive
 from trackbench.models.base import moving
 from trackbench.models.sensors.stacked import Sensors, each, rows_of
 from trackbench.models.two_point_prior import TwoPoint
@@ -19,13 +19,13 @@ from trackbench.scenarios.recordings.data_files import FromFiles, recorded_colum
 from trackbench.scenarios.recordings.rows import TICK, Gathered, chosen_runs, in_order, read_rows
 from trackbench.scenarios.recordings.time_alignment import (
     Clock,
-    laid_out,
-    one_clock,
-    opened,
+    common_clock,
+    initial_scans,
+    measurement_array,
     truth_at,
     with_scans,
 )
-from trackbench.scenarios.starts.base import Start, locating
+from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline
 
 
@@ -74,7 +74,7 @@ class Measured(FromFiles, Naming, Target):
         super().__post_init__()
         if self.truth is None and (self.truth_gap is not None or self.truth_naming is not None):
             key = "truth_gap" if self.truth_gap is not None else "truth_naming"
-            raise MistakenKeyError("there is no truth", key)
+            raise InvalidKeyError("there is no truth", key)
 
     @property
     def patterns(self) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ class Measured(FromFiles, Naming, Target):
         return self._recording.seen.shape[-1]
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[str, ...]:
         """What was done to the rows."""
         return self._recording.told
 
@@ -121,9 +121,9 @@ class Measured(FromFiles, Naming, Target):
         clock, apart = self._recording.clock, self._recording.apart
         between = clock.T if clock.T is not None else float(clock.times[1] - clock.times[0])
         own = None if start.scans < 2 else float(apart[0]) if np.ptp(apart) <= TICK else apart
-        if isinstance(own, np.ndarray) and issubclass(start.prior_kind(sensor), TwoPoint):
+        if isinstance(own, np.ndarray) and issubclass(start.prior_type(sensor), TwoPoint):
             what = "two scans of a radar must be equally far apart in all runs: take one-scan"
-            raise MistakenKeyError(what, "start")
+            raise InvalidKeyError(what, "start")
         return Timeline(clock.steps, clock.times, between, clock.T is not None, own)
 
     def _made(self, sensor: Sensors, scans: int, T: float) -> "Recording":
@@ -132,11 +132,11 @@ class Measured(FromFiles, Naming, Target):
         rows = read_rows(found, self._measured, [sensor.components[part] for part in parts])
         rows = chosen_runs(found, rows, [str(name) for name in self.runs], ("target", "runs"))
         rows = [in_order(found, of_sensor) for of_sensor in rows]
-        telling = locating(sensor)
+        telling = position_part(sensor)
         place = 0 if telling is None else parts.index(telling[1])
-        start = opened(found, rows[place], scans) if scans else None
-        clock = one_clock(found, rows, start, T, self.resample)
-        seen = laid_out(found, rows, clock, self.resample is not None)
+        start = initial_scans(found, rows[place], scans) if scans else None
+        clock = common_clock(found, rows, start, T, self.resample)
+        seen = measurement_array(found, rows, clock, self.resample is not None)
         first = np.full((len(sensor.components), scans, len(found.runs)), np.nan)
         if start is not None:
             first[parts[place]] = start.scans
@@ -146,15 +146,15 @@ class Measured(FromFiles, Naming, Target):
         return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)
 
     def _check(self, sensor: Sensors, start: Start) -> None:
-        """Raise MistakenKeyError for what does not go with sensors and start."""
+        """Raise InvalidKeyError for what does not go with sensors and start."""
         every = each(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
-            raise MistakenKeyError(what, "start")
+            raise InvalidKeyError(what, "start")
         for one in every:
             if one.bias or one.outliers is not None or one.detection != 1 or one.period != 1:
                 what = "bias, outliers, detection and period are of simulated measurements"
-                raise MistakenKeyError(what, "sensor")
+                raise InvalidKeyError(what, "sensor")
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
         self.check_names(names, "target")
@@ -162,7 +162,7 @@ class Measured(FromFiles, Naming, Target):
             self.truth_naming.check_names(names, "target", "truth_naming")
         if len(self._measured) not in (1, len(every)):
             what = f"{len(self._measured)} files for {len(every)} sensors"
-            raise MistakenKeyError(what, "target", "measurements")
+            raise InvalidKeyError(what, "target", "measurements")
 
     def _truth(self, found: Gathered, clock: Clock) -> Array:
         """The truth (n_x, K + 1, M) at the clock's steps."""

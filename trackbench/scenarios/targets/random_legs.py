@@ -51,7 +51,7 @@ class RandomLegs(Target):
                 raise ValueError(f"{name}: {low:g} is more than {high:g}")
 
     @property
-    def no_bound(self) -> str | None:
+    def why_no_bound(self) -> str | None:
         """There is no path that it flies in every run."""
         return "the target flies another path in every run"
 

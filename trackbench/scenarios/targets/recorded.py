@@ -74,7 +74,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         return (self.file,)
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[str, ...]:
         """What was done to the rows."""
         return self.__dict__["_told"]
 
