@@ -28,7 +28,7 @@ from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.training import Training
 
 TASK = BlockTask(merwe(T=4, R=0.1), PF(N=4), seed=1, index=1, width=3, runs_used=2, reference=KF())
-SHOWN = replace(TASK, shown=4, keep_covariance=True)
+SHOWN = replace(TASK, runs_with_tracks=4, keep_covariance=True)
 LEGS = maneuver(legs=(Leg(start=40, end=80, ax=0.3),))
 CV, CA = ConstantVelocity(q=0.0), ConstantAcceleration(q=1e-4)
 NESTED = (
@@ -42,21 +42,21 @@ OTHERS: dict[str, Any] = {
     "assume": Assume(motion=SineGamma()),
     "index": 2,
     "width": 4,
-    "used": 1,
-    "shown": 5,
+    "runs_used": 1,
+    "runs_with_tracks": 5,
     "keep_covariance": False,
 }
 """Another value of a field; of all others a word, which no code takes for a value."""
 NO_KEY = {
-    "also": "a block that is reduced over other runs, too, is kept under the key of these runs",
+    "extra_run_counts": "a block that is reduced over other runs, too, is kept under the key of these runs",
 }
 SAME_ESTIMATES = {
-    "used": "the filter runs on the whole block",
+    "runs_used": "the filter runs on the whole block",
     "reference": "has estimates of its own",
-    "shown": "what is kept of the estimates",
+    "runs_with_tracks": "what is kept of the estimates",
     "keep_covariance": "what is kept of the estimates",
     "keep_steps": "what is kept of the estimates",
-    "also": "over which runs the estimates are reduced",
+    "extra_run_counts": "over which runs the estimates are reduced",
 }
 SAME_OF_REFERENCE = {
     **{name: why for name, why in SAME_ESTIMATES.items() if name != "reference"},
@@ -65,10 +65,10 @@ SAME_OF_REFERENCE = {
     "predictive_metrics": "only scores are compared with the reference's (the next test)",
 }
 NOT_OF_TRAINING = {
-    "shown": "no tracks of training runs are kept",
+    "runs_with_tracks": "no tracks of training runs are kept",
     "keep_covariance": "no tracks of training runs are kept",
     "keep_steps": "only numbers per run are kept",
-    "also": "a trial has a fixed number of runs",
+    "extra_run_counts": "a trial has a fixed number of runs",
 }
 NAMES = [field.name for field in fields(BlockTask)]
 MODELS = ("filters", "scenarios", "targets", "motions", "sensors", "starts")
@@ -125,7 +125,11 @@ def test_another_value_of_a_field_is_another_key(name: str) -> None:
 
 
 def test_the_runs_that_a_block_is_reduced_to_are_part_of_its_key() -> None:
-    assert block_key(TASK, 1) != block_key(TASK, 2) == block_key(replace(TASK, also=(1,)), 2)
+    assert (
+        block_key(TASK, 1)
+        != block_key(TASK, 2)
+        == block_key(replace(TASK, extra_run_counts=(1,)), 2)
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -219,7 +223,7 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("runs", "used"), [(1, [1]), (4, [4]), (5, [4, 1]), (7, [4, 3]), (9, [4, 3])]
+    ("runs", "runs_used"), [(1, [1]), (4, [4]), (5, [4, 1]), (7, [4, 3]), (9, [4, 3])]
 )
 def test_the_first_runs_of_a_plan_are_in_the_same_blocks(
     runs: int, used: list[int], tmp_path: Path
@@ -227,5 +231,5 @@ def test_the_first_runs_of_a_plan_are_in_the_same_blocks(
     (tmp_path / "all.yaml").write_text(CONFIG)
     plan = make_plan(load(tmp_path / "all.yaml"))
     for key, tasks in plan.first(runs).tasks.items():
-        there = [replace(task, used=n) for task, n in zip(plan.tasks[key], used, strict=False)]
+        there = [replace(task, runs_used=n) for task, n in zip(plan.tasks[key], used, strict=False)]
         assert tasks == there

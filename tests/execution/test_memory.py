@@ -87,7 +87,7 @@ def test_saved_tracks_and_numbers_of_all_filters_are_counted(
     (tmp_path / "b.yaml").write_text(f"name: b\nruns: {runs}\n{PLANE}filters:\n{filters}")
     experiment = api.prepare(tmp_path / "b.yaml", api.Options())
     (task, *_) = make_plan(experiment, save_tracks=True).tasks[0, "F0"]
-    result = run_whole_block(replace(task, width=2, used=2))[2]
+    result = run_whole_block(replace(task, width=2, runs_used=2))[2]
     assert result.tracks is not None
     tracks = sum(x.nbytes for x in result.tracks if x is not None) / 2
     numbers = sum(x.nbytes for x in result.per_run.values()) / 2

@@ -43,7 +43,7 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
     if issubclass(cls, Filter):
         needs: Any = cls.requires
         if not isinstance(needs, tuple) or not all(isinstance(n, str) and "." in n for n in needs):
-            yield f"needs is {needs!r}, not a tuple of names such as 'motion.F'"
+            yield f"requires is {needs!r}, not a tuple of names such as 'motion.F'"
         if isinstance(cls.summed_diagnostics, str):
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):

@@ -49,8 +49,14 @@ def _shapes(tracker: Any, scenario: Any) -> None:
         _check_array(f"cov at step {k}", found.cov)
         noted = checked_numbers("diagnostic", tracker.diagnostics(state), runs)
         check_names(noted)
-        if i and declares_diagnostics(type(tracker)) and set(noted) != set(tracker.notes):
-            raise ContractError(f"notes is {sorted(tracker.notes)}, diagnostics {sorted(noted)}")
+        if (
+            i
+            and declares_diagnostics(type(tracker))
+            and set(noted) != set(tracker.diagnostic_names)
+        ):
+            raise ContractError(
+                f"diagnostic_names is {sorted(tracker.diagnostic_names)}, diagnostics {sorted(noted)}"
+            )
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
 

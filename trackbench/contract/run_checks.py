@@ -50,7 +50,7 @@ def check_filter(
     scenario, why_not = _playground(tracker, scenarios)
     if scenario is None:
         return [*found, Finding("everything else", "left out", why_not)]
-    excused: dict[str, str] = dict(cls.excused)
+    excused: dict[str, str] = dict(cls.contract_exemptions)
     if scenario is not LINEAR:
         excused.setdefault("kalman", why_not)
     for key, (name, check) in CHECKS.items():
