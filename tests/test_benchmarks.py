@@ -115,7 +115,7 @@ def test_all_programs_of_a_page_run(
 def test_every_round_runs_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
     filtered, estimate = [], run_filter.run_filter
     monkeypatch.setattr(
-        run_filter, "estimate", lambda *given: (filtered.append(1), estimate(*given))[1]
+        run_filter, "run_filter", lambda *given: (filtered.append(1), estimate(*given))[1]
     )
     scenario, tracker = shipped("merwe"), make("filters", "pf", N=10)
     for whole in (False, True):

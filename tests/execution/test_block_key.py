@@ -48,7 +48,7 @@ OTHERS: dict[str, Any] = {
 }
 """Another value of a field; of all others a word, which no code takes for a value."""
 NO_KEY = {
-    "extra_run_counts": "a block that is reduced over other runs, too, is kept under the key of these runs",
+    "extra_run_counts": "a block that is reduced over other runs, too, is kept under their key",
 }
 SAME_ESTIMATES = {
     "runs_used": "the filter runs on the whole block",
