@@ -49,16 +49,11 @@ NEGATION = re.compile(
 
 def docstrings(functions: bool) -> Iterator[tuple[str, str]]:
     """Yield place and first line of each docstring, of functions or of modules and classes."""
+    kinds = (ast.FunctionDef,) if functions else (ast.Module, ast.ClassDef)
     for path in PACKAGE:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (
-                text := ast.get_docstring(node)
-            ):
-                if isinstance(node, ast.FunctionDef) == functions:
-                    yield (
-                        f"{path.relative_to(HERE)}:{getattr(node, 'lineno', 1)}",
-                        text.split("\n")[0],
-                    )
+            if isinstance(node, kinds) and (text := ast.get_docstring(node)):
+                yield f"{path.relative_to(HERE)}:{getattr(node, 'lineno', 1)}", text.split("\n")[0]
 
 
 def begins_with_verb(line: str) -> bool:
