@@ -1,8 +1,8 @@
 """Compare the numbers of README.md and docs/findings/ with results/. Each is a link.
 
-``[0.34 ± 0.01](../../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results
-folder; a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
-many standard errors it is from zero. ``[holds](../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
+``[0.34 ± 0.01](../../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter
+in a results folder. A third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in
+front asks for its z from zero. ``[holds](../../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
 verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
 agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
 bias or ``claims``. The word and the mark may be left out. ``python -m tests.prose`` (in ``make

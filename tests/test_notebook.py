@@ -13,7 +13,7 @@ import yaml
 import trackbench
 from tests.papers import merwe_text
 from trackbench.config.from_mapping import source_of
-from trackbench.execution.progress import progress_bar
+from trackbench.execution.runner import progress_bar
 from trackbench.report.notebook import table_html
 from trackbench.report.text import Text, TextTable
 from trackbench.yaml_source import parse

@@ -5,16 +5,14 @@ import pytest
 
 from tests.simulated import tail_index
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.difference_intervals import (
-    Sides,
-    interval_of_difference,
-    of_variances,
-    studentised_difference,
-)
 from trackbench.evaluation.intervals import (
+    Sides,
     interval_of,
+    interval_of_difference,
     normal_of_t,
+    of_variances,
     studentised,
+    studentised_difference,
     t_of_normal,
 )
 from trackbench.evaluation.run_contributions import time_mean_shares

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from trackbench.evaluation.binomial import Events, interval
-from trackbench.evaluation.difference_intervals import (
+from trackbench.evaluation.intervals import (
+    Events,
     Sides,
     correlation,
+    interval,
     interval_of_difference,
     studentised_difference,
 )

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from trackbench.config.published import Claim
-from trackbench.evaluation import binomial
+from trackbench.evaluation import intervals
 from trackbench.evaluation import statistics as st
-from trackbench.evaluation.difference_intervals import (
+from trackbench.evaluation.intervals import (
     interval_of_difference,
     of_variances,
+    studentised,
     studentised_difference,
 )
-from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
 from trackbench.report.verdicts.claims import judge
@@ -136,9 +136,9 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     folder.values["A", "lost"] = np.where(np.arange(RUNS) < 20, 2.0, 0.0)
     e = Expressions(folder, {})
     never, lost = (e.term(measure(name).of("A")) for name in ("mean(strayed)", "mean(lost)"))
-    assert never.interval() == binomial.interval(0, RUNS)
-    assert never.stderr == binomial.stderr(0, RUNS) > 0.007
-    assert never.z(0.02) == binomial.z(0, RUNS, 0.02) > -2
+    assert never.interval() == intervals.interval(0, RUNS)
+    assert never.stderr == intervals.stderr(0, RUNS) > 0.007
+    assert never.z(0.02) == intervals.z(0, RUNS, 0.02) > -2
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
     strayed = measure("mean(strayed)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)

@@ -17,13 +17,154 @@ values with a lognormal tail (sigma 1) cover 93 to 96 % by that, where plain Stu
 difference of variances has limits of its own (`differences`).
 """
 
-from typing import NamedTuple
+from math import copysign, inf, sqrt
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log, power
 from trackbench.core.sums import total
+
+_FARTHEST, _CLOSE = 1024.0, 1e-10  # of a z, and relative
+
+
+class Limits(Protocol):
+    """Limits of a number."""
+
+    def below(self, z: float) -> float:
+        """Return the distance from the number down to its limit at z standard deviations."""
+
+    def above(self, z: float) -> float:
+        """Return the distance up to the upper limit."""
+
+
+class Sides(NamedTuple):
+    """Limits of a difference: both numbers' limits, and their correlation."""
+
+    first: Limits
+    second: Limits
+    correlation: float = 0.0
+
+    def below(self, z: float, other: float = 0.0) -> float:
+        """Return the distance from the difference down to its limit at z standard deviations.
+
+        ``other`` is an independent normal standard error that the hypothesis has itself.
+        """
+        return self._together(self.first.below(z), self.second.above(z), z * other)
+
+    def above(self, z: float, other: float = 0.0) -> float:
+        """Return the distance up to the upper limit."""
+        return self._together(self.first.above(z), self.second.below(z), z * other)
+
+    def _together(self, a: float, b: float, other: float) -> float:
+        if not a + b < inf:
+            return inf
+        square = a * a + b * b - 2.0 * self.correlation * a * b
+        return sqrt(max(square, 0.0) + other * other)
+
+
+def of_variances(first: Array, second: Array) -> Sides | None:
+    """Return limits from runs' influences (M,), NaN for missing; None without a standard error."""
+    if not all((np.nan_to_num(x) != 0.0).any() for x in (first, second, first - second)):
+        return None
+    return Sides(spread(first), spread(second), correlation(first, second))
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Return the correlation of two numbers from their influences (M,); zero without spread."""
+    there = ~np.isnan(a - b)
+    a, b = a[there], b[there]
+    scale = sqrt(float(total(a * a)) * float(total(b * b)))
+    return float(total(a * b)) / scale if scale > 0.0 else 0.0
+
+
+@np.errstate(all="ignore")
+def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> float:
+    """Return z of the hypothesis of no difference: the deviations at which a limit is zero."""
+    if value == 0.0 or not abs(value) < inf:
+        return value
+    reach, distance = sides.below if value > 0.0 else sides.above, abs(value)
+    low, high = 0.0, 1.0
+    while reach(high, other) < distance:
+        if high > _FARTHEST:
+            return copysign(inf, value)
+        low, high = high, 2.0 * high
+    while high - low > _CLOSE * high:
+        z = 0.5 * (low + high)
+        low, high = (z, high) if reach(z, other) < distance else (low, z)
+    return copysign(high, value)
+
+
+@np.errstate(all="ignore")
+def interval_of_difference(
+    value: float, sides: Sides, level: float = 0.95, other: float = 0.0
+) -> tuple[float, float]:
+    """Return the confidence interval: all differences that `studentised_difference` accepts."""
+    z = deviations(level)
+    return value - sides.below(z, other), value + sides.above(z, other)
+
+
+class Events(NamedTuple):
+    """Limits of the share of runs with an event, times a nonnegative factor."""
+
+    events: int
+    runs: int
+    factor: float = 1.0
+
+    def below(self, z: float) -> float:
+        """Return the distance from the share down to its limit at z standard deviations."""
+        return self.factor * (self.events / self.runs - self._limits(z)[0])
+
+    def above(self, z: float) -> float:
+        """Return the distance from the share up to its limit at z standard deviations."""
+        return self.factor * (self._limits(z)[1] - self.events / self.runs)
+
+    def _limits(self, z: float) -> tuple[float, float]:
+        from scipy.special import ndtr
+
+        return _limits(self.events, self.runs, float(ndtr(-z)))
+
+
+def interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
+    return _limits(events, runs, 0.5 * (1.0 - level))
+
+
+def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
+    """Return the probabilities at which the tails of so many events have this probability."""
+    from scipy.special import betaincinv
+
+    low = betaincinv(events, runs - events + 1, tail) if events else 0.0
+    high = 1.0 - betaincinv(runs - events, events + 1, tail) if events < runs else 1.0
+    return float(low), float(high)
+
+
+def stderr(events: int, runs: int) -> float:
+    """Return the standard error with which a normal interval is as wide as `interval`."""
+    return stderr_of(*interval(events, runs))
+
+
+def stderr_of(low: float, high: float) -> float:
+    """Return the standard error of which a normal 95 % interval is as wide."""
+    from scipy.special import ndtri
+
+    return (high - low) / (2.0 * float(ndtri(0.975)))
+
+
+def z(events: int, runs: int, probability: float) -> float:
+    """Return the normal deviate of the exact tail of so many events; zero without evidence.
+
+    It is beyond the normal quantile of a level where `interval` excludes the probability. Infinite for
+    an impossible outcome: an event in all runs is refuted by one without it.
+    """
+    from scipy.special import bdtr, bdtrc, ndtri
+
+    if not 0.0 <= probability <= 1.0:
+        return float("inf") if probability < 0.0 else -float("inf")
+    if events > runs * probability:
+        return max(0.0, -float(ndtri(bdtrc(events - 1, runs, probability) if events else 1.0)))
+    return min(0.0, float(ndtri(bdtr(events, runs, probability))))
 
 
 class Spread(NamedTuple):

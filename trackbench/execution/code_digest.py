@@ -19,10 +19,8 @@ _ERRORS = "decides how a failure is reported; a failed block is not stored"
 _KEYS = "its result is part of the key"
 NO_PART_OF_BLOCKS = {
     "__init__.py": "names the version and the functions of the API",
-    "evaluation/binomial.py": _AFTER_BLOCKS,
-    "evaluation/difference_intervals.py": _AFTER_BLOCKS,
-    "evaluation/efficiency.py": _AFTER_BLOCKS,
     "evaluation/intervals.py": _AFTER_BLOCKS,
+    "evaluation/efficiency.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/merge.py": _AFTER_BLOCKS,
     "evaluation/stopping_rule.py": _AFTER_BLOCKS,

@@ -5,19 +5,18 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import binomial
-from trackbench.evaluation.binomial import Events, stderr_of
-from trackbench.evaluation.difference_intervals import (
+from trackbench.evaluation import intervals
+from trackbench.evaluation.intervals import (
+    Events,
     Sides,
     correlation,
+    interval_of,
     interval_of_difference,
     of_variances,
-    studentised_difference,
-)
-from trackbench.evaluation.intervals import (
-    interval_of,
     quantile,
+    stderr_of,
     studentised,
+    studentised_difference,
 )
 from trackbench.evaluation.statistics import Estimate, influence_of_ratio, mean, z_score
 from trackbench.report.lost_runs import in_words
@@ -151,13 +150,13 @@ class Share(Term):
         """Return z of the hypothesis that the event has this probability."""
         if other > 0.0 or not self.runs:
             return super().z(target, other)
-        return binomial.z(self.events, self.runs, target)
+        return intervals.z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the interval of Clopper and Pearson; normal beside another error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
-        return binomial.interval(self.events, self.runs, level)
+        return intervals.interval(self.events, self.runs, level)
 
 
 MISSING = Term(np.nan, np.nan, None, 0)

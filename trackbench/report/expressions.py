@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation import binomial
+from trackbench.evaluation import intervals
 from trackbench.evaluation.efficiency import efficiency
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
@@ -176,7 +176,7 @@ class Expressions:
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
             return share
-        return share._replace(stderr=binomial.stderr(share.events, share.runs))
+        return share._replace(stderr=intervals.stderr(share.events, share.runs))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
         """Return a statistic of values (M,) over the filter's valid runs, NaN for missing."""

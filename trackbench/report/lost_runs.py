@@ -3,7 +3,7 @@
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation import binomial
+from trackbench.evaluation import intervals
 
 _BY_CHANCE = 0.01
 """Probability below which so many more lost runs of one filter are no chance."""
@@ -12,7 +12,7 @@ _BY_CHANCE = 0.01
 def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``."""
     low, high = (
-        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in binomial.interval(lost, runs)
+        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in intervals.interval(lost, runs)
     )
     return f"{lost} of {runs}{what} ({low} to {high} %)"
 
