@@ -334,7 +334,7 @@ def test_a_diagnostic_cannot_have_the_name_of_a_metric_of_the_scenario(name: str
 
 
 def test_errors_cannot_be_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(UKF, "counts", frozenset({"nees"}), raising=False)
+    monkeypatch.setattr(UKF, "summed_diagnostics", frozenset({"nees"}), raising=False)
     with pytest.raises(ValueError, match="cannot be named 'nees'"):
         block(make_filter("ukf"))
 
