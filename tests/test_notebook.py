@@ -14,7 +14,7 @@ import trackbench
 from tests.papers import merwe_text
 from trackbench.config.from_mapping import source_of
 from trackbench.execution.runner import progress_bar
-from trackbench.report.notebook import table_html
+from trackbench.report.table import table_html
 from trackbench.report.text import Text, TextTable
 from trackbench.yaml_source import parse
 

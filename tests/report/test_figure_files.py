@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from trackbench.report.plotting import style
-from trackbench.report.plotting.figure import FORMATS, saved
-from trackbench.report.plotting.tick_labels import in_letters
+from trackbench.report.plotting.figure import FORMATS, in_letters, saved
 
 
 def figure() -> Any:

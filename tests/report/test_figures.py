@@ -16,7 +16,7 @@ from trackbench.report.figures.critical_difference import cliques, critical_diff
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _in_order
 from trackbench.report.findings import phrases
-from trackbench.report.findings.captions import ranking
+from trackbench.report.findings.phrases import ranking
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.verify.verify import verify

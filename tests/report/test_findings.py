@@ -12,7 +12,7 @@ import yaml
 from tests.conftest import ROOT
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.report.findings import cost_and_calibration
+from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import Candidate, standing_of, standings
 from trackbench.report.findings.sentences import _leader, answer
 from trackbench.report.results import Results
@@ -101,7 +101,7 @@ def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
 )
 def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatch) -> None:
     found = [SimpleNamespace(among_the_best=[SimpleNamespace(label=label)]) for label in leaders]
-    monkeypatch.setattr(cost_and_calibration, "over_points", lambda _, each: [each[0].label])
+    monkeypatch.setattr(sentences, "over_points", lambda _, each: [each[0].label])
     assert _leader(None, found) == [leader] * bool(leader)
 
 

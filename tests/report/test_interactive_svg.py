@@ -8,8 +8,8 @@ import pytest
 
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import compact, outline
-from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.parallel_drawing import drawn
 from trackbench.report.plotting import style
 from trackbench.report.results import Results

@@ -7,7 +7,7 @@ import pytest
 
 from tests.report.test_verdicts import number
 from trackbench.evaluation.intervals import interval_of
-from trackbench.report import lost_runs
+from trackbench.report import estimates
 from trackbench.report.estimates import Term
 from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.rules import of_claim, of_number, settled, weakest
@@ -140,5 +140,5 @@ def test_the_interval_of_the_rules_is_of_95_percent():
 def test_seven_lost_runs_to_none_are_no_chance(more, chance):
     """2^-7 is 0.8 %, 2^-6 is 1.6 %."""
     a, b = (np.arange(100) < n for n in (more, 0))
-    assert lost_runs.loses_more(a.astype(float), b.astype(float)) == chance
+    assert estimates.loses_more(a.astype(float), b.astype(float)) == chance
     assert rules.SURE < rules.DECIDED

@@ -33,11 +33,10 @@ from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.report import DRAWER
 from trackbench.report.findings.sentences import answer
 from trackbench.report.html.report_page import write_report
-from trackbench.report.notebook import results_html
 from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import Best, best_points, write_sweep
-from trackbench.report.table import Table
+from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison

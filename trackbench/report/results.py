@@ -13,18 +13,46 @@ from trackbench.config.includes import split_path
 from trackbench.config.tuning_settings import tuned_label
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
-from trackbench.report.default_exhibits import default_keys
-from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.plotting import style
 from trackbench.report.plugin_exhibits import UnmadeError, as_table, told
 from trackbench.report.result_files import Frames
-from trackbench.report.table import Table
+from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT
 from trackbench.tuning.record import Record, read_tuning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+import re
+from collections.abc import Iterable
+
+from trackbench.evaluation.metric_expression import measure
+
+_ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
+_MOST_ROWS = 50
+"""Of more there is `sweep.csv`."""
+
+
+def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int) -> dict[str, Any]:
+    """Return keys of the default table or figure; none if too large or unmeasured.
+
+    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown.
+    """
+    metrics = list(dict.fromkeys(metrics))
+    errors = [found for found in map(_ERROR.fullmatch, metrics) if found]
+    if group == "figures":
+        if points > 1 or not errors:
+            return {}
+        words = f"RMSE of {errors[0][2]}" if errors[0][2] else "RMSE"
+        metric = measure(errors[0][1])
+        return {"kind": "rmse-vs-time", "x": "time", "metric": metric, "y_label": words}
+    columns = {f"RMSE of {e[2]}" if e[2] else "RMSE": e[0] for e in errors[:2]}
+    consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
+    columns |= {head: text for head, text in consistent.items() if text in metrics}
+    if not columns or points * filters > _MOST_ROWS:
+        return {}
+    measured = {head: measure(text) for head, text in columns.items()}
+    return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}
 
 
 @dataclass(frozen=True, repr=False)

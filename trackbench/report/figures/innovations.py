@@ -11,11 +11,11 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.consistency_bands import autocorrelation_band
 from trackbench.report.figures.over_time import Curves, OverTime
 from trackbench.report.plotting import style
-from trackbench.report.plotting.artist_types import Figure
+from trackbench.report.plotting.canvas import Figure
 from trackbench.report.results import Results
+from trackbench.report.tables.innovations import autocorrelation_band
 
 _ENOUGH = 60  # measured components whose average is worth a point
 

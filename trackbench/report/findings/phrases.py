@@ -1,12 +1,50 @@
 """Numbers and names as they stand in a sentence."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite, log
 from typing import Any
 
 from trackbench.config.grid import single_paths
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import is_number
-from trackbench.metrics import unit_of, without_unit
+from trackbench.metrics import Better, unit_of, without_unit
+
+_FIRST = 3
+_BEST = {
+    "lower": ("lowest", "highest"),
+    "higher": ("highest", "lowest"),
+    "zero": ("nearest zero", "farthest"),
+    "one": ("nearest one", "farthest"),
+}
+
+
+def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
+    """Return ``Averaged over the steps, lowest: A (0.0042), B (0.010), C (0.2); highest: D (0.3).``
+
+    Empty of a metric that only describes, and of fewer than two numbers.
+    """
+    there = {label: value for label, value in values.items() if isfinite(value)}
+    if not better or len(there) < 2:
+        return ""
+    if len(alike := {three_digits(value) for value in there.values()}) == 1:
+        return f"{what}, all have {alike.pop()}."
+    order = sorted(there, key=lambda label: _far(there[label], better))
+    first, last = _BEST[better]
+    told = [f"{named(label)} ({three_digits(there[label])})" for label in order]
+    rest = f"; {last}: {told[-1]}" if len(told) > _FIRST else ""
+    return f"{what}, {first}: {', '.join(told[:_FIRST])}{rest}."
+
+
+def _far(value: float, better: Better) -> float:
+    if better == "one":
+        return abs(log(value)) if value > 0.0 else float("inf")
+    return {"lower": value, "higher": -value}.get(better, abs(value))
+
+
+def sentences(*parts: str) -> str:
+    """Join the nonempty sentences."""
+    return " ".join(filter(None, parts))
+
 
 MOST_NAMES = 4
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}

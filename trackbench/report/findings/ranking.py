@@ -16,10 +16,10 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import holm
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.statistics import Estimate, mean
+from trackbench.report.estimates import chance_of_losing_more
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.grid_queries import own_values, points_of, scenes
-from trackbench.report.lost_runs import chance_of_losing_more
 from trackbench.report.paired import Pair, pairs_of, primary_metrics
 from trackbench.report.results import Results
 

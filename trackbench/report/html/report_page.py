@@ -8,8 +8,7 @@ from trackbench.config.dump import as_yaml
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED, answer
-from trackbench.report.html.page_figures import drawings
-from trackbench.report.html.render import write_page
+from trackbench.report.html.render import drawings, write_page
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable

@@ -32,11 +32,11 @@ from trackbench.report.costs import (
     logged,
     shown,
 )
+from trackbench.report.estimates import loses_more
 from trackbench.report.expressions import Expressions
 from trackbench.report.findings import phrases
 from trackbench.report.grid_queries import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
-from trackbench.report.lost_runs import loses_more
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, z_score
-from trackbench.report import lost_runs
+from trackbench.report import estimates
 from trackbench.report.estimates import Share, Term
 from trackbench.report.expressions import Expressions
 from trackbench.report.results import Results
@@ -141,7 +141,7 @@ def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
     """Return why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
-    if claim.relation != better or a is None or b is None or not lost_runs.loses_more(a, b):
+    if claim.relation != better or a is None or b is None or not estimates.loses_more(a, b):
         return ""
     mine = counted(int((a > 0).sum()), "run")
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
