@@ -47,7 +47,7 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TRACKBENCH_CACHE", str(config.parent / "elsewhere"))
-        patch.setattr(run_filter, "estimate", estimated)
+        patch.setattr(run_filter, "run_filter", estimated)
         if factors is None:
             stream = run_filter.block_stream
             patch.setattr(run_filter, "block_stream", lambda seed, index: stream(seed + 1, index))

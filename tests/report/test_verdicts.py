@@ -343,7 +343,7 @@ def test_paired_csv_holds_every_pair_once_with_holm(made):
 
 @pytest.mark.parametrize("command", [api.compare, api.plot, api.report])
 def test_from_the_folder_alone(folder, command, monkeypatch):
-    monkeypatch.setattr(run_filter, "estimate", lambda *_: pytest.fail("a run was computed"))
+    monkeypatch.setattr(run_filter, "run_filter", lambda *_: pytest.fail("a run was computed"))
     monkeypatch.setattr(block, "simulate", lambda *_: pytest.fail("a run was simulated"))
     assert command(folder)
 

@@ -18,7 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.rank_histograms import (
     check_rank,
     histogram,

@@ -27,7 +27,7 @@ from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_queries import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 
 _MARKERS = "osD^vP*X"

@@ -17,7 +17,7 @@ from trackbench.report.grid_queries import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.results import Results
 

@@ -16,7 +16,7 @@ from trackbench.report.findings.phrases import named, three_digits
 from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.results.read_csv import Columns
 
@@ -120,7 +120,7 @@ def _moved_zero(x: Array) -> Array:
 def _logarithmic(ax: Axes, values: Array) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    from trackbench.report.plotting.figure import power_of_ten
+    from trackbench.report.plotting.tick_labels import power_of_ten
 
     ax.set_xscale("log")
     if values[0] > 0.0:

@@ -18,7 +18,7 @@ from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.grid_queries import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.results import Results
 
 _ROW_IN = 2.6

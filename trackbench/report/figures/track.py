@@ -12,7 +12,7 @@ from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import Axes, Figure
+from trackbench.report.plotting.artist_types import Axes, Figure
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.results import Results
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.report.plotting.canvas import Artist, Axes, Figure
+from trackbench.report.plotting.artist_types import Artist, Axes, Figure
 
 _POINTS = 72.0  # to the inch, which is the unit of an SVG of matplotlib
 _FEW = 600

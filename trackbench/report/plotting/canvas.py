@@ -1,25 +1,12 @@
 """The figures that are drawn: matplotlib's own, without pyplot."""
 
 import io
-from typing import TYPE_CHECKING, Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from trackbench.core.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
-else:
-    Artist = Axes = Axis = Figure = Any
-
-
-__all__ = ["Artist", "Axes", "Axis", "Figure"]
-
 
 _DPI = 150
 

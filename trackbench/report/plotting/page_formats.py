@@ -6,7 +6,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from trackbench.report.plotting.canvas import Figure
+from trackbench.report.plotting.artist_types import Figure
 
 Style: TypeAlias = Literal["screen", "paper"]
 """For the report, or for LaTeX."""

@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.report.findings import phrases
 from trackbench.report.html import interactive_svg
 from trackbench.report.html.svg import compact
-from trackbench.report.plotting.canvas import Axes, Axis, Figure
+from trackbench.report.plotting.artist_types import Axes, Axis, Figure
 from trackbench.report.plotting.figure import saved, spell_out
 from trackbench.report.plotting.page_formats import sheet
 
