@@ -32,7 +32,7 @@ def free_name(name: str, taken: Iterable[str]) -> str:
 
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
     """A CSV with numbers in their shortest exact form."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         writer = CsvWriter(file)
         writer.writerow(header)
         writer.writerows(rows)
@@ -52,12 +52,12 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically."""
-    with replacing(path) as file:
+    with atomic_write(path) as file:
         file.write(content)
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     """Temporary file, fsync, rename: the old file stands until the new one is complete.
 
     Raises WriteError if the disk is full or the folder may not be written.
@@ -78,7 +78,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
             partial.unlink(missing_ok=True)
 
 
-def made(folder: Path) -> Path:
+def ensure_folder(folder: Path) -> Path:
     """Return the folder, created with its parents if needed; raises WriteError if it cannot be."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -108,7 +108,7 @@ def remove(path: Path) -> None:
 
 
 @contextmanager
-def touched() -> Iterator[list[Path]]:
+def record_writes() -> Iterator[list[Path]]:
     """The files that are written and removed meanwhile, in this order."""
     paths: list[Path] = []
     token = _touched.set(paths)

@@ -11,13 +11,13 @@ import pytest
 from trackbench import api
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.results.folder_contents import seal
+from trackbench.results.folder_contents import write_manifest
 
 
 def reseal(folder: Path) -> None:
     """New digests for every file that the manifest names."""
     manifest = json.loads((folder / "manifest.json").read_text())
-    seal(folder, manifest, [folder / name for name in manifest["files"]])
+    write_manifest(folder, manifest, [folder / name for name in manifest["files"]])
 
 
 def edit(folder: Path, name: str, old: str, new: str) -> None:

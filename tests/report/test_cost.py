@@ -151,7 +151,7 @@ def results(tmp_path_factory):
 def test_each_path_takes_its_own_value(results):
     sizes = [(p["filters.PF.N & filters.HDEPF.N"], p["filters.HDEPF.G"]) for p in results.points()]
     assert sizes == [(f"[{a}, {b}]", g) for a, b in ((10, 5), (40, 8), (160, 12)) for g in (1, 3)]
-    given = results.given(results.points()[-1]).filters
+    given = results.facts(results.points()[-1]).filters
     assert (given["PF"]["N"], given["HDEPF"]["N"], given["HDEPF"]["G"]) == (160, 12, 3)
 
 

@@ -17,7 +17,7 @@ from trackbench.report.findings.ranking import Candidate, standing_of, standings
 from trackbench.report.findings.sentences import _leader, answer
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import COLUMNS
-from trackbench.results.point_facts import Given
+from trackbench.results.point_facts import PointFacts
 from trackbench.results.xz import opened, there
 
 SHIPPED = sorted(path.parent for path in ROOT.glob("results/*/config.yaml"))
@@ -52,8 +52,8 @@ def folder(
     timing = pd.DataFrame((times or {}).items(), columns=["filter", "cpu_s_per_run"])
     timing = timing.reindex(columns=COLUMNS["timing.csv"], fill_value=1)
     timing.to_csv(at / "timing.csv", index=False, na_rep="nan")
-    two = Given({}, {}, {}, [], [], {"": 2}, [])
-    return Results(at, facts={"failed": []}, points_given=(two,))
+    two = PointFacts({}, {}, {}, [], [], {"": 2}, [])
+    return Results(at, run_facts={"failed": []}, point_facts=(two,))
 
 
 @pytest.fixture

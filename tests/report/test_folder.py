@@ -119,7 +119,7 @@ def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypa
     def no_space(*_, **__):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(write.Kept, "write", no_space)
+    monkeypatch.setattr(write.TrackFile, "write", no_space)
     options = api.Options(engine="serial", quiet=True, out=folder, formats=())
     with pytest.raises(OSError, match="no space"):
         api.run(folder / "config.yaml", options)

@@ -14,7 +14,7 @@ from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
 from trackbench.errors import RunError
-from trackbench.report.open import changed_since, open_results
+from trackbench.report.open import changed_files, open_results
 from trackbench.verify.verify import verify
 
 CONFIG = """
@@ -211,7 +211,7 @@ def test_a_changed_file_is_said_and_stays_said(folder, capsys, names, what) -> N
         found = command()
         lines = capsys.readouterr().err.splitlines() or [f.text for f in found]
         assert f"{what} after the run: run the experiment again" in lines[0]
-    assert changed_since(open_results(folder))
+    assert changed_files(open_results(folder))
     (folder / "tables" / "t.csv").unlink()
     api.report(folder.parent)
     assert f"note: {folder}: tables/t.csv is missing: run" in capsys.readouterr().err
@@ -246,7 +246,7 @@ def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch)
     monkeypatch.setattr(render, "write_bytes", second)
     with pytest.raises(RunError, match="no space"):
         api.plot(folder, ["svg"])
-    assert changed_since(open_results(folder)) == []
+    assert changed_files(open_results(folder)) == []
 
 
 def test_digests_made_anew_are_those_of_the_run(folder: Path) -> None:

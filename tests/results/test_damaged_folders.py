@@ -49,7 +49,7 @@ def load(folder: Path) -> None:
     with suppress(UserError, RunError):
         results = api.load(folder)
         for point in results.points():
-            for ask in (results.runs, results.tracks, results.given, results.steps):
+            for ask in (results.runs, results.tracks, results.facts, results.steps):
                 ask(point)
         for name in ("per_run", "per_step", "summary", "timing", "shown", "tuning", "published"):
             getattr(results, name)

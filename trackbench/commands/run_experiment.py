@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from trackbench.atomic_files import touched
+from trackbench.atomic_files import record_writes
 from trackbench.commands.prepare import (
     Job,
     Options,
@@ -41,7 +41,7 @@ from trackbench.report.table import Table
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison
-from trackbench.results.folder_contents import seal
+from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.record import write_tuning
@@ -174,7 +174,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})
     for label, why in times.failed.items():
         say(f"note: {label} has no measured CPU time: {why}", options)
-    with touched() as paths:
+    with record_writes() as paths:
         losses, facts = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured
         )
@@ -188,7 +188,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         write_report(results, comparison)
         if sweep:
             write_sweep(results)
-    seal(job.folder, facts, paths)
+    write_manifest(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []

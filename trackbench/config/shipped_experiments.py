@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import made, write_bytes
+from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.errors import Mark, Problem, UserError
 
 _TIMES = "times.csv"
@@ -87,7 +87,7 @@ def copied(name: str, target: Path) -> list[Path]:
         what = "is there with another content"
         raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in other))
     for path in content.keys() - there:
-        made(path.parent)
+        ensure_folder(path.parent)
         write_bytes(path, content[path])
     return sorted(content.keys() - there)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.atomic_files import made, write_bytes, write_text
+from trackbench.atomic_files import ensure_folder, write_bytes, write_text
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.block_key import block_key
 from trackbench.execution.code_digest import code_digest
@@ -61,12 +61,12 @@ class BlockStore:
         for used, result in results.items():
             key = block_key(task, used)
             file = self._file(key)
-            made(file.parent)
+            ensure_folder(file.parent)
             write_bytes(file, encode(result, key))
 
     def prepare(self) -> None:
         """Make the folder, out of version control's sight; raises WriteError."""
-        made(self.root)
+        ensure_folder(self.root)
         if not (self.root / ".gitignore").exists():
             write_text(self.root / ".gitignore", "*\n")
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from trackbench.atomic_files import touched, write_text
+from trackbench.atomic_files import record_writes, write_text
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import takes_times
 from trackbench.errors import WriteError, in_line
@@ -52,7 +52,10 @@ def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
     good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
     failed = {key[1]: in_line(str(found[task])) for key, task in tasks.items() if key not in good}
     if not failed:
-        with touched(), suppress(OSError, WriteError):  # it is none of the results folder's files
+        with (
+            record_writes(),
+            suppress(OSError, WriteError),
+        ):  # it is none of the results folder's files
             file.parent.mkdir(parents=True, exist_ok=True)
             write_text(file, json.dumps([*found.values()]) + "\n")
     return Times(good, failed)

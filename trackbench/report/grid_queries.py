@@ -36,8 +36,8 @@ def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
 
 def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str, Any]:
     """What a point gives a filter, by single path."""
-    place = results.place(point)
-    values = point if place is None else results.every_point[place]  # lists, where files have words
+    place = results.index_of(point)
+    values = point if place is None else results.grid_points[place]  # lists, where files have words
     singles = (
         pair
         for path, value in values.items()

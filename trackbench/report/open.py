@@ -12,9 +12,9 @@ from trackbench.config.plugins import Plugin, load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, own_line
 from trackbench.registry import Group
-from trackbench.report.result_files import AGAIN
+from trackbench.report.result_files import RUN_AGAIN
 from trackbench.report.results import Results
-from trackbench.results.folder_contents import FORMAT, RAW, Damage, damage
+from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
 _KINDS: dict[str, type] = {
     **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
@@ -24,12 +24,12 @@ _KINDS: dict[str, type] = {
 _CHANGED = "changed after the run"
 
 
-class NotWholeError(UserError):
+class IncompleteResultsError(UserError):
     """A results folder whose run did not finish, or whose runs were changed or lost since."""
 
 
 @contextmanager
-def using(folder: Path | str) -> Iterator[None]:
+def explain_content_errors(folder: Path | str) -> Iterator[None]:
     """Turn any error over a folder's content into one line: a stranger may have written the content.
 
     The line names the place in this program, since it may be a mistake in the program after all. Errors
@@ -45,7 +45,7 @@ def using(folder: Path | str) -> Iterator[None]:
         if foreign_line(error):
             raise
         what = f"holds something that no run writes, {own_line(error)}"
-        raise UserError(f"{folder}: {what}: {AGAIN}") from error
+        raise UserError(f"{folder}: {what}: {RUN_AGAIN}") from error
 
 
 def open_results(folder: Path) -> Results:
@@ -54,7 +54,7 @@ def open_results(folder: Path) -> Results:
     Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
     config of something else.
     """
-    with using(folder):
+    with explain_content_errors(folder):
         return _open(folder)
 
 
@@ -95,7 +95,7 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     So it is without the tables and figures of plugins whose code may not be run.
     """
     results = open_results(folder)
-    changed = changed_since(results)
+    changed = changed_files(results)
     if allow_plugins:
         changed += _edited(results, load_plugins(results.source, folder, allowed=True))
     for line in (*changed, *_left_out(results)):
@@ -113,22 +113,24 @@ def _edited(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
 def _left_out(results: Results) -> Iterator[str]:
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
-        for name, kind in results.left_out(group).items():
+        for name, kind in results.unavailable_kinds(group).items():
             what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
             yield f"{results.folder}: {group}.{name} is left as it is: {what}"
 
 
-def changed_since(results: Results) -> list[str]:
+def changed_files(results: Results) -> list[str]:
     """What is not as it was written although the results can be read: tables, figures, the config."""
     recorded = results.manifest["files"]
-    others = {name: digest for name, digest in recorded.items() if name not in RAW}
-    return _lines(results.folder, damage(results.folder, others))
+    others = {name: digest for name, digest in recorded.items() if name not in RUN_FILES}
+    return _lines(results.folder, check_digests(results.folder, others))
 
 
 def _check_manifest(results: Results) -> None:
     folder = results.folder
     if not (folder / "manifest.json").is_file():
-        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {AGAIN}")
+        raise IncompleteResultsError(
+            f"{folder}: is half-written, it has no manifest.json: {RUN_AGAIN}"
+        )
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
@@ -137,21 +139,21 @@ def _check_manifest(results: Results) -> None:
     except (UserError, ValueError, KeyError, TypeError):
         whole = False
     if not whole:
-        raise NotWholeError(f"{folder}: manifest.json cannot be read: {AGAIN}")
+        raise IncompleteResultsError(f"{folder}: manifest.json cannot be read: {RUN_AGAIN}")
     if version > FORMAT:
         what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    raw = {name: recorded[name] for name in RAW if name in recorded}
-    problems = _lines(folder, damage(folder, raw))
+    raw = {name: recorded[name] for name in RUN_FILES if name in recorded}
+    problems = _lines(folder, check_digests(folder, raw))
     if problems:
-        raise NotWholeError(*problems)
+        raise IncompleteResultsError(*problems)
 
 
 def _lines(folder: Path, found: Damage) -> list[str]:
     """A line on the files that are missing, and one on those that were changed, if there are any."""
     ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
     return [
-        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {AGAIN}"
+        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"
         for names, verbs, what in ends
         if names
     ]

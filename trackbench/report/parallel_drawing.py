@@ -70,7 +70,7 @@ def drawing(
 
     with ExitStack() as stack:
         if sent:
-            begin = (_open, results.folder, results.facts)
+            begin = (_open, results.folder, results.run_facts)
             drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
             with suppress(BrokenExecutor):  # a drawer was killed as it began
                 for name, spec in sent.items():

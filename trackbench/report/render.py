@@ -4,7 +4,14 @@ from collections.abc import Collection, Iterable
 from itertools import product
 from pathlib import Path
 
-from trackbench.atomic_files import made, remove, within, write_bytes, write_csv, write_text
+from trackbench.atomic_files import (
+    ensure_folder,
+    remove,
+    within,
+    write_bytes,
+    write_csv,
+    write_text,
+)
 from trackbench.config.build_dataclass import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
@@ -37,7 +44,7 @@ def render(
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
     tables = results.tables
-    folder = made(within(results.target, "tables")) if tables else results.target
+    folder = ensure_folder(within(results.target, "tables")) if tables else results.target
     for name, table in tables.items():
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
@@ -80,7 +87,7 @@ def write_figures(
             spec = figures[name]
             contents = draw(name, spec) if draw else drawn(spec, results, forms)
         for form, content in contents:
-            path = made(within(results.folder, "figures")) / f"{name}{page.ending}.{form}"
+            path = ensure_folder(within(results.folder, "figures")) / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
         if f"figure {name}" in results.unmade:

@@ -16,7 +16,7 @@ from trackbench.yaml_source import Source, read
 
 
 @dataclass(frozen=True)
-class Asked:
+class ResultsConfig:
     """A results folder's config."""
 
     folder: Path
@@ -33,21 +33,21 @@ class Asked:
         assert isinstance(config, dict)
         return config
 
-    def filled(self, text: str) -> str:
+    def fill_title(self, text: str) -> str:
         """A title with the number of runs in the place of ``{runs}``."""
         return text.replace("{runs}", str(self.config["runs"]))
 
     @property
     def title(self) -> str:
         """The experiment's title, or else its name."""
-        return self.filled(self.config["title"] or self.config["name"])
+        return self.fill_title(self.config["title"] or self.config["name"])
 
     @property
-    def asked_figures(self) -> dict[str, dict[str, Any]]:
+    def figure_configs(self) -> dict[str, dict[str, Any]]:
         """The figures that the config asks for, as it does."""
         return self.config.get("figures") or {}
 
-    def left_out(self, group: Group) -> dict[str, str]:
+    def unavailable_kinds(self, group: Group) -> dict[str, str]:
         """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
         named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
         known = kinds(group) if self.config.get("plugins") else named.values()
@@ -80,7 +80,7 @@ class Asked:
         config = self.config
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
-    def look(self, label: str) -> dict[str, Any]:
+    def line_style(self, label: str) -> dict[str, Any]:
         """Colour and dash of a filter, the same in every figure of the experiment.
 
         What any figure calls its floor, or its baseline, is that in all of them.
@@ -93,7 +93,7 @@ class Asked:
         return {
             figure[key]: look
             for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
-            for figure in self.asked_figures.values()
+            for figure in self.figure_configs.values()
             if isinstance(figure.get(key), str)
         }
 
@@ -108,7 +108,7 @@ class Asked:
         return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
-    def every_point(self) -> list[dict[str, Any]]:
+    def grid_points(self) -> list[dict[str, Any]]:
         """The points of the config's grid, those where every filter failed among them."""
         config = self.config
         grid, every = config["grid"], config.get("product", True)

@@ -15,32 +15,32 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.plugins.errors import said
-from trackbench.report.requested import Asked
+from trackbench.report.requested import ResultsConfig
 from trackbench.results.folder_contents import COLUMNS
-from trackbench.results.point_facts import FILE, Given, points_in, prefix_of
+from trackbench.results.point_facts import POINTS_FILE, PointFacts, points_in, array_prefix
 from trackbench.results.read_csv import Columns, Runs, check_heads, read_columns, read_runs
 from trackbench.results.xz import opened, there
 
 if TYPE_CHECKING:
     import pandas as pd
 
-AGAIN = "run the experiment again"
+RUN_AGAIN = "run the experiment again"
 
 
 @dataclass(frozen=True, repr=False)
-class Frames(Asked):
+class ResultFiles(ResultsConfig):
     """The files of one results folder, read when asked for."""
 
-    facts: dict[str, Any] | None = None
+    run_facts: dict[str, Any] | None = None
     """what the manifest is going to say, as long as it is not written"""
-    points_given: tuple[Given, ...] | None = None
+    point_facts: tuple[PointFacts, ...] | None = None
     """what is known of the points, if not by the folder"""
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
         """Versions, platform, times."""
-        if self.facts is not None:
-            return self.facts
+        if self.run_facts is not None:
+            return self.run_facts
         with self.reading("manifest.json") as path:
             manifest = json.loads(path.read_text(encoding="utf-8"))
             if not isinstance(manifest, dict):
@@ -57,18 +57,18 @@ class Frames(Asked):
         """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
         return self.manifest["failed"]
 
-    def given(self, point: dict[str, Any]) -> Given:
+    def facts(self, point: dict[str, Any]) -> PointFacts:
         """What is known of a point besides its numbers: scenario, filters, components, shading."""
-        found = next((g for g in self._given if is_same(g.values, point)), None)
+        found = next((g for g in self._facts if same_point(g.values, point)), None)
         if found is None:
-            raise UserError(f"{self.folder / FILE}: {point} is not in it: {AGAIN}")
+            raise UserError(f"{self.folder / POINTS_FILE}: {point} is not in it: {RUN_AGAIN}")
         return found
 
     @cached_property
-    def _given(self) -> tuple[Given, ...]:
-        if self.points_given is not None:
-            return self.points_given
-        with self.reading(FILE) as path:
+    def _facts(self) -> tuple[PointFacts, ...]:
+        if self.point_facts is not None:
+            return self.point_facts
+        with self.reading(POINTS_FILE) as path:
             return tuple(points_in(path.read_text(encoding="utf-8")))
 
     @cached_property
@@ -108,8 +108,8 @@ class Frames(Asked):
 
         None where every filter failed: such points count, too.
         """
-        i = self.place(point)
-        prefix = prefix_of(i or 0, len(self.every_point))
+        i = self.index_of(point)
+        prefix = array_prefix(i or 0, len(self.grid_points))
         return {
             name.removeprefix(prefix): array
             for name, array in self.shown.items()
@@ -118,11 +118,11 @@ class Frames(Asked):
 
     def steps(self, point: dict[str, Any]) -> int:
         """Steps that a filter takes in a run at a point."""
-        found, place = self.manifest.get("steps"), self.place(point) or 0
+        found, place = self.manifest.get("steps"), self.index_of(point) or 0
         number = found[place] if isinstance(found, list) and place < len(found) else found
         if not isinstance(number, int) or number < 1:
             what = "does not say how many steps a run has"
-            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {AGAIN}")
+            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
         return number
 
     def runs(self, point: dict[str, Any]) -> Runs:
@@ -132,11 +132,11 @@ class Frames(Asked):
     @cached_property
     def _runs(self) -> dict[tuple[Any, ...], Runs]:
         parses = self.columns("summary").parses
-        with self.opened("per_run.csv") as file:
+        with self.open_csv("per_run.csv") as file:
             return read_runs(file, {path: parses[path] for path in self.grid}, self.filters)
 
     @contextmanager
-    def opened(self, name: str) -> Iterator[TextIO]:
+    def open_csv(self, name: str) -> Iterator[TextIO]:
         """Open one of the CSV files as text; raises UserError if it cannot be read."""
         with self.reading(name) as path:
             content = cast(IO[bytes], opened(path))
@@ -148,28 +148,30 @@ class Frames(Asked):
         """Give a file's path, packed or not; whatever a damaged file raises becomes one line."""
         path = there(self.folder / name)
         if path is None:
-            raise UserError(f"{self.folder / name}: is missing: {AGAIN}")
+            raise UserError(f"{self.folder / name}: is missing: {RUN_AGAIN}")
         try:
             yield path
         except Exception as error:
-            raise UserError(f"{path}: cannot be read, {said(error)}: {AGAIN}") from error
+            raise UserError(f"{path}: cannot be read, {said(error)}: {RUN_AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
         """The points that have results, in order; one empty point without a grid."""
         summary = self.columns("summary")
         if not self.grid or not len(summary):  # every filter failed
-            return self.every_point
+            return self.grid_points
         rows = dict.fromkeys(summary.tuples(self.grid))
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
-    def place(self, point: dict[str, Any]) -> int | None:
+    def index_of(self, point: dict[str, Any]) -> int | None:
         """A point's number in the config's grid; None if it is not there any more."""
-        return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
+        return next(
+            (i for i, given in enumerate(self.grid_points) if same_point(given, point)), None
+        )
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
         if name not in self._columns:
-            with self.opened(f"{name}.csv") as file:
+            with self.open_csv(f"{name}.csv") as file:
                 self._columns[name] = read_columns(file, COLUMNS[f"{name}.csv"])
         return self._columns[name].at(point)
 
@@ -193,7 +195,7 @@ class Frames(Asked):
             return frame
 
 
-def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
+def same_point(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
     """Whether a point of the config is one of the files, where nothing and lists are words."""
     pairs = ((value, read_back[path]) for path, value in point.items())
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)

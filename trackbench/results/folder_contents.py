@@ -17,7 +17,7 @@ from trackbench.yaml_source import read
 
 FORMAT = 2
 """Counts up when a results folder changes so that older code would misread it."""
-RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
+RUN_FILES = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
 """Files that only a run writes; all others but the tracks are made from them and from the config."""
 COLUMNS = {
     "per_run.csv": ["filter", "run", "metric", "value"],
@@ -29,7 +29,7 @@ COLUMNS = {
     ],
 }
 """Headings of the CSV files of a run, after those of the grid."""
-MADE = (
+DERIVED_FILES = (
     *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
     "time_verdicts.csv",
     *("sweep.csv", "tuning.csv", "report.html"),
@@ -62,7 +62,7 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     named = set(_recorded(folder))
     if "config.yaml" not in named:
         named |= set(_by_config(folder))
-    names = {*named, *RAW, *MADE}.difference(keep)
+    names = {*named, *RUN_FILES, *DERIVED_FILES}.difference(keep)
     paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
     for path in (*_leftovers(folder), *paths, folder / "manifest.json"):
         is_elsewhere = path.parent != folder and path.parent.is_symlink()
@@ -82,12 +82,17 @@ def _leftovers(folder: Path) -> Iterator[Path]:
 def _is_output(path: PurePosixPath) -> bool:
     """Return whether this version writes files of such a name into a results folder."""
     if len(path.parts) == 1:
-        return path.name.removesuffix(".xz") in (*RAW, *MADE, "config.yaml", "manifest.json")
+        return path.name.removesuffix(".xz") in (
+            *RUN_FILES,
+            *DERIVED_FILES,
+            "config.yaml",
+            "manifest.json",
+        )
     inner = path.parent.as_posix()
     return path.suffix.removeprefix(".") in _FORMS.get(inner, ()) and ".." not in path.parts
 
 
-def seal(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> None:
+def write_manifest(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> None:
     """Write the manifest, after all other files: facts, and digests of those that were touched, too."""
     files = dict(facts.get("files", {}))
     for path in touched:
@@ -99,7 +104,7 @@ def seal(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> Non
     write_text(folder / "manifest.json", json.dumps(content, indent=2) + "\n")
 
 
-def damage(folder: Path, recorded: Mapping[str, str]) -> Damage:
+def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
     """Which files differ from their digests; a file that was packed since is taken as unpacked."""
     paths = {name: there(folder / name) for name in recorded}
     missing = [name for name, path in paths.items() if path is None and not left_out(name)]

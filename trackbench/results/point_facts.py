@@ -15,11 +15,11 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
 from trackbench.evaluation.consistency import sizes
 
-FILE = "points.json"
+POINTS_FILE = "points.json"
 
 
 @dataclass(frozen=True)
-class Given:
+class PointFacts:
     """A point of the grid in plain data."""
 
     values: dict[str, Any]
@@ -38,14 +38,14 @@ class Given:
     """start and end times of what a figure over time shades, s"""
 
 
-def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
+def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
     """What is to be known of a point; ``shown`` is how paths of data files are written."""
     scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
         filters[label]["assume"] = assumed
-    return Given(
+    return PointFacts(
         dict(point.values),
         as_config(scenario, shown),
         filters,
@@ -61,7 +61,9 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
     Paths of data files count from ``folder``.
     """
-    whole = [asdict(given_at(point, partial(os.path.relpath, start=folder))) for point in points]
+    whole = [
+        asdict(facts_of_point(point, partial(os.path.relpath, start=folder))) for point in points
+    ]
     lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
     return "[" + ",\n".join(lines) + "]\n"
 
@@ -85,13 +87,13 @@ def _within(stored: Any, made: Any) -> bool:
     return bool(stored == made)
 
 
-def points_in(text: str) -> Iterator[Given]:
+def points_in(text: str) -> Iterator[PointFacts]:
     """The points of a file's content; raises ValueError, KeyError or TypeError if it is none."""
     first, *others = json.loads(text)
-    yield Given(**first)
+    yield PointFacts(**first)
     for other in others:
         filters = {**first["filters"], **other.get("filters", {})}
-        yield Given(**{**first, **other, "filters": filters})
+        yield PointFacts(**{**first, **other, "filters": filters})
 
 
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
@@ -101,6 +103,6 @@ def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     return {**out, "filters": filters} if filters else out
 
 
-def prefix_of(i: int, points: int) -> str:
+def array_prefix(i: int, points: int) -> str:
     """What the names of the arrays of the ``i``-th of so many points of a grid start with."""
     return f"point{i}/" if points > 1 else ""

@@ -6,21 +6,21 @@ from zipfile import ZIP_LZMA, ZipFile
 
 import numpy as np
 
-from trackbench.atomic_files import replacing
+from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.stacked import Sensors
-from trackbench.results.point_facts import prefix_of
+from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import locating
 
 _LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
 
 
-class Kept:
+class TrackFile:
     """``truth``, ``measurements``, ``mean/<filter>`` and, where it was kept, ``cov/<filter>``.
 
     Of every run. Names of a grid's points have a prefix.
@@ -35,7 +35,7 @@ class Kept:
         if result.tracks is None:
             return
         i, label = key
-        prefix = prefix_of(i, len(self.experiment.points))
+        prefix = array_prefix(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
         arrays |= self._arrays(label, result.tracks, scenario)
@@ -50,13 +50,13 @@ class Kept:
         """Write the file as `np.load` reads it, if there is anything in it."""
         if not self.arrays:
             return
-        with replacing(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
+        with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
             for name, array in self.arrays.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.asanyarray(array))
 
 
-class Shown(Kept):
+class FigureTracks(TrackFile):
     """The same of the filters and runs that figures show, and no more than they show of them.
 
     A figure that only draws lines over the plane says so by ``shown_components``, the components it
@@ -74,7 +74,7 @@ class Shown(Kept):
         if any(f.shown_measurements for f in figures):
             seen = measured_positions(scenario, tracks.measurements[..., :1])
         if seen is not None:
-            arrays["seen"] = _grained(seen, list(range(len(seen))))
+            arrays["seen"] = _quantised(seen, list(range(len(seen))))
         mine = [f for f in figures if f.filters is None or label in f.filters]
         drawn = [f for f in mine if f.shown_components is not None]
         runs = _most_runs(mine)
@@ -82,7 +82,7 @@ class Shown(Kept):
             arrays[f"mean/{label}"] = tracks.mean[..., :runs]
         elif drawn:
             components = sorted({c for f in drawn for c in f.shown_components or ()})
-            arrays[f"mean/{label}"] = _grained(tracks.mean[..., :runs], components)
+            arrays[f"mean/{label}"] = _quantised(tracks.mean[..., :runs], components)
         if tracks.cov is not None and any(f.shown_covariances for f in mine):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
@@ -109,7 +109,7 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
 @np.errstate(
     over="ignore", invalid="ignore"
 )  # what a float32 cannot hold is infinite: no page has it
-def _grained(mean: Array, components: list[int]) -> Array:
+def _quantised(mean: Array, components: list[int]) -> Array:
     """The components (n_x, T + 1, r) in steps of a power of two, which a float32 holds exactly."""
     chosen = mean[components]
     finite = chosen[np.isfinite(chosen)]

@@ -12,8 +12,8 @@ from trackbench.atomic_files import (
     CsvWriter,
     Row,
     cells,
-    made,
-    replacing,
+    ensure_folder,
+    atomic_write,
     shortened,
     within,
     write_text,
@@ -42,8 +42,8 @@ from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.folder_contents import COLUMNS, remove_outputs
 from trackbench.results.manifest import manifest_of
-from trackbench.results.point_facts import FILE, points_text
-from trackbench.results.tracks import Kept, Shown
+from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.tracks import TrackFile, FigureTracks
 from trackbench.scenarios.base import Scenario
 
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -112,10 +112,10 @@ def write_results(
     remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
     _write_published(folder, published)
-    write_text(folder / FILE, points_text(experiment.points, folder))
-    kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
+    write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
+    kept: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
-        kept["tracks.npz"] = Kept(experiment)
+        kept["tracks.npz"] = TrackFile(experiment)
     losses, asked = {}, shared(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
@@ -151,7 +151,7 @@ def _with_shares(
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
-    writer = CsvWriter(files.enter_context(replacing(path)))
+    writer = CsvWriter(files.enter_context(atomic_write(path)))
     writer.writerow([*experiment.settings.grid, *COLUMNS[path.name]])
     return writer
 
@@ -190,7 +190,7 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 def _write_published(folder: Path, files: dict[str, str]) -> None:
     for name, text in files.items():
-        write_text(made(within(folder, "published")) / name, text)
+        write_text(ensure_folder(within(folder, "published")) / name, text)
 
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:

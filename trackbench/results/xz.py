@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from io import BufferedIOBase
 from pathlib import Path
 
-from trackbench.atomic_files import replacing
+from trackbench.atomic_files import atomic_write
 
 PACKED = ("per_run.csv", "per_step.csv", "summary.csv")
 """Files that git keeps packed; each is read where only the packed one is there."""
@@ -44,7 +44,7 @@ def pack(folder: Path) -> None:
             continue
         with (
             path.open("rb") as source,
-            replacing(packed(path)) as file,
+            atomic_write(packed(path)) as file,
             lzma.open(file, "wb", preset=9) as target,
         ):
             shutil.copyfileobj(source, target)

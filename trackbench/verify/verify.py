@@ -18,8 +18,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from trackbench import api
-from trackbench.report.open import NotWholeError, changed_since, open_results, using
-from trackbench.results.point_facts import FILE, points_in, points_text, same_points
+from trackbench.report.open import (
+    IncompleteResultsError,
+    changed_files,
+    open_results,
+    explain_content_errors,
+)
+from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
 from trackbench.verify.compare import made_again
 from trackbench.verify.findings import CHANGED, Finding, changed, verdict
 from trackbench.verify.recompute import computed_again
@@ -36,27 +41,27 @@ def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[Finding
     Raises UserError if it is no results folder, or its config is mistaken.
     """
     try:
-        with using(folder):
+        with explain_content_errors(folder):
             return list(_found(folder, runs, allow_plugins))
-    except NotWholeError as error:
+    except IncompleteResultsError as error:
         return [changed(str(line)) for line in error.problems]
 
 
 def _found(folder: Path, runs: int, allow_plugins: bool) -> Iterator[Finding]:
     results = open_results(folder)
-    yield from map(changed, changed_since(results))
+    yield from map(changed, changed_files(results))
     experiment = api.prepare(folder / "config.yaml", api.Options(allow_plugins=allow_plugins))
-    places = [(point, results.place(point)) for point in results.points()]
+    places = [(point, results.index_of(point)) for point in results.points()]
     points = [(point, experiment.points[i]) for point, i in places if i is not None]
     if len(points) < len(places):
         yield changed("summary.csv: is of other points than the config's grid")
         return
     with TemporaryDirectory() as temporary:
         given = points_text(experiment.points, folder)
-        stored = folder / FILE
+        stored = folder / POINTS_FILE
         if stored.is_file() and not same_points(stored.read_text(encoding="utf-8"), given):
-            yield changed(f"{FILE}: is not what the config makes of the points")
-        results = replace(results, out=Path(temporary), points_given=tuple(points_in(given)))
+            yield changed(f"{POINTS_FILE}: is not what the config makes of the points")
+        results = replace(results, out=Path(temporary), point_facts=tuple(points_in(given)))
         yield from follow_from_runs(results, points)
         yield from follow_from_steps(results, points)
         yield from made_again(results)

@@ -10,7 +10,7 @@ from trackbench.errors import Problem, UserError
 from trackbench.report.html.page_figures import key_picture
 from trackbench.report.html.render import write_page
 from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.open import open_with_notes, using
+from trackbench.report.open import open_with_notes, explain_content_errors
 from trackbench.report.results import Results
 from trackbench.report.text import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
@@ -71,7 +71,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
     picture = key_picture(results)
     return Card(
         name=config["name"],
-        title=results.filled(config["title"]),
+        title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
         counted=bars(comparison),
@@ -99,7 +99,7 @@ def _opened(folder: Path) -> Overview:
     problems: list[Problem | str] = []
     for candidate in candidates:
         try:
-            with using(candidate):
+            with explain_content_errors(candidate):
                 results = open_with_notes(candidate)
                 opened.append((results, compare(results)))
         except UserError as error:

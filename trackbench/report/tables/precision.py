@@ -56,7 +56,7 @@ def _look(
 ) -> list[Looked]:
     if "lost" not in result.per_run:
         return []
-    return looked([wanted], result, results.given(point).sizes, {}, runs)
+    return looked([wanted], result, results.facts(point).sizes, {}, runs)
 
 
 def _enough(found: list[Looked], stops: list[int]) -> str:
