@@ -1,6 +1,5 @@
 """Results folders edited with a manifest made to agree, and some as of another machine."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,12 @@ import pytest
 from trackbench import api
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.results.folder_contents import write_manifest
+from trackbench.results.folder_contents import read_manifest, write_manifest
 
 
 def reseal(folder: Path) -> None:
-    """New digests for every file that the manifest names."""
-    manifest = json.loads((folder / "manifest.json").read_text())
+    """Write new digests of every file that the manifest names."""
+    manifest = read_manifest(folder)
     write_manifest(folder, manifest, [folder / name for name in manifest["files"]])
 
 

@@ -10,9 +10,9 @@ from trackbench.atomic_files import record_writes
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.open import (
     check_folder,
+    explain_content_errors,
     open_results,
     open_with_notes,
-    explain_content_errors,
 )
 from trackbench.report.plotting.page_formats import Style
 from trackbench.report.plugin_exhibits import PartlyMadeError

@@ -1,14 +1,12 @@
 """A results folder, read back: its data frames and arrays."""
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from io import TextIOWrapper
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, TYPE_CHECKING, Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
@@ -16,10 +14,9 @@ from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.plugins.errors import said
 from trackbench.report.requested import ResultsConfig
-from trackbench.results.folder_contents import COLUMNS
-from trackbench.results.point_facts import POINTS_FILE, PointFacts, points_in, array_prefix
+from trackbench.results.folder_contents import COLUMNS, DATA_FILES, TIMING, read_manifest
+from trackbench.results.point_facts import POINTS_FILE, PointFacts, array_prefix, points_in
 from trackbench.results.read_csv import Columns, Runs, check_heads, read_columns, read_runs
-from trackbench.results.xz import opened, there
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,14 +35,11 @@ class ResultFiles(ResultsConfig):
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """Versions, platform, times."""
+        """Facts of the experiment and of its run: steps, failures, versions, times."""
         if self.run_facts is not None:
             return self.run_facts
-        with self.reading("manifest.json") as path:
-            manifest = json.loads(path.read_text(encoding="utf-8"))
-            if not isinstance(manifest, dict):
-                raise TypeError("is not a mapping")
-            return manifest
+        with self.reading("manifest.json"):
+            return read_manifest(self.folder)
 
     @property
     def one_by_one(self) -> list[str]:
@@ -138,17 +132,18 @@ class ResultFiles(ResultsConfig):
     @contextmanager
     def open_csv(self, name: str) -> Iterator[TextIO]:
         """Open one of the CSV files as text; raises UserError if it cannot be read."""
-        with self.reading(name) as path:
-            content = cast(IO[bytes], opened(path))
-            with TextIOWrapper(content, encoding="utf-8", newline="") as file:
-                yield file
+        with self.reading(name) as path, path.open(encoding="utf-8", newline="") as file:
+            yield file
 
     @contextmanager
     def reading(self, name: str) -> Iterator[Path]:
-        """Give a file's path, packed or not; whatever a damaged file raises becomes one line."""
-        path = there(self.folder / name)
-        if path is None:
-            raise UserError(f"{self.folder / name}: is missing: {RUN_AGAIN}")
+        """Give a file's path; turn any error over its content into one line."""
+        path = self.folder / name
+        if name == "timing.csv" and not path.is_file():  # where older versions wrote it
+            path = self.folder / TIMING
+        if not path.is_file():
+            why = " (git keeps its digest alone)" if name in DATA_FILES else ""
+            raise UserError(f"{path}: is missing{why}: {RUN_AGAIN}")
         try:
             yield path
         except Exception as error:

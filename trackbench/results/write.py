@@ -11,9 +11,9 @@ import numpy as np
 from trackbench.atomic_files import (
     CsvWriter,
     Row,
+    atomic_write,
     cells,
     ensure_folder,
-    atomic_write,
     shortened,
     within,
     write_text,
@@ -40,10 +40,10 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.folder_contents import COLUMNS, remove_outputs
-from trackbench.results.manifest import manifest_of
+from trackbench.results.folder_contents import COLUMNS, TIMING, remove_outputs
+from trackbench.results.manifest import facts_of_run
 from trackbench.results.point_facts import POINTS_FILE, points_text
-from trackbench.results.tracks import TrackFile, FigureTracks
+from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.scenarios.base import Scenario
 
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
@@ -119,7 +119,9 @@ def write_results(
     losses, asked = {}, shared(experiment)
     spent: dict[BlockTask, float] = {}  # what several points share was filtered once
     with ExitStack() as files:
-        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
+        ensure_folder(within(folder, "run"))
+        paths = {name: folder / (TIMING if name == "timing.csv" else name) for name in COLUMNS}
+        writers = {name: _open(files, path, experiment) for name, path in paths.items()}
         for key, result in outcome.results():
             result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
@@ -135,7 +137,7 @@ def write_results(
     for name, collection in kept.items():
         collection.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
-    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": cpu_s})
+    return Written(losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s})
 
 
 def _with_shares(

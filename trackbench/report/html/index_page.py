@@ -10,7 +10,7 @@ from trackbench.errors import Problem, UserError
 from trackbench.report.html.page_figures import key_picture
 from trackbench.report.html.render import write_page
 from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.open import open_with_notes, explain_content_errors
+from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.text import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
@@ -23,7 +23,7 @@ _HEAD = """# Published and measured
 
 Every number, word and claim of the papers that an experiment here measures, with its verdict. Of a
 number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
-`trackbench report results`; `make check-results` fails if a verdict does not come out again.
+`trackbench report results`; `make check-results` fails if a verdict is not reproduced.
 """
 
 
@@ -117,8 +117,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    parts += [LEGEND, *(table.markdown().rstrip() for table in _times(found))]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([*parts, LEGEND]) + "\n"
 
 
 def _times(found: Overview) -> list[TextTable]:
