@@ -102,12 +102,17 @@ def p_of_chance(difference: Array) -> float:
 
 
 def compare_rows(
-    stored: Results, again: Results, labels: Collection[str], drawing: Collection[str] = ()
+    stored: Results,
+    again: Results,
+    labels: Collection[str],
+    equal: Collection[str] = (),
+    drawing: Collection[str] = (),
 ) -> Iterator[Finding]:
     """Yield differences in summary.csv and per_step.csv.
 
-    Both must have the same filters and metrics. Numbers are compared for the filters in ``labels``;
-    those in ``drawing`` may differ by `FAR` standard errors. A missing per_step.csv is left out.
+    Both must have the same filters and metrics. Numbers are compared for the filters in ``labels``.
+    Filters in ``equal`` have the same values per run, and those in ``drawing`` may differ by `FAR`
+    standard errors. A missing per_step.csv is left out.
     """
     for name in ("summary", "per_step"):
         if not (stored.folder / f"{name}.csv").is_file():
@@ -125,20 +130,23 @@ def compare_rows(
         scale = np.fmax(medians, b["stderr"].abs().to_numpy())
         ends = [relative(a[x].to_numpy(), b[x].to_numpy(), scale) for x in ("value", "stderr")]
         off = np.max(ends, axis=0, initial=0.0)
-        by_chance = (a["value"] - b["value"]).abs() <= FAR * np.hypot(a["stderr"], b["stderr"])
-        off[(by_chance & a["filter"].isin(list(drawing))) & (off > TOLERANCE)] = TOLERANCE
+        is_near = (a["value"] - b["value"]).abs() <= FAR * np.hypot(a["stderr"], b["stderr"])
+        by_chance = a["filter"].isin(list(drawing)) & (is_near | (ends[0] <= TOLERANCE))
+        off = np.where(by_chance, np.minimum(off, TOLERANCE), off)
         if off.any():
+            tolerance = np.where(a["filter"].isin(list(equal)), _LAST_DIGITS, TOLERANCE)
             what = f"{name}.csv: {np.count_nonzero(off)} of {len(off)} rows differ"
-            yield _by(what, off, TOLERANCE)
+            yield _by(what, off, tolerance)
 
 
 def _rows(frame: "pd.DataFrame", labels: Collection[str]) -> "pd.DataFrame":
     return frame[frame["filter"].isin(list(labels))].reset_index(drop=True)
 
 
-def _by(what: str, off: Array, tolerance: float) -> Finding:
+def _by(what: str, off: Array, tolerance: Array | float) -> Finding:
     text = f"{what} by {off.max():.1e} at most"
-    return rounding(text) if off.max() <= tolerance else changed(f"{text}, more than rounding")
+    is_rounding = bool((off <= tolerance).all())
+    return rounding(text) if is_rounding else changed(f"{text}, more than rounding")
 
 
 def compare_arrays(
@@ -166,7 +174,7 @@ def compare_digests(stored: Results, again: Results, drawing: Collection[str]) -
     digests = stored.manifest["files"]
     names = [name for name in (*DATA_FILES, "summary.csv") if name in digests]
     other = check_digests(again.folder, {name: digests[name] for name in names}).changed
-    rows = [*compare_rows(stored, again, stored.labels, drawing)]
+    rows = [*compare_rows(stored, again, stored.labels, drawing=drawing)]
     yield from rows
     is_rounding = "summary.csv" in other and all(finding.is_rounding for finding in rows)
     for name in other:

@@ -105,11 +105,12 @@ def compare_runs(results: Results, again: Results, experiment: Experiment) -> It
     ]
     yield from _judge(columns, drawing_filters(experiment))
     steady = {c.label for c in columns} - {c.label for c in columns if c.is_far}
+    equal = steady - {c.label for c in columns if c.off.any()}
     for name in ("shown.npz", "tracks.npz"):
         if (again.folder / name).is_file() and (results.folder / name).is_file():
             yield from compare_arrays(results, again, name, steady)
     bound = {str(experiment.settings.bound)}
-    yield from compare_rows(results, again, bound | steady if is_whole else bound)
+    yield from compare_rows(results, again, bound | steady if is_whole else bound, equal)
 
 
 def _values(results: Results, runs: int, is_whole: bool) -> dict[ColumnKey, Array]:

@@ -70,6 +70,8 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[Fi
         yield changed(f"{POINTS_FILE}: is not what the config makes of the points")
     with TemporaryDirectory() as temporary:
         target, recomputed = Path(temporary, "made"), Path(temporary, "again")
+        target.mkdir()
+        recomputed.mkdir()
         results = replace(results, out=target, point_facts=tuple(points_in(points)))
         yield from compare_tuning(results, experiment, runs)
         if (folder / "per_run.csv").is_file():

@@ -49,6 +49,8 @@ class Metrics(TableKind):
     def without_cpu_times(self) -> "Metrics | None":
         """Return the table without columns of CPU times; None if there are no others."""
         columns = {head: m for head, m in self.columns.items() if not m.is_cpu_time}
+        if len(columns) == len(self.columns):
+            return self
         return replace(self, columns=columns) if columns else None
 
     def table(self, results: Results) -> Table:

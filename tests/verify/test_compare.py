@@ -1,13 +1,10 @@
-"""Rounding told from a change: how often by mistake, and how large a change is seen."""
+"""Rounding against a change: the rate of false alarms, and the size of a change that is detected."""
 
 import numpy as np
 import pytest
 
 from trackbench.evaluation.intervals import holm
-from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.summary import summary_rows
-from trackbench.verify.rounding import FALSE_ALARM, differences, p_of_chance, relative, usual
-from trackbench.verify.summaries import bounded
+from trackbench.verify.compare import FALSE_ALARM, differences, p_of_chance, relative, usual
 
 RUNS, COLUMNS, FOLDERS = 20, 60, 200
 
@@ -64,19 +61,3 @@ def test_a_number_near_zero_is_measured_by_what_is_usual():
     b = np.array([1.0, 2.0, 3.0, 3e-9])
     assert relative(a, b, usual(a)).max() < 1e-8
     assert relative(a, b).max() > 0.5
-
-
-@pytest.mark.parametrize("runs", [3, 4, 6, 9])
-def test_a_summary_follows_from_few_values_that_hardly_differ(runs, rng):
-    """Shares of a few parts: the error of their variance hangs on how they were rounded."""
-    lost = np.zeros(runs)
-    for _ in range(60):
-        shares = rng.choice([31, 35, 36], runs) / 2900
-        exact, stored = (
-            {"lost": lost, "distinct": x} for x in (shares, [float(f"{s:.7g}") for s in shares])
-        )
-        stored["distinct"] = np.array(stored["distinct"])
-        with np.errstate(all="ignore"):
-            rows = list(summary_rows(FilterResult(exact, {}, {}, None, []), {}, {}))
-        for row, found in zip(rows, bounded(stored, {}), strict=True):
-            assert found.holds(row), row
