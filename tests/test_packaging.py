@@ -67,7 +67,7 @@ def test_the_wheel_runs_in_an_empty_folder(wheel: Path, tmp_path: Path) -> None:
     results = here / "results" / "hdepf"
     assert (results / "report.html").is_file()
     assert str(target) not in (results / "config.yaml").read_text()
-    written = yaml.safe_load((results / "manifest.json").read_text())
+    written = yaml.safe_load((results / "run" / "machine.json").read_text())
     assert written["lock"] == compare_lock()
     run("-m", "trackbench", "verify", "results/hdepf")
 

@@ -328,7 +328,7 @@ def test_without_times_or_steps(results, tmp_path: Path):
     with pytest.raises(UserError, match=rf"manifest.json: does not say how many steps.*{again}"):
         api.plot(folder, formats=("svg",))
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    (folder / "timing.csv").unlink()
+    (folder / "run" / "timing.csv").unlink()
     with pytest.raises(UserError, match=f"timing.csv.* missing: {again}"):
         api.plot(folder, formats=("svg",))
 

@@ -1,6 +1,6 @@
 """Everything that follows from a results folder: tables, figures, verdicts, pairs, the report."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from trackbench.atomic_files import (
 from trackbench.config.build_dataclass import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
-from trackbench.report.kinds import figure_folder
+from trackbench.report.kinds import TableKind, figure_folder
 from trackbench.report.parallel_drawing import Draw, drawing, drawn
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
@@ -44,7 +44,7 @@ def render(
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     """Write the tables as CSV, Markdown and, if wanted, LaTeX; return the tables by name."""
-    for place, table in results.table_files.items():
+    for place, table in _table_files(results):
         group, _, name = place.rpartition("/")
         folder = ensure_folder(within(results.target, group))
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
@@ -54,6 +54,21 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     for name in results.parts("tables").keys() - results.tables.keys():
         _remove(results.target, "tables", name, TABLE_FORMS)
     return results.tables
+
+
+def _table_files(results: Results) -> Iterator[tuple[str, Table]]:
+    """Yield tables by their paths in the folder, without the ending.
+
+    A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
+    """
+    specs = results.parts("tables")
+    for name, table in results.tables.items():
+        spec = specs[name]
+        reproducible = spec.without_cpu_times() if isinstance(spec, TableKind) else spec
+        if reproducible is not spec:
+            yield f"run/tables/{name}", table
+        if reproducible is not None:
+            yield f"tables/{name}", table if reproducible is spec else reproducible.table(results)
 
 
 def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:

@@ -14,7 +14,6 @@ from trackbench.config.tuning_settings import tuned
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
 from trackbench.report.default_exhibits import default_keys
-from trackbench.report.kinds import TableKind
 from trackbench.report.notebook import results_html
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.plotting import style
@@ -106,23 +105,6 @@ class Results(ResultFiles):
             with self.without(f"table {name}"), told(spec):
                 made[name] = as_table(spec.table(self), spec)
         return made
-
-    @property
-    def table_files(self) -> dict[str, Table]:
-        """The tables by path in the folder, without the ending.
-
-        A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
-        """
-        specs, files = self.parts("tables"), {}
-        for name, table in self.tables.items():
-            spec = specs[name]
-            reproducible = spec.without_cpu_times() if isinstance(spec, TableKind) else spec
-            if reproducible is not spec:
-                files[f"run/tables/{name}"] = table
-            if reproducible is not None:
-                same = reproducible is spec
-                files[f"tables/{name}"] = table if same else reproducible.table(self)
-        return files
 
     @cached_property
     def unmade(self) -> dict[str, str]:
