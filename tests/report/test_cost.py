@@ -250,7 +250,7 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     assert verify(results.folder, 20) == []
     drawn = api.plot(results.folder, formats=("svg",))
     assert len(drawn) == 2
-    text = (results.folder / "figures" / "cost.svg").read_text()
+    text = (results.folder / "run" / "figures" / "cost.svg").read_text()
     for word in ("HDEPF (G = 3)", "Front", "Exact", "CPU time per step"):
         assert word in text
     told = results.parts("figures")["cost"].tell(results)
