@@ -1,8 +1,8 @@
 """Numbers that the prose quotes and that no file in git has: ``results/quoted.csv``.
 
-An expression over the runs, such as ``ratio(mean(rmse), PF)``, needs per_run.csv, which git does not keep.
-`python -m tests.prose` evaluates it where the runs are there and records it here. A test and a clone read
-the record; a changed number is a line of `git diff`.
+An expression over the runs, such as ``ratio(mean(rmse), PF)``, needs per_run.csv, which git does not
+keep. `python -m tests.prose` evaluates it where the runs are there and records it here. Tests and clones
+read the record, and a changed number is a line of `git diff`.
 """
 
 import csv

@@ -1,9 +1,9 @@
 """Record the CPU times of the last runs: `make record-times`.
 
-Every run writes its times into ``results/NAME/run/``, which git ignores. The times that the docs quote are
-those of one named machine. They stand in ``results/times/`` until this command replaces them: a folder
-for each experiment that measures times, and ``README.md`` with the verdicts. ``experiments/times.csv`` has
-the seconds that `trackbench list experiments` shows, with two digits.
+Every run writes its times into ``results/NAME/run/``, which git ignores. The times that the docs quote
+are those of one named machine. They stand in ``results/times/`` until this command replaces them: a
+folder for each experiment that measures times, and ``README.md`` with the verdicts. The seconds that
+`trackbench list experiments` shows, with two digits, stand in ``experiments/times.csv``.
 """
 
 import csv
