@@ -6,8 +6,6 @@ draws may amplify it until a run has nothing in common with the stored run. Stor
 are then exchangeable, and their differences over common runs are symmetric about zero (`p_of_chance`).
 """
 
-import csv
-import io
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -212,7 +210,8 @@ def compare_derived(results: Results, folder: Path) -> Iterator[Finding]:
 
 
 def _difference(name: Path, stored: Path, computed: Path) -> Finding:
-    a, b = _cells(stored), _cells(computed)
+    texts = (path.read_text(encoding="utf-8", errors="replace") for path in (stored, computed))
+    a, b = ([line.split(",") for line in text.splitlines()] for text in texts)
     pairs = [(x, y) for x, y in zip(a, b, strict=False) if x != y]
     if len(a) != len(b):
         return changed(f"{name}: has {len(a)} lines, of the stored runs it has {len(b)}")
@@ -222,13 +221,6 @@ def _difference(name: Path, stored: Path, computed: Path) -> Finding:
     x, y = (",".join(row) for row in pairs[0])
     what = f"{len(pairs)} rows do not follow from the stored runs; the first is"
     return changed(f"{name}: {what} {x!r}, it should be {y!r}")
-
-
-def _cells(path: Path) -> list[list[str]]:
-    text = path.read_text(encoding="utf-8", errors="replace")
-    if path.suffix == ".csv":
-        return list(csv.reader(io.StringIO(text, newline="")))
-    return [[line] for line in text.splitlines()]
 
 
 def _shares(x: list[str], y: list[str]) -> Iterator[float]:
