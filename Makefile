@@ -50,7 +50,7 @@ reproduce reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench report results
 	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
 	@$(BIN)/python -m tests.prose || true
-	@git status --short -- results experiments
+	@git status --short -- results experiments || true
 
 # Without four studies beyond the papers, which would take a third of the time; figures as in the report.
 QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/adaptive-kf-tuned-paths.yaml %/banana-rivals.yaml,$(EXPERIMENTS))

@@ -58,6 +58,12 @@ def test_stored_results_are_reproduced(folder):
     assert verify(folder, 5) == []
 
 
+def test_the_overview_needs_the_runs_of_published_experiments_alone(config, tmp_path):
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "all" / "small")
+    as_cloned(api.run(config, options, formats=("svg",)).folder)
+    assert len(api.report(tmp_path / "all")) == 2
+
+
 def mend_digest(folder, name):
     manifest = read_manifest(folder)
     manifest["files"][name] = "0" * 64

@@ -1,4 +1,4 @@
-"""Whether a folder holds whole results that this version can read."""
+"""Open results folders: check that the results are complete, unchanged and readable."""
 
 import os
 import sys
@@ -20,20 +20,20 @@ _KINDS: dict[str, type] = {
     **{"failed": list, "packages": dict, "cpu_s": float, "one_by_one": list},
     "training_holds_out": str,
 }
-"""Of what kind the manifest's entries are that a report shows."""
+"""Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
 
 
 class IncompleteResultsError(UserError):
-    """A results folder whose run did not finish, or whose runs were changed or lost since."""
+    """A results folder whose run did not finish, or whose runs were changed or lost afterwards."""
 
 
 @contextmanager
 def explain_content_errors(folder: Path | str) -> Iterator[None]:
-    """Turn any error over a folder's content into one line: a stranger may have written the content.
+    """Turn any error over a folder's content into one line: anybody may have written the content.
 
-    The line names the place in this program, since it may be a mistake in the program after all. Errors
-    of plugins, and those that are lines already, stay as they are.
+    The line names the place in this program, which may be wrong after all. Errors of plugins and
+    errors with a line of their own pass.
     """
     try:
         yield
@@ -49,17 +49,17 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
 
 
 def open_results(folder: Path) -> Results:
-    """The results in a folder.
+    """Return the results in a folder.
 
-    Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
-    config of something else.
+    Raises IncompleteResultsError if a file of the run is damaged, and UserError if the folder has no
+    results, those of a newer version, or a config that does not fit them.
     """
     with explain_content_errors(folder):
         return _open(folder)
 
 
 def check_folder(folder: Path) -> None:
-    """Raise UserError for what is no results folder."""
+    """Raise UserError unless the path is a results folder."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, quiet about a name that is too long
         raise UserError(f"{folder}: there is no such folder")
     if not (folder / "config.yaml").is_file():
@@ -90,27 +90,27 @@ def _grid_columns(results: Results) -> list[str]:
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
-    """The same, and a note to stderr of what else was changed since: it is gone on with.
+    """Return the results in a folder, and print notes on other files that were changed.
 
-    So it is without the tables and figures of plugins whose code may not be run.
+    Notes also name tables and figures of plugins whose code may not run.
     """
     results = open_results(folder)
     changed = changed_files(results)
     if allow_plugins:
-        changed += _edited(results, load_plugins(results.source, folder, allowed=True))
-    for line in (*changed, *_left_out(results)):
+        changed += _edited_plugins(results, load_plugins(results.source, folder, allowed=True))
+    for line in (*changed, *_unavailable_lines(results)):
         print(f"note: {line}", file=sys.stderr)
     return results
 
 
-def _edited(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
+def _edited_plugins(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
     recorded = results.manifest.get("plugins", {})
     now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
     edited = [name for name, digest in now.items() if recorded.get(name) != digest]
     return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
 
 
-def _left_out(results: Results) -> Iterator[str]:
+def _unavailable_lines(results: Results) -> Iterator[str]:
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
         for name, kind in results.unavailable_kinds(group).items():
@@ -119,7 +119,7 @@ def _left_out(results: Results) -> Iterator[str]:
 
 
 def changed_files(results: Results) -> list[str]:
-    """What is not as it was written although the results can be read: tables, figures, the config."""
+    """Return lines on changed files beside those of the run: tables, figures, the config."""
     recorded = results.manifest["files"]
     others = {name: digest for name, digest in recorded.items() if name not in RUN_FILES}
     return _lines(results.folder, check_digests(results.folder, others))
@@ -134,23 +134,24 @@ def _check_manifest(results: Results) -> None:
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
-        whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
-        whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
+        valid = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
+        valid &= all({"filter", "reason"} <= set(row) for row in results.failed)
     except (UserError, ValueError, KeyError, TypeError):
-        whole = False
-    if not whole:
+        valid = False
+    if not valid:
         raise IncompleteResultsError(f"{folder}: manifest.json cannot be read: {RUN_AGAIN}")
     if version > FORMAT:
-        what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
+        newer = manifest.get("trackbench", "of a newer version")
+        what = f"was written by trackbench {newer} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    raw = {name: recorded[name] for name in RUN_FILES if name in recorded}
-    problems = _lines(folder, check_digests(folder, raw))
+    of_run = {name: recorded[name] for name in RUN_FILES if name in recorded}
+    problems = _lines(folder, check_digests(folder, of_run))
     if problems:
         raise IncompleteResultsError(*problems)
 
 
 def _lines(folder: Path, found: Damage) -> list[str]:
-    """A line on the files that are missing, and one on those that were changed, if there are any."""
+    """Return a line on missing files and a line on changed ones, each unless there are none."""
     ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
     return [
         f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"

@@ -1,4 +1,4 @@
-"""A results folder, read back: its data frames and arrays."""
+"""The files of a results folder as data frames and arrays."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -26,12 +26,12 @@ RUN_AGAIN = "run the experiment again"
 
 @dataclass(frozen=True, repr=False)
 class ResultFiles(ResultsConfig):
-    """The files of one results folder, read when asked for."""
+    """The files of one results folder, each read at its first use."""
 
     run_facts: dict[str, Any] | None = None
-    """what the manifest is going to say, as long as it is not written"""
+    """content of the manifest, until it is written"""
     point_facts: tuple[PointFacts, ...] | None = None
-    """what is known of the points, if not by the folder"""
+    """facts about the points, instead of those in the folder"""
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -43,7 +43,7 @@ class ResultFiles(ResultsConfig):
 
     @property
     def one_by_one(self) -> list[str]:
-        """Labels of the filters whose runs are looped over in Python, which their times show."""
+        """Labels of the filters that take one run after the other in Python, and so more time."""
         return self.manifest.get("one_by_one", [])
 
     @property
@@ -52,11 +52,11 @@ class ResultFiles(ResultsConfig):
         return self.manifest["failed"]
 
     def facts(self, point: dict[str, Any]) -> PointFacts:
-        """What is known of a point besides its numbers: scenario, filters, components, shading."""
-        found = next((g for g in self._facts if same_point(g.values, point)), None)
-        if found is None:
+        """Return the facts about a point beside numbers: scenario, filters, components, shading."""
+        facts = next((f for f in self._facts if same_point(f.values, point)), None)
+        if facts is None:
             raise UserError(f"{self.folder / POINTS_FILE}: {point} is not in it: {RUN_AGAIN}")
-        return found
+        return facts
 
     @cached_property
     def _facts(self) -> tuple[PointFacts, ...]:
@@ -67,40 +67,40 @@ class ResultFiles(ResultsConfig):
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
-        """``filter,run,metric,value``: for people; tables and figures take `runs`."""
+        """Return per_run.csv, ``filter,run,metric,value``; tables and figures use `runs`."""
         return self._frame("per_run.csv")
 
     @cached_property
     def per_step(self) -> "pd.DataFrame":
-        """``filter,step,time,metric,value,stderr,runs``."""
+        """Return per_step.csv, ``filter,step,time,metric,value,stderr,runs``."""
         return self._frame("per_step.csv")
 
     @cached_property
     def summary(self) -> "pd.DataFrame":
-        """``filter,metric,value,stderr,runs,lost``."""
+        """Return summary.csv, ``filter,metric,value,stderr,runs,lost``."""
         return self._frame("summary.csv")
 
     @cached_property
     def timing(self) -> "pd.DataFrame":
-        """``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,likelihoods,covariances``."""
+        """Return timing.csv, ``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,...``."""
         return self._frame("timing.csv")
 
     @cached_property
     def shown(self) -> dict[str, Array]:
-        """What shown.npz holds of all points of the grid; empty if every filter failed."""
+        """Return the arrays of shown.npz at all points; empty if every filter failed."""
         return self.arrays("shown.npz")
 
     def arrays(self, name: str) -> dict[str, Array]:
-        """A file of arrays; empty if it is not there."""
+        """Return the arrays of a file; empty if there is no such file."""
         if not (self.folder / name).is_file():
             return {}
         with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
     def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
-        """Whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
+        """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
-        None where every filter failed: such points count, too.
+        Empty if every filter failed at the point.
         """
         i = self.index_of(point)
         prefix = array_prefix(i or 0, len(self.grid_points))
@@ -111,16 +111,16 @@ class ResultFiles(ResultsConfig):
         }
 
     def steps(self, point: dict[str, Any]) -> int:
-        """Steps that a filter takes in a run at a point."""
-        found, place = self.manifest.get("steps"), self.index_of(point) or 0
-        number = found[place] if isinstance(found, list) and place < len(found) else found
+        """Return the number of steps of a run at a point."""
+        steps, i = self.manifest.get("steps"), self.index_of(point) or 0
+        number = steps[i] if isinstance(steps, list) and i < len(steps) else steps
         if not isinstance(number, int) or number < 1:
             what = "does not say how many steps a run has"
             raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
         return number
 
     def runs(self, point: dict[str, Any]) -> Runs:
-        """Values per run at a point; none if every filter failed there."""
+        """Return the values per run at a point; empty if every filter failed there."""
         return self._runs.get(tuple(point.values()), {})
 
     @cached_property
@@ -150,7 +150,7 @@ class ResultFiles(ResultsConfig):
             raise UserError(f"{path}: cannot be read, {said(error)}: {RUN_AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
-        """The points that have results, in order; one empty point without a grid."""
+        """Return the points that have results, in order; one empty point without a grid."""
         summary = self.columns("summary")
         if not self.grid or not len(summary):  # every filter failed
             return self.grid_points
@@ -158,13 +158,13 @@ class ResultFiles(ResultsConfig):
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def index_of(self, point: dict[str, Any]) -> int | None:
-        """A point's number in the config's grid; None if it is not there any more."""
+        """Return a point's number in the config's grid; None if the grid does not have it."""
         return next(
             (i for i, given in enumerate(self.grid_points) if same_point(given, point)), None
         )
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
-        """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
+        """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
             with self.open_csv(f"{name}.csv") as file:
                 self._columns[name] = read_columns(file, COLUMNS[f"{name}.csv"])
@@ -175,7 +175,7 @@ class ResultFiles(ResultsConfig):
         return {}
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
-        """The rows of one grid point."""
+        """Return the rows of one grid point."""
         for path, value in point.items():
             frame = frame[frame[path] == value]
         return frame
@@ -191,7 +191,7 @@ class ResultFiles(ResultsConfig):
 
 
 def same_point(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
-    """Whether a point of the config is one of the files, where nothing and lists are words."""
+    """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
     pairs = ((value, read_back[path]) for path, value in point.items())
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 
@@ -202,4 +202,4 @@ _TYPES: Any = {
     **dict.fromkeys(["run", "step", "runs", "lost"], int),
     **dict.fromkeys(_NUMBERS, float),
 }
-"""Of columns, so that they are the same in a file without rows, where every filter failed."""
+"""Types of columns, also of a file without rows, where every filter failed."""
