@@ -48,12 +48,12 @@ class FigureKind(DrawnExhibit):
         """Return the figure of a results folder."""
 
 
-def shows_cpu_times(exhibit: Any) -> bool:
+def shows_cpu_times(exhibit: Exhibit) -> bool:
     """Return whether a table or figure names CPU times in a key or in its ``needs``."""
-    return "cpu_s_per_run" in getattr(exhibit, "needs", {}) or _has_cpu_time(exhibit)
+    return "cpu_s_per_run" in exhibit.needs or _has_cpu_time(exhibit)
 
 
-def figure_folder(figure: Any) -> str:
+def figure_folder(figure: Exhibit) -> str:
     """Return the folder of a figure within a results folder."""
     return "run/figures" if shows_cpu_times(figure) else "figures"
 

@@ -15,7 +15,7 @@ from trackbench.atomic_files import (
 from trackbench.config.build_dataclass import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
-from trackbench.report.kinds import TableKind, figure_folder
+from trackbench.report.kinds import figure_folder
 from trackbench.report.parallel_drawing import Draw, drawing, drawn
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
@@ -63,12 +63,12 @@ def _table_files(results: Results) -> Iterator[tuple[str, Table]]:
     """
     specs = results.parts("tables")
     for name, table in results.tables.items():
-        spec = specs[name]
-        reproducible = spec.without_cpu_times() if isinstance(spec, TableKind) else spec
-        if reproducible is not spec:
+        reproducible = specs[name].without_cpu_times()
+        if reproducible is not specs[name]:
             yield f"run/tables/{name}", table
-        if reproducible is not None:
-            yield f"tables/{name}", table if reproducible is spec else reproducible.table(results)
+            table = reproducible and reproducible.table(results)
+        if table is not None:
+            yield f"tables/{name}", table
 
 
 def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
