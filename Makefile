@@ -11,7 +11,7 @@ export MKL_NUM_THREADS := 1
 # Else every program that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines pack-results test lint types unit \
+.PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines record-times test lint types unit \
   lowest wheel lock docs bench clean
 
 install: $(VENV)/.run
@@ -39,18 +39,18 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
 	touch $@ $(VENV)/.run
 
-# The three papers'; `make reproduce` runs the problems of one's own as well. Lists at last which verdicts and
-# which numbers of experiments/README.md are other ones now, and writes the times of `trackbench list experiments`.
-# Figures as in the report: git keeps no others.
-OWN := $(patsubst %,experiments/%.yaml,ais ais-adaptive calibration lidar radar-turns uav-radar)
+# `make reproduce-tables` runs every experiment with published numbers, `make reproduce` the others too. Both list the
+# verdicts that changed and the quoted numbers that are stale. A clean `git status` afterwards is the check:
+# git keeps what every machine writes alike.
+OWN := $(patsubst %,experiments/%.yaml,ais ais-adaptive calibration radar-turns uav-radar)
 reproduce-tables: CHOSEN := $(filter-out $(OWN),$(EXPERIMENTS))
 reproduce: CHOSEN := $(EXPERIMENTS)
 reproduce reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench run $(CHOSEN) --format svg
 	@$(BIN)/trackbench report results
 	@git diff --no-color -U0 -- results/README.md | grep '^[-+]|' || true
-	@$(BIN)/python -m tests.times
 	@$(BIN)/python -m tests.prose || true
+	@git status --short -- results experiments || true
 
 # Without four studies beyond the papers, which would take a third of the time; figures as in the report.
 QUICK := $(filter-out %/adaptive-kf-mfq.yaml %/adaptive-kf-tuned.yaml %/adaptive-kf-tuned-paths.yaml %/banana-rivals.yaml,$(EXPERIMENTS))
@@ -58,6 +58,7 @@ reproduce-quick: $(VENV)/.run
 	@$(BIN)/trackbench run $(QUICK) --quick --format svg --out build/quick
 
 # Fails if a published number was changed, or anything stored differs by more than another machine's rounding.
+# In a clone, which has digests in place of the runs, it recomputes all runs.
 check-results: $(VENV)/.run
 	@set -e; for copy in results/*/published/*.csv; do \
 	  cmp "$$copy" "experiments/published/$$(basename "$$copy")"; done
@@ -67,9 +68,9 @@ check-results: $(VENV)/.run
 check-machines: $(VENV)/.dev
 	$(BIN)/python -m tests.machines --runs 20 --block 20 $(EXPERIMENTS)
 
-# What git keeps of the large files: the commands read them packed as well.
-pack-results: $(VENV)/.run
-	$(BIN)/python -m trackbench.results.xz results/*/
+# Replaces the CPU times that docs and verdicts quote, in results/times/, by those of the last runs on this machine.
+record-times: $(VENV)/.run
+	$(BIN)/python -m tests.times
 
 # The types beside the tests, whose last file leaves a core idle.
 test: lint

@@ -6,7 +6,8 @@ front asks for its z from zero. ``[holds](../../results/hdepf/ "claim; TEXT OF T
 verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
 agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
 bias or ``claims``. The word and the mark may be left out. ``python -m tests.prose`` (in ``make
-reproduce``) lists what changed, ``--write`` writes it anew, with as many decimals as it had.
+reproduce``) lists what changed, and records the numbers that need the runs in ``results/quoted.csv``;
+``--write`` writes the texts anew, with as many decimals as they had.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.quoted import Quoted, has_runs, recorded, write_record
 from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
@@ -112,13 +114,22 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     wants_z = parts[0] == "z"
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))
-    if wants_z:
-        return (expressions.term(measure(expression).of(label)).z(),)
-    rows = expressions.results.at(expressions.results.summary, expressions.point)
-    rows = rows[(rows["filter"] == label) & (rows["metric"] == expression)]
-    if len(rows):
-        return float(rows.iloc[0]["value"]), float(rows.iloc[0]["stderr"])
-    return tuple(expressions.term(measure(expression).of(label)).estimate)
+    stored = expressions.results.columns("summary", expressions.point)
+    rows = stored.where(filter=label, metric=expression)
+    if len(rows) and not wants_z:
+        return float(rows["value"][0]), float(rows["stderr"][0])
+    if has_runs(folder):
+        term = expressions.term(measure(expression).of(label))
+        quoted[folder, title] = (term.z(),) if wants_z else tuple(term.estimate)
+    elif (folder, title) in recorded():
+        quoted[folder, title] = recorded()[folder, title]
+    else:
+        raise ValueError(f"{title!r} is not recorded: run {folder}, then python -m tests.prose")
+    return quoted[folder, title]
+
+
+quoted: Quoted = {}
+"""Numbers of the prose that summary.csv does not have."""
 
 
 def verdict(what: str, folder: str, of: str) -> str:
@@ -210,6 +221,8 @@ def main() -> int:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     stale = [(path, t) for path in options.paths for t in tied(path) if t.written != t.found]
+    if set(TEXTS) <= set(options.paths):
+        write_record(quoted)
     for path, t in stale:
         print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
     for path in options.paths:

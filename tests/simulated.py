@@ -3,42 +3,37 @@
 ``python -m tests.simulated`` prints them in a few minutes. The tests take fewer repetitions.
 """
 
+import json
 from collections.abc import Callable, Iterator
-from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from tests.conftest import EXPERIMENTS
 from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import spread
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
 from trackbench.evaluation.stopping_rule import checkpoints, exact_after
 from trackbench.report.estimates import Term
-from trackbench.report.results import Results
 from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, of_claim
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator
 
 
-@cache
-def errors_of(experiment: str, label: str) -> Array:
-    """Return the shipped errors per run (M,) of a filter, without lost runs."""
-    values = Results(EXPERIMENTS.parent / "results" / experiment).runs({})[label, "rmse"]
-    return values[~np.isnan(values)]
-
+_ERRORS = json.loads((Path(__file__).parent / "reference" / "errors.json").read_text())
+ERRORS: dict[str, Array] = {label: np.array(errors) for label, errors in _ERRORS.items()}
+"""RMSE per run (M,) of UPF in merwe2000 and of HDEPF in hdepf, without lost runs."""
 
 LAWS: dict[str, Callable[[Rng, tuple[int, ...]], Array]] = {
     "normal": lambda rng, shape: rng.normal(size=shape),
     "lognormal": lambda rng, shape: rng.lognormal(size=shape) - np.exp(0.5),
-    "UPF": lambda rng, shape: _resampled(rng, errors_of("merwe2000", "UPF"), shape),
-    "HDEPF": lambda rng, shape: _resampled(rng, errors_of("hdepf", "HDEPF"), shape),
+    "UPF": lambda rng, shape: _resampled(rng, ERRORS["UPF"], shape),
+    "HDEPF": lambda rng, shape: _resampled(rng, ERRORS["HDEPF"], shape),
 }
 """Runs of mean zero; those of filters are drawn from the shipped ones."""
 DEVIATION = {"normal": 1.0, "lognormal": np.sqrt((np.e - 1.0) * np.e)} | {
-    name: errors_of(*source).std()
-    for name, source in {"UPF": ("merwe2000", "UPF"), "HDEPF": ("hdepf", "HDEPF")}.items()
+    name: errors.std() for name, errors in ERRORS.items()
 }
 
 
@@ -168,7 +163,7 @@ def ended(
 def _of_mean_one(law: str, M: int, rng: Rng) -> Array:
     if law == "rare":
         return (np.where(rng.random(M) < 0.005, 6.0, 1.0) + 0.1 * rng.normal(size=M)) / 1.025
-    true = np.exp(0.5) if law == "lognormal" else errors_of("hdepf", "HDEPF").mean()
+    true = np.exp(0.5) if law == "lognormal" else ERRORS["HDEPF"].mean()
     return np.asarray(1.0 + LAWS[law](rng, (M,)) / true)
 
 

@@ -30,7 +30,7 @@ def test_run_writes_what_the_contract_names(hdepf: Path) -> None:
         "per_run.csv",
         "per_step.csv",
         "summary.csv",
-        "timing.csv",
+        "run/timing.csv",
         "tracks.npz",
         "tables/table1.csv",
         "tables/table1.md",

@@ -1,13 +1,13 @@
 """The same bytes from the same seed, however it was run."""
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.results.folder_contents import read_manifest
 
 CONFIG = """
 name: small
@@ -91,7 +91,7 @@ def test_more_runs_reuse_the_first(reference: Path, tmp_path: Path, first: int) 
     other = _run(tmp_path / "more", cache=cache)
     for file in FILES:
         assert (other / file).read_bytes() == (reference / file).read_bytes(), file
-    blocks = json.loads((other / "manifest.json").read_text())["blocks"]
+    blocks = read_manifest(other)["blocks"]
     assert blocks == {"computed": 20 - 4 * -(-first // 7), "reused": 4 * -(-first // 7)}
     assert all(path.read_bytes() == content for path, content in made.items())
 

@@ -16,7 +16,7 @@ import yaml
 import trackbench
 from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS, ROOT
-from trackbench.results.manifest import lock, lock_file
+from trackbench.results.manifest import compare_lock, lock_file
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
@@ -67,8 +67,8 @@ def test_the_wheel_runs_in_an_empty_folder(wheel: Path, tmp_path: Path) -> None:
     results = here / "results" / "hdepf"
     assert (results / "report.html").is_file()
     assert str(target) not in (results / "config.yaml").read_text()
-    written = yaml.safe_load((results / "manifest.json").read_text())
-    assert written["lock"] == lock()
+    written = yaml.safe_load((results / "run" / "machine.json").read_text())
+    assert written["lock"] == compare_lock()
     run("-m", "trackbench", "verify", "results/hdepf")
 
 
@@ -110,7 +110,7 @@ def test_the_lowest_versions_are_the_projects_bounds() -> None:
 def test_the_lock_is_held_against_what_is_installed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = lock()
+    found = compare_lock()
     assert found["file"] == lock_file().relative_to(ROOT).as_posix()
     assert "numpy" not in found["other"] or found["other"]["numpy"] == version("numpy")
     other = tmp_path / "run.txt"
@@ -118,7 +118,7 @@ def test_the_lock_is_held_against_what_is_installed(
         "numpy==0.1 \\\n    --hash=sha256:00\npywin32==0.1 ; sys_platform == 'win32'\n"
     )
     monkeypatch.setattr("trackbench.results.manifest.lock_file", lambda: other)
-    assert lock()["other"] == {"numpy": version("numpy")}
+    assert compare_lock()["other"] == {"numpy": version("numpy")}
 
 
 def test_types_are_shipped() -> None:

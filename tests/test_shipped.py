@@ -12,7 +12,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
-from tests.times import measured, written
+from tests.times import seconds
 from trackbench import yaml_source
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
@@ -72,7 +72,7 @@ def test_the_list_has_titles_papers_and_times() -> None:
         config = read(EXPERIMENTS / f"{name}.yaml").data
         title = config["title"].replace("{runs}", str(config.get("runs", 100)))
         assert (one.title, one.paper) == (title, config.get("paper", ""))
-        assert (one.cpu_s is not None) == (name in measured())
+        assert one.cpu_s == seconds()[name] > 0.0
     done = trackbench("list", "experiments")
     assert "{" not in done.stdout
     for one in listed.values():
@@ -80,14 +80,6 @@ def test_the_list_has_titles_papers_and_times() -> None:
         assert one.title in done.stdout
         assert one.paper in done.stdout
     assert done.stdout.count("The Unscented Particle Filter") == 1
-
-
-def test_the_times_are_those_of_the_results() -> None:
-    """About: another machine, or another day, may halve or double one."""
-    found = written()
-    assert found.keys() == measured().keys()
-    for name, seconds in measured().items():
-        assert 0.5 <= found[name] / seconds <= 2, f"{name}: python -m tests.times"
 
 
 def test_a_config_is_shown_as_it_is() -> None:

@@ -1,7 +1,6 @@
 """Sweeps: every point validated first, blocks shared, one table, a figure per metric, the best named."""
 
 import itertools
-import json
 from pathlib import Path
 
 import pandas as pd
@@ -13,6 +12,7 @@ from trackbench import api
 from trackbench.config.grid import axis_values, combinations, number_of_points
 from trackbench.config.load import load
 from trackbench.errors import Mark, UserError
+from trackbench.results.folder_contents import read_manifest
 
 CONFIG = """
 name: s
@@ -91,7 +91,7 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
     errors = frame[frame["metric"] == "rms(rmse)"]
     assert len(errors) == 6 * 2
     # A filter that does not vary is computed once: 6 x 2 blocks of PF and 2 of the other.
-    blocks = json.loads((report.folder / "manifest.json").read_text())["blocks"]
+    blocks = read_manifest(report.folder)["blocks"]
     assert blocks["computed"] == 14
     other = errors[errors["filter"] == "PF (N=5)"]["value"]
     assert other.nunique() == 1

@@ -1,44 +1,73 @@
-"""What `trackbench list experiments` says of times, from results/; written by `make reproduce-tables`.
+"""Record the CPU times of the last runs: `make record-times`.
 
-``experiments/times.csv`` goes where results/ does not: into the wheel. Two digits are kept, so that it
-does not change with every run.
+Every run writes its times into ``results/NAME/run/``, which git ignores. The times that the docs quote
+are those of one named machine. They stand in ``results/times/`` until this command replaces them: a
+folder for each experiment that measures times, and ``README.md`` with the verdicts. The seconds that
+`trackbench list experiments` shows, with two digits, stand in ``experiments/times.csv``.
 """
 
 import csv
-import json
+import shutil
 import sys
 from pathlib import Path
 
+from trackbench.report.results import Results
+from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+from trackbench.results.folder_contents import TIMING
+
 HERE = Path(__file__).resolve().parent.parent
-FILE = HERE / "experiments" / "times.csv"
+RESULTS, RECORD = HERE / "results", HERE / "results" / "times"
+SECONDS = HERE / "experiments" / "times.csv"
 HEADER = ["experiment", "cpu_s"]
 
 
-def measured() -> dict[str, float]:
-    """Seconds on one processor that the blocks of each shipped experiment took, with those of tuning."""
-    names = sorted(path.stem for path in FILE.parent.glob("[!_]*.yaml"))
-    manifests = {name: HERE / "results" / name / "manifest.json" for name in names}
-    return {
-        name: float(f"{json.loads(path.read_bytes())['cpu_s']:.2g}")
-        for name, path in manifests.items()
-        if path.is_file()
-    }
-
-
-def written() -> dict[str, float]:
-    """What the file says."""
-    with FILE.open(encoding="utf-8", newline="") as file:
+def seconds() -> dict[str, float]:
+    """Return the recorded seconds on one processor of each shipped experiment, tuning included."""
+    with SECONDS.open(encoding="utf-8", newline="") as file:
         return {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
 
 
-def main() -> int:
-    """Write the file anew."""
-    with FILE.open("w", encoding="utf-8", newline="") as file:
+def record() -> None:
+    """Replace the record by the times in ``results/``; raises SystemExit unless all runs are there."""
+    names = sorted(path.stem for path in SECONDS.parent.glob("[!_]*.yaml"))
+    missing = [name for name in names if not (RESULTS / name / TIMING).is_file()]
+    if missing:
+        raise SystemExit(f"no times of {', '.join(missing)}: run `make reproduce` first")
+    results = [Results(RESULTS / name) for name in names]
+    shutil.rmtree(RECORD, ignore_errors=True)
+    for one in filter(_has_measured, results):
+        _copy(one.folder / "run", RECORD / one.folder.name)
+    (RECORD / "README.md").write_text(_page(results), encoding="utf-8")
+    with SECONDS.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
-        writer.writerows((name, f"{seconds:g}") for name, seconds in measured().items())
-    return 0
+        writer.writerows((one.folder.name, f"{one.manifest['cpu_s']:.2g}") for one in results)
+
+
+def _has_measured(results: Results) -> bool:
+    """Return whether a table, a figure or something published names CPU times."""
+    return any(results.columns("timing")["repeats"])
+
+
+def _copy(run: Path, to: Path) -> None:
+    for path in run.rglob("*"):
+        if path.suffix in (".csv", ".md", ".svg"):
+            (to / path.relative_to(run)).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, to / path.relative_to(run))
+
+
+def _page(results: list[Results]) -> str:
+    run = results[0].manifest
+    tables = time_tables(verdict for one in results for verdict in time_verdicts(one))
+    versions = ", ".join(f"{name} {run['packages'][name]}" for name in ("numpy", "scipy"))
+    head = (
+        "# CPU times of one machine\n\n"
+        f"Recorded on {run['date']} with `make record-times`: {run['processor']}, {run['platform']}, "
+        f"Python {run['python']}, {versions}. Other machines write their own times to "
+        "`results/NAME/run/`, and these files stay as they are."
+    )
+    return "\n\n".join([head, *(table.markdown().rstrip() for table in tables)]) + "\n"
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(record())

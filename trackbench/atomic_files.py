@@ -92,10 +92,13 @@ def within(folder: Path, name: str) -> Path:
 
     A results folder from elsewhere may hold a link to any folder of its reader.
     """
-    if (folder / name).is_symlink():
-        what = "is a link, and results stay inside their folder; remove the link"
-        raise WriteError(folder / name, OSError(errno.ELOOP, what))
-    return folder / name
+    path = folder
+    for part in Path(name).parts:
+        path = path / part
+        if path.is_symlink():
+            what = "is a link, and results stay inside their folder; remove the link"
+            raise WriteError(path, OSError(errno.ELOOP, what))
+    return path
 
 
 def remove(path: Path) -> None:

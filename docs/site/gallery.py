@@ -24,12 +24,17 @@ class Experiment(NamedTuple):
     config: dict[str, Any]
 
     @property
+    def folders(self) -> tuple[Path, Path]:
+        """The recorded CPU times, and the results."""
+        return ROOT / "results" / "times" / self.name, self.folder
+
+    @property
     def figures(self) -> list[Path]:
         """Its figures, in the config's order, the key figure first."""
         asked = [*(self.config.get("figures") or {}), "default"]
         key = self.config.get("key_figure")
         names = sorted(asked, key=lambda name: name != key) if key else asked
-        found = {path.stem: path for path in self.folder.glob("figures/*.svg")}
+        found = {p.stem: p for folder in self.folders for p in folder.glob("figures/*.svg")}
         return [found.pop(name) for name in names if name in found] + sorted(found.values())
 
     @property
@@ -43,9 +48,10 @@ class Experiment(NamedTuple):
     def table(self) -> str:
         """Its first table, as Markdown."""
         for name in self.config.get("tables") or ["default"]:
-            path = self.folder / "tables" / f"{name}.md"
-            if path.is_file():
-                return path.read_text(encoding="utf-8")
+            for folder in self.folders:
+                path = folder / "tables" / f"{name}.md"
+                if path.is_file():
+                    return path.read_text(encoding="utf-8")
         return ""
 
 
@@ -117,8 +123,10 @@ def _parts(e: Experiment) -> Iterator[str]:
     yield e.table
     takes = f" takes {_time(e.cpu_s)} of one processor" if e.cpu_s else " runs it"
     yield f"```sh\ntrackbench run {e.name}\n```"
-    report = f"[the report]({e.name}/report.html)"
-    yield f"That{takes}; `--quick` a fraction. All tables, figures and verdicts: {report}."
+    report = f"`results/{e.name}/report.html`"
+    if (e.folder / "report.html").is_file():
+        report = f"[the report]({e.name}/report.html)"
+    yield f"That{takes}; `--quick` a fraction. It writes all tables, figures and verdicts to {report}."
     for path in e.figures[1:]:
         yield _picture(e, path)
     yield "## Config"

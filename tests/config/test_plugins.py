@@ -15,6 +15,7 @@ from trackbench.errors import UserError
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.plugins.errors import BadPluginError
+from trackbench.results.folder_contents import read_manifest
 
 PLUGIN = '''
 """A filter that believes the first measurement component."""
@@ -67,7 +68,7 @@ def config(tmp_path: Path) -> Path:
 
 
 def blocks(folder: Path) -> dict[str, int]:
-    return json.loads((folder / "manifest.json").read_text())["blocks"]
+    return read_manifest(folder)["blocks"]
 
 
 def test_a_plugin_is_refused_and_not_run(config: Path) -> None:
@@ -90,7 +91,7 @@ def test_a_plugin_runs_in_worker_processes(
         assert (one.folder / name).read_bytes() == (two.folder / name).read_bytes()
     frame = one.per_run
     assert (frame[(frame["filter"] == "Half") & (frame["metric"] == "lost")]["value"] == 0).all()
-    manifest = json.loads((one.folder / "manifest.json").read_text())
+    manifest = read_manifest(one.folder)
     assert len(next(iter(manifest["plugins"].values()))) == 64
 
 

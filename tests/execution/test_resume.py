@@ -1,6 +1,5 @@
 """Runs that are killed, damaged or starved: nothing finished is lost, nothing wrong is used."""
 
-import json
 import os
 import random
 import resource
@@ -19,6 +18,7 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.execution.engines import cpu_count
+from trackbench.results.folder_contents import read_manifest
 
 FILES = ("per_run.csv", "per_step.csv", "summary.csv")
 
@@ -81,7 +81,7 @@ def same_results(one: Path, other: Path) -> None:
 
 
 def manifest(folder: Path) -> dict[str, object]:
-    return json.loads((folder / "manifest.json").read_text())
+    return read_manifest(folder)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """Results folders edited with a manifest made to agree, and some as of another machine."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,13 @@ import pytest
 from trackbench import api
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.results.folder_contents import seal
+from trackbench.results.folder_contents import read_manifest, write_manifest
 
 
 def reseal(folder: Path) -> None:
-    """New digests for every file that the manifest names."""
-    manifest = json.loads((folder / "manifest.json").read_text())
-    seal(folder, manifest, [folder / name for name in manifest["files"]])
+    """Write new digests of every file that the manifest names."""
+    manifest = read_manifest(folder)
+    write_manifest(folder, manifest, [folder / name for name in manifest["files"]])
 
 
 def edit(folder: Path, name: str, old: str, new: str) -> None:

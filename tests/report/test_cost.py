@@ -151,7 +151,7 @@ def results(tmp_path_factory):
 def test_each_path_takes_its_own_value(results):
     sizes = [(p["filters.PF.N & filters.HDEPF.N"], p["filters.HDEPF.G"]) for p in results.points()]
     assert sizes == [(f"[{a}, {b}]", g) for a, b in ((10, 5), (40, 8), (160, 12)) for g in (1, 3)]
-    given = results.given(results.points()[-1]).filters
+    given = results.facts(results.points()[-1]).filters
     assert (given["PF"]["N"], given["HDEPF"]["N"], given["HDEPF"]["G"]) == (160, 12, 3)
 
 
@@ -250,7 +250,7 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     assert verify(results.folder, 20) == []
     drawn = api.plot(results.folder, formats=("svg",))
     assert len(drawn) == 2
-    text = (results.folder / "figures" / "cost.svg").read_text()
+    text = (results.folder / "run" / "figures" / "cost.svg").read_text()
     for word in ("HDEPF (G = 3)", "Front", "Exact", "CPU time per step"):
         assert word in text
     told = results.parts("figures")["cost"].tell(results)
@@ -328,7 +328,7 @@ def test_without_times_or_steps(results, tmp_path: Path):
     with pytest.raises(UserError, match=rf"manifest.json: does not say how many steps.*{again}"):
         api.plot(folder, formats=("svg",))
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    (folder / "timing.csv").unlink()
+    (folder / "run" / "timing.csv").unlink()
     with pytest.raises(UserError, match=f"timing.csv.* missing: {again}"):
         api.plot(folder, formats=("svg",))
 

@@ -17,6 +17,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.execution import cpu_times as computing
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
+from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import read_columns
 from trackbench.verify.verify import verify
 
@@ -176,7 +177,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_times_touch_no_other_verdict(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = run(config)
-    words = {row["statement"]: row["verdict"] for row in rows(folder / "time_verdicts.csv")}
+    words = {row["statement"]: row["verdict"] for row in rows(folder / TIME_VERDICTS)}
     assert words == {"HDEPF: Time": "differs", "HDEPF is dearer": "holds"}
     assert [row["claim"] for row in rows(folder / "claims.csv")] == ["HDEPF is better"]
     assert [row["metric"] for row in rows(folder / "comparison.csv")] == ["Mean"]
@@ -192,21 +193,21 @@ def test_times_touch_no_other_verdict(config: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(computing, "measure", faster)
     run(config, fresh=True)
     assert {name: (folder / name).read_bytes() for name in others} == before
-    words = {row["statement"]: row["verdict"] for row in rows(folder / "time_verdicts.csv")}
+    words = {row["statement"]: row["verdict"] for row in rows(folder / TIME_VERDICTS)}
     assert words["HDEPF is dearer"] == "fails"
 
 
-def test_report_and_ledger_have_a_section_of_their_own(config: Path) -> None:
+def test_times_stand_in_reports_and_not_in_the_ledger(config: Path) -> None:
     folder = run(config)
     page = (folder / "report.html").read_text()
     assert "CPU times, on this machine" in page
     write_overview(folder.parent)
+    index = (folder.parent / "index.html").read_text()
     ledger = (folder.parent / "README.md").read_text()
-    head, times = ledger.split("**CPU times, on this machine**")
-    assert "HDEPF is dearer" in times
-    assert "HDEPF is dearer" not in head
-    assert "1 claim" in head
-    assert "2 claims" not in head
+    assert "HDEPF is dearer" in index
+    assert "HDEPF is dearer" not in ledger
+    assert "1 claim" in ledger
+    assert "2 claims" not in ledger
 
 
 def test_stored_times_are_not_measured_again_by_verify(
@@ -228,8 +229,8 @@ def test_measured_times_are_kept_until_code_machine_or_filters_change(
         return measured(tasks, guard)
 
     monkeypatch.setattr(computing, "measure", counted)
-    first = (run(config) / "timing.csv").read_text()
-    assert (run(config) / "timing.csv").read_text() == first
+    first = (run(config) / TIMING).read_text()
+    assert (run(config) / TIMING).read_text() == first
     run(config, runs=20)
     assert taken == [2]
     run(config, set=["filters.PF.N=20"])
@@ -249,8 +250,8 @@ def test_nothing_is_measured_where_nothing_names_times(
 ) -> None:
     monkeypatch.setattr(computing, "measure", None)
     folder = run(config, set=["published=[]"])
-    assert not (folder / "time_verdicts.csv").exists()
-    assert [row["repeats"] for row in rows(folder / "timing.csv")] == ["", ""]
+    assert not (folder / TIME_VERDICTS).exists()
+    assert [row["repeats"] for row in rows(folder / TIMING)] == ["", ""]
 
 
 @pytest.mark.parametrize(
@@ -264,7 +265,7 @@ def test_nothing_is_measured_where_nothing_names_times(
 )
 def test_tables_and_figures_that_name_times_have_them(config: Path, asked: str) -> None:
     folder = run(config, set=["published=[]", asked, "grid={filters.PF.N: [10, 20]}"])
-    assert all(row["repeats"].count(";") == 8 for row in rows(folder / "timing.csv"))
+    assert all(row["repeats"].count(";") == 8 for row in rows(folder / TIMING))
 
 
 def test_a_filter_that_fails_when_it_is_timed_has_no_times(
@@ -280,14 +281,15 @@ def test_a_filter_that_fails_when_it_is_timed_has_no_times(
     monkeypatch.setattr(timing, "operations", failing)
     folder = run(config, quiet=False)
     assert "HDEPF has no measured CPU time" in capsys.readouterr().err
-    times = {row["filter"]: row["repeats"] for row in rows(folder / "timing.csv")}
+    times = {row["filter"]: row["repeats"] for row in rows(folder / TIMING)}
     assert times["HDEPF"] == ""
     assert times["PF"].count(";") == 8
-    assert {row["verdict"] for row in rows(folder / "time_verdicts.csv")} == {"not measured"}
+    assert {row["verdict"] for row in rows(folder / TIME_VERDICTS)} == {"not measured"}
     assert len(rows(folder / "claims.csv")) == 1
 
 
 def test_an_old_file_goes_when_nothing_is_published_about_times(tmp_path: Path) -> None:
-    (tmp_path / "time_verdicts.csv").write_text("old")
+    (tmp_path / "run").mkdir()
+    (tmp_path / TIME_VERDICTS).write_text("old")
     write_time_verdicts(Folder({}, Published([], []), tmp_path))  # type: ignore[arg-type]
-    assert not (tmp_path / "time_verdicts.csv").exists()
+    assert not (tmp_path / TIME_VERDICTS).exists()

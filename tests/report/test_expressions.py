@@ -17,7 +17,7 @@ from trackbench.evaluation.intervals import (
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Expressions
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.point_facts import Given
+from trackbench.results.point_facts import PointFacts
 from trackbench.results.read_csv import Columns
 
 RUNS = 120
@@ -32,14 +32,14 @@ class Folder:
     timing: Columns
 
     filters: tuple = ("A", "B")
-    every_point: tuple = ({},)
+    grid_points: tuple = ({},)
 
     @property
     def config(self):
         return {"runs": RUNS}
 
-    def given(self, point):
-        return Given(point, {}, {"A": {"kind": "none", "N": 4}, "B": {}}, [], [], {}, [])
+    def facts(self, point):
+        return PointFacts(point, {}, {"A": {"kind": "none", "N": 4}, "B": {}}, [], [], {}, [])
 
     def runs(self, point):
         return self.values

@@ -69,7 +69,7 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
     assert looks["Exact"] == style.FLOOR
     assert looks["No data"] == style.BASELINE
     assert looks["PF"] == style.line(0)
-    assert Results(made).look("Exact") == style.FLOOR  # in figures that do not say so, too
+    assert Results(made).line_style("Exact") == style.FLOOR  # in figures that do not say so, too
 
 
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
@@ -116,8 +116,10 @@ def test_a_filter_looks_the_same_in_every_figure(made):
     looks = [
         dict(spec.labels(results)) for spec in map(results.parts("figures").get, ("time", "runs"))
     ]
-    assert looks[0]["PF"] == looks[1]["PF"] == results.look("PF")
-    assert RmseVsTime(filters=("No data",)).labels(results).__next__()[1] == results.look("No data")
+    assert looks[0]["PF"] == looks[1]["PF"] == results.line_style("PF")
+    assert RmseVsTime(filters=("No data",)).labels(results).__next__()[1] == results.line_style(
+        "No data"
+    )
 
 
 def test_eight_filters_differ_in_grey_and_more_in_colour_and_dash():

@@ -1,7 +1,6 @@
 """Folders that are not whole: one clear line, exit code 2, no traceback."""
 
 import json
-import lzma
 import re
 
 import pytest
@@ -35,18 +34,16 @@ def manifest_with(**entries):
     return damage
 
 
-def cut_packed(folder):
+def cut_runs(folder):
     path = folder / "per_run.csv"
-    packed = lzma.compress(path.read_bytes())
-    path.with_name("per_run.csv.xz").write_bytes(packed[:30])
-    path.unlink()
+    path.write_bytes(path.read_bytes()[:300])
 
 
 BAD = {
     "edited failures": (manifest_with(failed=[3]), "manifest.json cannot be read"),
     "edited times": (manifest_with(cpu_s="long"), "manifest.json cannot be read"),
     "edited versions": (manifest_with(packages=3), "manifest.json cannot be read"),
-    "cut xz": (cut_packed, "per_run.csv was changed after the run"),
+    "cut runs": (cut_runs, "per_run.csv was changed after the run"),
     "another grid": (
         lambda f: spoil(f, "config.yaml", "grid: {}", "grid: {scenario.sensor.R: [0.1]}"),
         "the results were computed over another grid",
@@ -64,7 +61,8 @@ BAD = {
         lambda f: spoil(f, "summary.csv", "PF,mean", "PG,mean"),
         "summary.csv was changed after the run",
     ),
-    "missing csv": (lambda f: spoil(f, "per_run.csv"), "per_run.csv is missing"),
+    "missing csv": (lambda f: spoil(f, "summary.csv"), "summary.csv is missing"),
+    "a clone": (lambda f: spoil(f, "per_run.csv"), "per_run.csv: is missing (git keeps its digest"),
     "no config": (lambda f: spoil(f, "config.yaml"), "is not a results folder"),
     "broken config": (lambda f: spoil(f, "config.yaml", "seed: 7", "seed: [7"), "config.yaml:"),
     "wrong config": (lambda f: spoil(f, "config.yaml", "runs: 400", "runs: many"), "'many' is not"),
@@ -119,7 +117,7 @@ def test_an_interrupted_rewrite_leaves_a_folder_that_is_refused(folder, monkeypa
     def no_space(*_, **__):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(write.Kept, "write", no_space)
+    monkeypatch.setattr(write.TrackFile, "write", no_space)
     options = api.Options(engine="serial", quiet=True, out=folder, formats=())
     with pytest.raises(OSError, match="no space"):
         api.run(folder / "config.yaml", options)

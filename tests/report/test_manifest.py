@@ -14,7 +14,8 @@ from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
 from trackbench.errors import RunError
-from trackbench.report.open import changed_since, open_results
+from trackbench.report.open import changed_files, open_results
+from trackbench.results.folder_contents import read_manifest
 from trackbench.verify.verify import verify
 
 CONFIG = """
@@ -53,14 +54,17 @@ def files(folder: Path) -> set[str]:
 
 
 def manifest(folder: Path) -> dict[str, object]:
-    return json.loads((folder / "manifest.json").read_text())
+    return read_manifest(folder)
+
+
+MANIFESTS = {"manifest.json", "run/machine.json"}
 
 
 def whole(folder: Path) -> bool:
     """Every file is in the manifest with its digest."""
     digests = {
         name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        for name in files(folder) - {"manifest.json"}
+        for name in files(folder) - MANIFESTS
     }
     return manifest(folder)["files"] == digests
 
@@ -87,7 +91,7 @@ def test_that_of_a_sweep_has_its_files_too(tmp_path: Path) -> None:
     assert whole(swept)
 
 
-@pytest.mark.parametrize("where", ["render", "write_figures", "write_report", "seal"])
+@pytest.mark.parametrize("where", ["render", "write_figures", "write_report", "write_manifest"])
 def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str) -> None:
     run(folder.parent / "c.yaml", formats=("png", "svg", "tex"), save_tracks=True)
     for name in OWN:
@@ -115,7 +119,7 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
             f"{folder}: is half-written, it has no manifest.json: run the experiment again"
         )
     run(config)
-    assert files(folder) - set(OWN) == set(manifest(folder)["files"]) | {"manifest.json"}
+    assert files(folder) - set(OWN) == set(manifest(folder)["files"]) | MANIFESTS
     assert all((folder / name).read_text() == "mine" for name in OWN)
     assert verify(folder, 2) == []
 
@@ -160,13 +164,15 @@ def test_a_folder_of_an_older_version_is_read_and_replaced(folder: Path) -> None
         n: d for n, d in manifest(folder)["files"].items() if n in ("per_run.csv", "summary.csv")
     }
     content = manifest(folder) | {"format": 1, "files": raw}
+    (folder / "run" / "timing.csv").rename(folder / "timing.csv")
+    shutil.rmtree(folder / "run")
     (folder / "manifest.json").write_text(json.dumps(content))
     assert verify(folder, 2) == []
     api.plot(folder, ["svg"])
     assert set(manifest(folder)["files"]) == {*raw, "figures/f.svg"}
     (folder / "manifest.json").write_text(json.dumps(content))
     run(write(folder.parent, "other", "new"))
-    assert not files(folder) & {"tables/t.csv", "tables/t.md", "figures/f.svg"}
+    assert not files(folder) & {"tables/t.csv", "tables/t.md", "figures/f.svg", "timing.csv"}
 
 
 def test_the_manifest_follows_what_is_written_again(folder: Path) -> None:
@@ -211,7 +217,7 @@ def test_a_changed_file_is_said_and_stays_said(folder, capsys, names, what) -> N
         found = command()
         lines = capsys.readouterr().err.splitlines() or [f.text for f in found]
         assert f"{what} after the run: run the experiment again" in lines[0]
-    assert changed_since(open_results(folder))
+    assert changed_files(open_results(folder))
     (folder / "tables" / "t.csv").unlink()
     api.report(folder.parent)
     assert f"note: {folder}: tables/t.csv is missing: run" in capsys.readouterr().err
@@ -246,7 +252,7 @@ def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch)
     monkeypatch.setattr(render, "write_bytes", second)
     with pytest.raises(RunError, match="no space"):
         api.plot(folder, ["svg"])
-    assert changed_since(open_results(folder)) == []
+    assert changed_files(open_results(folder)) == []
 
 
 def test_digests_made_anew_are_those_of_the_run(folder: Path) -> None:

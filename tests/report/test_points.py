@@ -66,7 +66,7 @@ def test_a_panel_shows_its_own_point(tmp_path: Path) -> None:
     results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [0, 1, 2]}\n")
     assert [point["filters.A.off"] for point in results.points()] == [1, 2]
     assert estimates(results) == [("off = 1", 1.0), ("off = 2", 2.0)]
-    assert results.tracks(results.every_point[0]) == {}
+    assert results.tracks(results.grid_points[0]) == {}
 
 
 def test_a_key_that_is_new_since_changes_no_point() -> None:
@@ -128,7 +128,7 @@ def test_a_key_of_a_plugin_is_known_without_it(tmp_path: Path) -> None:
     results = ran(tmp_path, OFFSET + "grid: {filters.A.off: [1, 2]}\n")
     unknown = Results(results.folder)
     unknown.config["filters"]["A"]["kind"] = "nobody-knows"
-    found = [unknown.given(point).filters["A"]["off"] for point in unknown.points()]
+    found = [unknown.facts(point).filters["A"]["off"] for point in unknown.points()]
     assert found == [1, 2]
 
 

@@ -148,7 +148,7 @@ def test_moved_recorded_data(tmp_path: Path) -> None:
     (home / "z.csv").write_text("run,time,x,y\n" + "\n".join(lines) + "\n")
     (home / "c.yaml").write_text(RECORDED)
     results = api.run(home / "c.yaml", out=home / "out", **QUIET).results
-    assert results.given({}).scenario["target"]["measurements"] == "../z.csv"
+    assert results.facts({}).scenario["target"]["measurements"] == "../z.csv"
     folder = Path(shutil.move(home / "out", tmp_path / "moved"))
     shutil.rmtree(home)
     for command in (api.plot, api.report, api.compare):
@@ -192,7 +192,7 @@ grid: {scenario.target.legs: [[{start: 10, end: 20, ax: 1}], [{start: 15, end: 3
 def test_what_is_shaded_is_of_the_point(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(TURNS)
     results = api.run(tmp_path / "c.yaml", out=tmp_path / "o", **QUIET).results
-    found = [results.given(point).spans for point in results.points()]
+    found = [results.facts(point).spans for point in results.points()]
     assert found == [[[10.0, 20.0]], [[15.0, 30.0]]]
 
 
@@ -221,4 +221,4 @@ def test_a_folder_without_the_points_or_with_others_is_said(made: Path, tmp_path
     done = trackbench("compare", folder, cwd=tmp_path)
     assert done.returncode == 2
     assert "points.json was changed after the run" in done.stderr
-    assert Results(made).given({}).filters["PF"]["N"] == 10
+    assert Results(made).facts({}).filters["PF"]["N"] == 10

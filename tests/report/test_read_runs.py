@@ -11,7 +11,6 @@ from trackbench import api
 from trackbench.config.metric_names import max_metrics_per_run
 from trackbench.execution.plan import _read_bytes
 from trackbench.report.results import Results
-from trackbench.results.xz import pack
 
 CONFIG = """
 name: pieces
@@ -38,15 +37,8 @@ def made(folder: Path, *grid: str) -> Path:
     ],
     ids=["plain", "numbers", "words", "nothing"],
 )
-@pytest.mark.parametrize("packed", [False, True])
-def test_runs_in_groups_are_those_of_the_frame(
-    tmp_path: Path, grid: tuple[str, ...], packed: bool
-) -> None:
-    folder = made(tmp_path, *grid)
-    if packed:
-        pack(folder)
-        (folder / "per_run.csv").unlink()
-    results = Results(folder)
+def test_runs_in_groups_are_those_of_the_frame(tmp_path: Path, grid: tuple[str, ...]) -> None:
+    results = Results(made(tmp_path, *grid))
     for point in results.points():
         frame = results.at(results.per_run, point)
         groups = list(frame.groupby(["filter", "metric"], sort=False))

@@ -49,7 +49,7 @@ def load(folder: Path) -> None:
     with suppress(UserError, RunError):
         results = api.load(folder)
         for point in results.points():
-            for ask in (results.runs, results.tracks, results.given, results.steps):
+            for ask in (results.runs, results.tracks, results.facts, results.steps):
                 ask(point)
         for name in ("per_run", "per_step", "summary", "timing", "shown", "tuning", "published"):
             getattr(results, name)
@@ -101,7 +101,15 @@ def link_to_itself(path: Path) -> None:
 
 FILES = (
     *("config.yaml", "manifest.json", "points.json", "per_run.csv", "per_step.csv", "summary.csv"),
-    *("timing.csv", "shown.npz", "tuning.csv", "published/p.csv", "figures/f.svg", "tables/t.csv"),
+    *(
+        "run/machine.json",
+        "run/timing.csv",
+        "shown.npz",
+        "tuning.csv",
+        "published/p.csv",
+        "figures/f.svg",
+        "tables/t.csv",
+    ),
 )
 WHOLE = [
     (name, damage, command)
@@ -119,7 +127,7 @@ def test_a_damaged_file(
 ) -> None:
     folder = shutil.copytree(small, tmp_path / "out")
     damage(folder / name)
-    if name != "manifest.json":
+    if not name.endswith(("manifest.json", "machine.json")):
         reseal(folder)
     COMMANDS[command](folder)
 
@@ -165,6 +173,9 @@ FORGED: list[tuple[str, Callable[[Path], None], str]] = [
     ("manifest.json", leaf("failed", value=[{}]), "report"),
     ("manifest.json", leaf("steps", value=float("nan")), "report"),
     ("manifest.json", leaf("cpu_s", value=10**400), "report"),
+    ("run/machine.json", leaf("packages", value=[]), "report"),
+    ("run/machine.json", leaf("files", value=[]), "plot"),
+    ("run/machine.json", leaf("runs", value="x"), "report"),
     ("manifest.json", leaf("files", "../../own", value=[]), "run"),
     ("points.json", leaf(0, "spans", value=[["x"]]), "report"),
     ("points.json", leaf(0, value=[1]), "load"),
@@ -181,8 +192,8 @@ FORGED: list[tuple[str, Callable[[Path], None], str]] = [
     ("per_step.csv", text(r"(UKF,[0-9]+),", r"\g<1>,,"), "verify"),
     ("summary.csv", text(",stderr", ""), "report"),
     ("summary.csv", text(r"(mean\(rmse_position\)),[^,]+", r"\1,nan"), "report"),
-    ("timing.csv", text("\n.*", ""), "report"),
-    ("timing.csv", text(",cpu_s,", ",cpu,"), "verify"),
+    ("run/timing.csv", text("\n.*", ""), "report"),
+    ("run/timing.csv", text(",cpu_s,", ",cpu,"), "verify"),
     ("tuning.csv", text("kappa", "alpha"), "report"),
     ("tuning.csv", text("kappa,[^,]+,", "kappa,=1,"), "load"),
     ("published/p.csv", text("rms", "rns"), "compare"),
@@ -200,7 +211,7 @@ def test_a_forged_file(
 ) -> None:
     folder = shutil.copytree(small, tmp_path / "out")
     forge(folder / name)
-    if name != "manifest.json":
+    if not name.endswith(("manifest.json", "machine.json")):
         reseal(folder)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -10,7 +10,7 @@ import pytest
 
 from trackbench import api
 from trackbench.errors import WriteError
-from trackbench.results.folder_contents import remove_outputs, seal
+from trackbench.results.folder_contents import read_manifest, remove_outputs, write_manifest
 from trackbench.results.lock import locked
 
 RUN = api.Options(engine="serial", quiet=True, formats=("svg",))
@@ -67,8 +67,8 @@ def test_a_plot_waits_for_a_run_and_keeps_its_manifest(
             plotted = threads.submit(api.plot, folder, ["svg"], ["time"])
             with pytest.raises(TimeoutError):
                 plotted.result(timeout=0.5)
-            manifest = json.loads((folder / "manifest.json").read_text())
-            seal(folder, manifest | {"seed": 99}, ())
+            manifest = read_manifest(folder)
+            write_manifest(folder, manifest | {"seed": 99}, ())
         plotted.result(timeout=60)
     assert f"small/ is in use by process {os.getpid()}; waiting" in capsys.readouterr().err
     assert json.loads((folder / "manifest.json").read_text())["seed"] == 99

@@ -13,7 +13,7 @@ from trackbench.errors import UserError
 from trackbench.report.results import Results
 from trackbench.tuning.record import Record
 from trackbench.verify import verify
-from trackbench.verify.tuning import tuning_again
+from trackbench.verify.tuning import compare_tuning
 
 CONFIG = """
 name: small
@@ -163,7 +163,7 @@ def test_the_tuned_config_gives_the_same_again(report: api.Report, tmp_path: Pat
 
 def _found_in(folder: Path, runs: int = 20) -> list[str]:
     experiment = api.prepare(folder / "config.yaml", api.Options())
-    return [found.text for found in tuning_again(Results(folder), experiment, runs)]
+    return [found.text for found in compare_tuning(Results(folder), experiment, runs)]
 
 
 def test_every_trial_is_computed_again_where_every_run_is(report: api.Report) -> None:

@@ -8,7 +8,6 @@ import pytest
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
 from trackbench import api
-from trackbench.results.xz import pack
 from trackbench.verify.verify import verdict, verify
 
 FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
@@ -17,7 +16,8 @@ FIELDS = ("filter", "metric", "value", "stderr", "runs", "lost")
 @pytest.fixture
 def nothing_computed(monkeypatch):
     """Only what follows from the stored runs."""
-    monkeypatch.setattr("trackbench.verify.verify.computed_again", lambda *_: [])
+    monkeypatch.setattr("trackbench.verify.verify.recompute", lambda *_: None)
+    monkeypatch.setattr("trackbench.verify.verify.compare_runs", lambda *_: [])
 
 
 def change(folder, name, wanted, column, by):
@@ -40,36 +40,7 @@ def one_more(x):
     return int(x) + 1
 
 
-CHANGES = {
-    "mean": (["summary.csv", ["PF", "mean(rmse)"], "value", more], "summary.csv: 1 of "),
-    "error": (["summary.csv", ["PF", "median(rmse)"], "stderr", more], "summary.csv: 1 of "),
-    "runs": (["summary.csv", ["PF", "rms(rmse)"], "runs", one_more], "summary.csv: 1 of "),
-    "lost": (["summary.csv", ["PF", "rms(rmse)"], "lost", one_more], "summary.csv: 1 of "),
-    "name": (["summary.csv", ["PF", "anees"], "metric", "mean(no)"], "summary.csv: 2 of "),
-    "mean over time": (
-        ["summary.csv", ["PF", "time-mean(rmse)"], "value", more],
-        "per_step.csv: 1 of ",
-    ),
-    "a late run": (
-        ["per_run.csv", ["PF", "rmse", "377"], "value", lambda x: 2 * x],
-        "summary.csv: ",
-    ),
-    "a step": (
-        ["per_step.csv", ["PF", "rmse", "5"], "value", lambda x: 1.01 * x],
-        "per_step.csv: ",
-    ),
-    "a bias": (
-        ["per_step.csv", ["PF", "bias", "5"], "value", lambda x: x + 0.01],
-        "per_step.csv: ",
-    ),
-    "a NEES": (
-        ["per_step.csv", ["Exact", "anees", "5"], "value", lambda x: x + 0.01],
-        "per_step.csv: ",
-    ),
-    "an error of a step": (
-        ["per_step.csv", ["PF", "rmse", "5"], "stderr", lambda x: 1.01 * x],
-        "per_step.csv: ",
-    ),
+DERIVED = {
     "a table": (["tables/table1.csv", ["PF"], "Mean", more], "tables/table1.csv: 1 rows "),
     "published": (
         ["comparison.csv", ["MCMC"], "published", "2.0"],
@@ -79,16 +50,64 @@ CHANGES = {
     "a claim": (["claims.csv", ["PF equals itself"], "z", more], "claims.csv: 1 rows "),
     "a pair": (["paired.csv", ["PF", "Exact"], "p_holm", "0.2"], "paired.csv: 1 rows "),
 }
+COMPUTED = {
+    "mean": (["summary.csv", ["PF", "mean(rmse)"], "value", more], "summary.csv: 1 of "),
+    "error": (["summary.csv", ["PF", "median(rmse)"], "stderr", more], "summary.csv: 1 of "),
+    "runs": (["summary.csv", ["PF", "rms(rmse)"], "runs", one_more], "summary.csv: has other rows"),
+    "lost": (["summary.csv", ["PF", "rms(rmse)"], "lost", one_more], "summary.csv: has other rows"),
+    "mean over time": (
+        ["summary.csv", ["PF", "time-mean(rmse)"], "value", more],
+        "summary.csv: 1 of ",
+    ),
+    "a late run": (
+        ["per_run.csv", ["PF", "rmse", "377"], "value", lambda x: 2 * x],
+        "per_run.csv: PF: 1 of ",
+    ),
+    "a step": (["per_step.csv", ["PF", "rmse", "5"], "value", more], "per_step.csv: 1 of "),
+    "a bias": (
+        ["per_step.csv", ["PF", "bias", "5"], "value", lambda x: x + 0.01],
+        "per_step.csv: 1 of ",
+    ),
+    "a NEES": (
+        ["per_step.csv", ["Exact", "anees", "5"], "value", lambda x: x + 0.01],
+        "per_step.csv: 1 of ",
+    ),
+    "an error of a step": (
+        ["per_step.csv", ["PF", "rmse", "5"], "stderr", more],
+        "per_step.csv: 1 of ",
+    ),
+}
+NAMES = {
+    "a metric": (["summary.csv", ["PF", "anees"], "metric", "mean(no)"], "summary.csv: "),
+    "a filter": (["summary.csv", ["PF", "anees"], "filter", "Exact"], "summary.csv: "),
+    "a filter of a step": (
+        ["per_step.csv", ["PF", "rmse", "5"], "filter", "UKF"],
+        "per_step.csv: ",
+    ),
+}
 
 
-@pytest.mark.parametrize("case", CHANGES)
-@pytest.mark.usefixtures("nothing_computed")
-def test_an_edited_number_is_found(folder, case):
-    what, begin = CHANGES[case]
+def check_change(folder, what, begin, runs):
     change(folder, *what)
-    found = verify(folder, 1)
+    found = verify(folder, runs)
     assert verdict(found) == "changed"
     assert [f.text for f in found if f.text.startswith(begin)], [f.text for f in found]
+
+
+@pytest.mark.parametrize("case", DERIVED)
+@pytest.mark.usefixtures("nothing_computed")
+def test_an_edited_number_that_follows_from_the_runs_is_found(folder, case):
+    check_change(folder, *DERIVED[case], 1)
+
+
+@pytest.mark.parametrize("case", COMPUTED)
+def test_an_edited_number_is_found_where_all_runs_are_computed(folder, case):
+    check_change(folder, *COMPUTED[case], 400)
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_an_edited_name_is_found_by_one_run(folder, case):
+    check_change(folder, *NAMES[case], 1)
 
 
 @pytest.mark.parametrize(
@@ -109,16 +128,6 @@ def test_an_edited_word_is_found(folder, name, old, new, line):
     edit(folder, name, old, new)
     found = [finding.text for finding in verify(folder, 1)]
     assert [text for text in found if text.startswith(line)] if line else found == []
-
-
-@pytest.mark.usefixtures("nothing_computed")
-def test_a_packed_file_is_looked_into(folder):
-    change(folder, "summary.csv", ["PF", "mean(rmse)"], "value", more)
-    pack(folder)
-    for name in ("per_run.csv", "per_step.csv", "summary.csv"):
-        (folder / name).unlink()
-    first = verify(folder, 1)[0].text
-    assert first.endswith("the first is that of PF, mean(rmse)")
 
 
 @pytest.mark.usefixtures("nothing_computed")

@@ -15,7 +15,7 @@ from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.results.xz import PACKED, pack
+from trackbench.results.folder_contents import is_in_git, read_manifest, write_manifest
 from trackbench.verify.verify import verdict, verify
 
 CONFIG = """
@@ -40,18 +40,78 @@ def config(tmp_path):
     return tmp_path / "c.yaml"
 
 
-def test_what_was_stored_comes_out_again_even_packed(folder):
+def as_cloned(folder):
+    """Keep what git keeps of a results folder."""
+    for path in [p for p in folder.rglob("*") if p.is_file()]:
+        if not is_in_git(path.relative_to(folder).as_posix()):
+            path.unlink()
+    return folder
+
+
+def test_stored_results_are_reproduced(folder):
     assert verify(folder, 5) == []
-    pack(folder)
-    written = {name: (folder / f"{name}.xz").read_bytes() for name in PACKED}
-    pack(folder)
-    for name in PACKED:
-        assert (folder / f"{name}.xz").read_bytes() == written[name]
-        (folder / name).unlink()
-    assert verify(folder, 5) == []
+    assert verify(as_cloned(folder), 5) == []
+    assert api.load(folder).summary["value"].notna().any()
     for command in (api.compare, api.plot, api.report):
-        command(folder)
+        with pytest.raises(UserError, match=r"is missing.*: run the experiment again"):
+            command(folder)
     assert verify(folder, 5) == []
+
+
+def test_the_overview_needs_the_runs_of_published_experiments_alone(config, tmp_path):
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "all" / "small")
+    as_cloned(api.run(config, options, formats=("svg",)).folder)
+    assert len(api.report(tmp_path / "all")) == 2
+
+
+def mend_digest(folder, name):
+    manifest = read_manifest(folder)
+    manifest["files"][name] = "0" * 64
+    write_manifest(folder, manifest, [])
+
+
+@pytest.mark.parametrize("name", ["per_run.csv", "per_step.csv", "shown.npz"])
+def test_a_wrong_digest_in_a_clone_is_changed(folder, name):
+    mend_digest(as_cloned(folder), name)
+    (finding,) = verify(folder, 1)
+    assert finding.text == f"{name}: has another digest when it is computed again"
+    assert not finding.is_rounding
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "line"),
+    [
+        ("summary.csv", "PF,mean(rmse),0.", "PF,mean(rmse),1.", "summary.csv: 1 of "),
+        ("summary.csv", "No data,mean(", "PF,mean(", "summary.csv: has other rows"),
+        ("tables/table1.csv", "PF,0.", "PF,1.", "tables/table1.csv: 1 rows "),
+        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
+    ],
+)
+def test_an_edited_number_in_a_clone_is_changed(folder, name, old, new, line):
+    edit(as_cloned(folder), name, old, new)
+    found = verify(folder, 1)
+    assert verdict(found) == CHANGED
+    assert [f.text for f in found if f.text.startswith(line)], [f.text for f in found]
+
+
+@pytest.mark.parametrize("kind", ["pf", "ukf"])
+def test_the_clone_of_another_machine_s_results_is_rounding(config, kind):
+    def last_digits(rng, shape):
+        return 1.0 + 1e-6 * rng.standard_normal(shape)
+
+    found = verify(as_cloned(elsewhere(config, kind, last_digits)), 1)
+    assert verdict(found) == ROUNDING, found
+    assert {"summary.csv", "per_run.csv"} <= {f.text.partition(":")[0] for f in found}
+
+
+def test_the_clone_of_a_filter_that_draws_other_noise_is_rounding(config):
+    found = verify(as_cloned(elsewhere(config, "pf", None)), 1)
+    assert verdict(found) == ROUNDING, found
+
+
+def test_the_clone_of_a_worse_kalman_filter_is_changed(config):
+    found = verify(as_cloned(elsewhere(config, "ukf", lambda rng, shape: 1.02)), 1)
+    assert verdict(found) == CHANGED
 
 
 def test_blocks_that_fit_come_out_again_of_fewer_runs(tmp_path):
@@ -193,7 +253,7 @@ def test_the_command_says_which_and_leaves_with_1_if_it_is_changed(config, tmp_p
     assert all(line.startswith("  ") for line in lines[1:])
     lines = command_lines(forged, tmp_path / "nowhere", rounded, status=2)
     assert lines[0] == f"{forged}: changed"
-    assert lines[1].startswith("  summary.csv: 1 of ")
+    assert lines[1].startswith("  tables/t.csv: 1 rows ")
     assert f"{rounded}: the same but for rounding" in lines
     command_lines(forged, status=1)
 
@@ -212,9 +272,9 @@ def test_what_is_no_results_folder_is_bad_input(tmp_path):
 
 def test_a_folder_that_is_not_whole_is_changed(folder):
     (folder / "summary.csv").write_text("")
-    (folder / "timing.csv").unlink()
+    (folder / "points.json").unlink()
     assert [f.text for f in verify(folder, 1)] == [
-        f"{folder}: timing.csv is missing: run the experiment again",
+        f"{folder}: points.json is missing: run the experiment again",
         f"{folder}: summary.csv was changed after the run: run the experiment again",
     ]
     (folder / "manifest.json").write_text(json.dumps({}))

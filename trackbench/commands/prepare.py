@@ -23,7 +23,7 @@ from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Plan, announced, check_memory, make_plan
 from trackbench.execution.stop_when_precise import first_batch
 from trackbench.report.sweep import as_sweep
-from trackbench.results.folder_contents import MADE, RAW
+from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
 from trackbench.tuning.record import Record
 from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import read
@@ -208,7 +208,7 @@ def _foreign_file(folder: Path) -> Path | None:
     """
     if any((folder / name).exists() for name in ("manifest.json", "points.json")):
         return None
-    for name in ("config.yaml", *RAW, *MADE):
+    for name in ("config.yaml", *RUN_FILES, *DERIVED_FILES):
         path = folder / name
         if path.is_file() and not (name == "config.yaml" and _is_written(path)):
             return path

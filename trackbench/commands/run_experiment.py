@@ -40,7 +40,7 @@ from trackbench.report.table import Table, results_html
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.files import summary_lines
 from trackbench.report.verdicts.numbers import Comparison
-from trackbench.results.folder_contents import seal
+from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.record import write_tuning
@@ -191,7 +191,7 @@ def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Repo
         write_report(results, comparison)
         if sweep:
             write_sweep(results)
-    seal(job.folder, facts, paths)
+    write_manifest(job.folder, facts, paths)
     notes = [*_notes(job.experiment, losses), *summary_lines(comparison), *time_line(results)]
     failed = [*_failed(job.experiment, outcome, losses), *results.unmade_lines]
     best = list(best_points(results)) if sweep else []

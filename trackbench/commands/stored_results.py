@@ -8,7 +8,12 @@ from pathlib import Path
 
 from trackbench.atomic_files import record_writes
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.open import check_folder, open_results, open_with_notes, using
+from trackbench.report.open import (
+    check_folder,
+    explain_content_errors,
+    open_results,
+    open_with_notes,
+)
 from trackbench.report.plotting.page_formats import Style
 from trackbench.report.plugin_exhibits import PartlyMadeError
 from trackbench.report.render import write_figures
@@ -16,7 +21,7 @@ from trackbench.report.results import Results
 from trackbench.report.verdicts.files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Comparison
 from trackbench.report.verdicts.numbers import compare as hold_against_published
-from trackbench.results.folder_contents import seal
+from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 
 
@@ -32,7 +37,7 @@ def compare(folder: Path | str) -> Comparison:
     unchanged.
     """
     if _is_read_only(folder):
-        with using(folder):
+        with explain_content_errors(folder):
             return hold_against_published(open_with_notes(Path(folder)))
     with _written_again(folder) as (results, paths):
         comparison = hold_against_published(results)
@@ -75,7 +80,7 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
         return write_overview(folder)
     if _is_read_only(folder):
         here = Path(f"{folder.resolve().name}-report.html")
-        with using(folder):
+        with explain_content_errors(folder):
             results = open_with_notes(folder, allow_plugins)
             return _whole(results, [write_report(results, path=here)])
     with _written_again(folder, allow_plugins) as (results, _):
@@ -114,10 +119,10 @@ def _written_again(
     folder = Path(folder)
     check_folder(folder)
     _check_writable(folder)
-    with locked(folder, lambda line: print(line, file=sys.stderr)), using(folder):
+    with locked(folder, lambda line: print(line, file=sys.stderr)), explain_content_errors(folder):
         results = open_with_notes(folder, allow_plugins)
         with record_writes() as paths:
             try:
                 yield results, paths
             finally:
-                seal(results.folder, results.manifest, paths)
+                write_manifest(results.folder, results.manifest, paths)

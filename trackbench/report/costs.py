@@ -149,7 +149,7 @@ def curves(
     """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
     found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
     for point in points_of(results, scene):
-        filters, expressions = results.given(point).filters, Expressions(results, point)
+        filters, expressions = results.facts(point).filters, Expressions(results, point)
         for label in (label for label in labels if label in filters):
             keys = {name: value for name, value in filters[label].items() if name != key}
             size = float(filters[label].get(key, np.nan))

@@ -231,7 +231,7 @@ class Expressions:
             return self.stored[label, name]
         if label not in self.results.filters:
             return MISSING
-        given = self.results.given(self.point).filters[label].get(name)
+        given = self.results.facts(self.point).filters[label].get(name)
         return Term(float(given), 0.0, None, 1) if is_number(given) else MISSING
 
     def values(self, m: Measure) -> Array | None:

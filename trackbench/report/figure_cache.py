@@ -17,7 +17,7 @@ from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_folder
 from trackbench.report.kinds import FigureKind
 from trackbench.report.results import Results
-from trackbench.results.folder_contents import RAW
+from trackbench.results.folder_contents import RUN_FILES
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
@@ -42,10 +42,12 @@ class KeptFigures:
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
         words = {key: value for key, value in results.config.items() if key not in _PARTS}
         facts = [results.manifest.get(name) for name in _FACTS]
-        looks = {label: results.look(label) for label in results.labels}  # of all figures' keys
+        looks = {
+            label: results.line_style(label) for label in results.labels
+        }  # of all figures' keys
         made_by = [libraries, words, facts, looks, _sources()]
         digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
-        names = (*RAW, "tuning.csv", *results.config.get("published", ()))
+        names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
         _add(digest, (results.folder / name for name in names))
         return cls(digest.hexdigest())
 

@@ -1,10 +1,11 @@
-"""Bases of tables and figures."""
+"""Base classes of tables and figures."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, is_dataclass
+from typing import TYPE_CHECKING, Any
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -22,7 +23,11 @@ class TableKind(Exhibit):
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
-        """Return the table from a results folder."""
+        """Return the table of a results folder."""
+
+    def without_cpu_times(self) -> "TableKind | None":
+        """Return the table without columns that depend on CPU times; None if all columns do."""
+        return None if shows_cpu_times(self) else self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +40,27 @@ class FigureKind(DrawnExhibit):
     """what to see in it, said below it in the report; default: what its numbers tell"""
 
     def tell(self, results: "Results") -> str:
-        """Return the figure's default caption; empty if its kind says enough."""
+        """Return what to see in the figure of these results; empty if its kind says enough."""
         return ""
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":
-        """Return the figure from a results folder."""
+        """Return the figure of a results folder."""
+
+
+def shows_cpu_times(exhibit: Exhibit) -> bool:
+    """Return whether a table or figure names CPU times in a key or in its ``needs``."""
+    return "cpu_s_per_run" in exhibit.needs or _has_cpu_time(exhibit)
+
+
+def figure_folder(figure: Exhibit) -> str:
+    """Return the folder of a figure within a results folder."""
+    return "run/figures" if shows_cpu_times(figure) else "figures"
+
+
+def _has_cpu_time(value: Any) -> bool:
+    if isinstance(value, Measure):
+        return value.is_cpu_time
+    if isinstance(value, dict):
+        return any(map(_has_cpu_time, value.values()))
+    return is_dataclass(value) and _has_cpu_time(vars(value))

@@ -1,4 +1,4 @@
-"""Check that a folder holds whole results that this version can read."""
+"""Open results folders: check that the results are complete, unchanged and readable."""
 
 import os
 import sys
@@ -12,28 +12,28 @@ from trackbench.config.plugins import Plugin, load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, own_line
 from trackbench.registry import Group
-from trackbench.report.result_files import AGAIN
+from trackbench.report.result_files import RUN_AGAIN
 from trackbench.report.results import Results
-from trackbench.results.folder_contents import FORMAT, RAW, Damage, damage
+from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
 _KINDS: dict[str, type] = {
     **{"failed": list, "packages": dict, "cpu_s": float, "loops_over_runs": list},
     "training_holds_out": str,
 }
-"""Of what kind the manifest's entries are that a report shows."""
+"""Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
 
 
-class NotWholeError(UserError):
-    """A results folder whose run did not finish, or whose runs were changed or lost since."""
+class IncompleteResultsError(UserError):
+    """A results folder whose run did not finish, or whose runs were changed or lost afterwards."""
 
 
 @contextmanager
-def using(folder: Path | str) -> Iterator[None]:
-    """Turn any error over a folder's content into one line: a stranger may have written the content.
+def explain_content_errors(folder: Path | str) -> Iterator[None]:
+    """Turn any error over a folder's content into one line: anybody may have written the content.
 
-    The line names the place in this program, since it may be a mistake in the program after all. Errors
-    of plugins, and those that are lines already, stay as they are.
+    The line names the place in this program, which may be wrong after all. Errors of plugins and
+    errors with a line of their own pass.
     """
     try:
         yield
@@ -45,21 +45,21 @@ def using(folder: Path | str) -> Iterator[None]:
         if foreign_line(error):
             raise
         what = f"holds something that no run writes, {own_line(error)}"
-        raise UserError(f"{folder}: {what}: {AGAIN}") from error
+        raise UserError(f"{folder}: {what}: {RUN_AGAIN}") from error
 
 
 def open_results(folder: Path) -> Results:
     """Return the results in a folder.
 
-    Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
-    config of something else.
+    Raises IncompleteResultsError if a file of the run is damaged, and UserError if the folder has no
+    results, those of a newer version, or a config that does not fit them.
     """
-    with using(folder):
+    with explain_content_errors(folder):
         return _open(folder)
 
 
 def check_folder(folder: Path) -> None:
-    """Raise UserError for what is no results folder."""
+    """Raise UserError unless the path is a results folder."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, quiet about a name that is too long
         raise UserError(f"{folder}: there is no such folder")
     if not (folder / "config.yaml").is_file():
@@ -90,68 +90,71 @@ def _grid_columns(results: Results) -> list[str]:
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
-    """Open results and print a note to stderr on files changed since the run.
+    """Return the results in a folder, and print notes on other files that were changed.
 
-    So it is without the tables and figures of plugins whose code may not be run.
+    Notes also name tables and figures of plugins whose code may not run.
     """
     results = open_results(folder)
-    changed = changed_since(results)
+    changed = changed_files(results)
     if allow_plugins:
-        changed += _edited(results, load_plugins(results.source, folder, allowed=True))
-    for line in (*changed, *_left_out(results)):
+        changed += _edited_plugins(results, load_plugins(results.source, folder, allowed=True))
+    for line in (*changed, *_unavailable_lines(results)):
         print(f"note: {line}", file=sys.stderr)
     return results
 
 
-def _edited(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
+def _edited_plugins(results: Results, plugins: tuple[Plugin, ...]) -> list[str]:
     recorded = results.manifest.get("plugins", {})
     now = {Path(plugin.path).name: plugin.digest for plugin in plugins}
     edited = [name for name, digest in now.items() if recorded.get(name) != digest]
     return [f"{results.folder}: {name} was {_CHANGED}" for name in edited]
 
 
-def _left_out(results: Results) -> Iterator[str]:
+def _unavailable_lines(results: Results) -> Iterator[str]:
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
-        for name, kind in results.left_out(group).items():
+        for name, kind in results.unavailable_kinds(group).items():
             what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
             yield f"{results.folder}: {group}.{name} is left as it is: {what}"
 
 
-def changed_since(results: Results) -> list[str]:
-    """Return the files changed since the run, if the results can still be read."""
+def changed_files(results: Results) -> list[str]:
+    """Return lines on changed files beside those of the run: tables, figures, the config."""
     recorded = results.manifest["files"]
-    others = {name: digest for name, digest in recorded.items() if name not in RAW}
-    return _lines(results.folder, damage(results.folder, others))
+    others = {name: digest for name, digest in recorded.items() if name not in RUN_FILES}
+    return _lines(results.folder, check_digests(results.folder, others))
 
 
 def _check_manifest(results: Results) -> None:
     folder = results.folder
     if not (folder / "manifest.json").is_file():
-        raise NotWholeError(f"{folder}: is half-written, it has no manifest.json: {AGAIN}")
+        raise IncompleteResultsError(
+            f"{folder}: is half-written, it has no manifest.json: {RUN_AGAIN}"
+        )
     try:
         manifest = results.manifest
         version, recorded = int(manifest["format"]), dict(manifest["files"])
-        whole = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
-        whole &= all({"filter", "reason"} <= set(row) for row in results.failed)
+        valid = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
+        valid &= all({"filter", "reason"} <= set(row) for row in results.failed)
     except (UserError, ValueError, KeyError, TypeError):
-        whole = False
-    if not whole:
-        raise NotWholeError(f"{folder}: manifest.json cannot be read: {AGAIN}")
+        valid = False
+    if not valid:
+        raise IncompleteResultsError(f"{folder}: manifest.json cannot be read: {RUN_AGAIN}")
     if version > FORMAT:
-        what = f"was written by trackbench {manifest.get('trackbench')} in format {version}"
+        newer = manifest.get("trackbench", "of a newer version")
+        what = f"was written by trackbench {newer} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    raw = {name: recorded[name] for name in RAW if name in recorded}
-    problems = _lines(folder, damage(folder, raw))
+    of_run = {name: recorded[name] for name in RUN_FILES if name in recorded}
+    problems = _lines(folder, check_digests(folder, of_run))
     if problems:
-        raise NotWholeError(*problems)
+        raise IncompleteResultsError(*problems)
 
 
 def _lines(folder: Path, found: Damage) -> list[str]:
-    """Return a line on missing files and one on changed files, if there are any."""
+    """Return a line on missing files and a line on changed ones, each unless there are none."""
     ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
     return [
-        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {AGAIN}"
+        f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}"
         for names, verbs, what in ends
         if names
     ]

@@ -30,7 +30,8 @@ def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
         return []
     with style.house():
         figure = as_figure(spec.draw(results))
-        forms = () if is_crowded(figure) else formats
+        # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+        forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
         contents = [(form, style.content(figure, form)) for form in forms]
     style.close(figure)
     return contents
@@ -70,7 +71,7 @@ def drawing(
 
     with ExitStack() as stack:
         if sent:
-            begin = (_open, results.folder, results.facts)
+            begin = (_open, results.folder, results.run_facts)
             drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
             with suppress(BrokenExecutor):  # a drawer was killed as it began
                 for name, spec in sent.items():

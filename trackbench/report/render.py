@@ -1,6 +1,6 @@
 """Everything that follows from a results folder: tables, figures, verdicts, pairs, the report."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from trackbench.atomic_files import (
 from trackbench.config.build_dataclass import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
+from trackbench.report.kinds import figure_folder
 from trackbench.report.parallel_drawing import Draw, drawing, drawn
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
@@ -42,22 +43,38 @@ def render(
 
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
-    """Write ``tables/`` as CSV, Markdown and, if wanted, LaTeX; returns the tables by name."""
-    tables = results.tables
-    folder = ensure_folder(within(results.target, "tables")) if tables else results.target
-    for name, table in tables.items():
+    """Write the tables as CSV, Markdown and, if wanted, LaTeX; return the tables by name."""
+    for place, table in _table_files(results):
+        group, _, name = place.rpartition("/")
+        folder = ensure_folder(within(results.target, group))
         write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
         write_text(folder / f"{name}.md", table.markdown())
         if tex:
             write_text(folder / f"{name}.tex", table.texts().tex(name))
-    for name in results.parts("tables").keys() - tables.keys():
-        _remove(within(results.target, "tables"), name, TABLE_FORMS)
-    return tables
+    for name in results.parts("tables").keys() - results.tables.keys():
+        _remove(results.target, "tables", name, TABLE_FORMS)
+    return results.tables
 
 
-def _remove(folder: Path, name: str, forms: Iterable[str]) -> None:
-    """Take away what was made before of what cannot be made now."""
-    for path in (folder / f"{name}.{form}" for form in forms):
+def _table_files(results: Results) -> Iterator[tuple[str, Table]]:
+    """Yield tables by their paths in the folder, without the ending.
+
+    A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
+    """
+    specs = results.parts("tables")
+    for name, table in results.tables.items():
+        reproducible = specs[name].without_cpu_times()
+        if reproducible is not specs[name]:
+            yield f"run/tables/{name}", table
+            table = reproducible and reproducible.table(results)
+        if table is not None:
+            yield f"tables/{name}", table
+
+
+def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
+    """Remove earlier files of a table or figure that cannot be made now."""
+    for place, form in product((group, f"run/{group}"), forms):
+        path = within(target, place) / f"{name}.{form}"
         if path.is_file():
             remove(path)
 
@@ -83,13 +100,14 @@ def write_figures(
     wanted = [n for n, spec in figures.items() if not only or n in only or spec.kind in only]
     for name, page in product(wanted if forms else (), SHEETS[look]):
         contents: Files = []
+        spec = figures[name]
         with results.without(f"figure {name}"), drawing_for(page):
-            spec = figures[name]
             contents = draw(name, spec) if draw else drawn(spec, results, forms)
         for form, content in contents:
-            path = ensure_folder(within(results.folder, "figures")) / f"{name}{page.ending}.{form}"
+            folder = ensure_folder(within(results.folder, figure_folder(spec)))
+            path = folder / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
         if f"figure {name}" in results.unmade:
-            _remove(within(results.folder, "figures"), f"{name}{page.ending}", FIGURE_FORMS)
+            _remove(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)
     return written

@@ -1,4 +1,4 @@
-"""Requests of a results folder's config: filters, grid, names of tables and figures."""
+"""The config of a results folder: filters, grid, names of tables and figures."""
 
 from collections.abc import Container
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from trackbench.yaml_source import Source, read
 
 
 @dataclass(frozen=True)
-class Asked:
+class ResultsConfig:
     """A results folder's config."""
 
     folder: Path
@@ -33,29 +33,29 @@ class Asked:
         assert isinstance(config, dict)
         return config
 
-    def filled(self, text: str) -> str:
-        """Return a title with the number of runs in the place of ``{runs}``."""
+    def fill_title(self, text: str) -> str:
+        """Return a title with the number of runs in place of ``{runs}``."""
         return text.replace("{runs}", str(self.config["runs"]))
 
     @property
     def title(self) -> str:
         """Return the experiment's title, or else its name."""
-        return self.filled(self.config["title"] or self.config["name"])
+        return self.fill_title(self.config["title"] or self.config["name"])
 
     @property
-    def asked_figures(self) -> dict[str, dict[str, Any]]:
-        """Return the figures that the config asks for, as it does."""
+    def figure_configs(self) -> dict[str, dict[str, Any]]:
+        """Return the config's figures as mappings."""
         return self.config.get("figures") or {}
 
-    def left_out(self, group: Group) -> dict[str, str]:
-        """Return tables or figures of kinds that unloaded plugins may define."""
+    def unavailable_kinds(self, group: Group) -> dict[str, str]:
+        """Return names and kinds of tables or figures whose plugin is not loaded."""
         named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
         known = kinds(group) if self.config.get("plugins") else named.values()
         return {name: kind for name, kind in named.items() if kind not in known}
 
     @cached_property
     def published(self) -> Published:
-        """Return published numbers and claims that this experiment is held against."""
+        """Return the published numbers and claims that the results are compared with."""
         config = self.config
         return read_published(
             self.folder,
@@ -66,12 +66,12 @@ class Asked:
 
     @property
     def labels(self) -> list[str]:
-        """Filter labels in the config's order, and the lower bound's last."""
+        """Return filter labels in the config's order, the lower bound's last."""
         bound = self.config.get("bound")
         return [*self.filters, *([bound] if bound else [])]
 
     def chosen(self, wanted: Container[str] | None) -> list[str]:
-        """Return the labels that a table or figure shows: those it names, or all of them."""
+        """Return the labels that a table or figure shows: those it names, or all."""
         return [label for label in self.labels if wanted is None or label in wanted]
 
     @property
@@ -80,10 +80,10 @@ class Asked:
         config = self.config
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
-    def look(self, label: str) -> dict[str, Any]:
-        """Return the colour and dash of a filter, the same in every figure of the experiment.
+    def line_style(self, label: str) -> dict[str, Any]:
+        """Return color and dash of a filter, the same in every figure of the experiment.
 
-        What any figure calls its floor, or its baseline, is that in all of them.
+        The floor or baseline of any figure is drawn as such in all figures.
         """
         own = style.line([*self.config["filters"], label].index(label))
         return self._references.get(label, own)
@@ -93,23 +93,23 @@ class Asked:
         return {
             figure[key]: look
             for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR))
-            for figure in self.asked_figures.values()
+            for figure in self.figure_configs.values()
             if isinstance(figure.get(key), str)
         }
 
     @property
     def grid(self) -> list[str]:
-        """Return paths that the experiment varies: leading columns of every frame."""
+        """Return the paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
 
     @property
     def grid_heads(self) -> list[str]:
-        """Return the paths as headings of a table: of paths that vary together, the first one."""
+        """Return the paths as headings of a table: of paths that vary together, the first."""
         return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
-    def every_point(self) -> list[dict[str, Any]]:
-        """Return the points of the config's grid, those where every filter failed among them."""
+    def grid_points(self) -> list[dict[str, Any]]:
+        """Return all points of the config's grid, also those where every filter failed."""
         config = self.config
         grid, every = config["grid"], config.get("product", True)
         places = combinations(grid, config["filters"], config.get("reference"), every)

@@ -16,7 +16,7 @@ from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.plotting import style
 from trackbench.report.plugin_exhibits import UnmadeError, as_table, told
-from trackbench.report.result_files import Frames
+from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT
 from trackbench.tuning.record import Record, read_tuning
@@ -56,7 +56,7 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
 
 
 @dataclass(frozen=True, repr=False)
-class Results(Frames):
+class Results(ResultFiles):
     """A results folder: its data frames, tables, figures and what tuning found."""
 
     out: Path | None = None
@@ -109,20 +109,20 @@ class Results(Frames):
         """Return the experiment's tables or figures, built from the config."""
         if not self.config.get("tables") and not self.config.get("figures"):
             return self._default(group)
-        left_out, source = self.left_out(group), replace(self.source, problems=[])
+        left_out, source = self.unavailable_kinds(group), replace(self.source, problems=[])
         names = [name for name in self.config.get(group, {}) if name not in left_out]
         built = {name: build_kind(group, source, (group, name)) for name in names}
         source.check()
         titled = {name for name, part in built.items() if "{" in getattr(part, "title", "")}
         return {
-            name: replace(part, title=self.filled(part.title)) if name in titled else part
+            name: replace(part, title=self.fill_title(part.title)) if name in titled else part
             for name, part in built.items()
         }
 
     def _default(self, group: Group) -> dict[str, Any]:
         """Return the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
-        keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
+        keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 
     @cached_property
@@ -162,7 +162,7 @@ class Results(Frames):
         """Return all trials of the tuned filters, by label; empty without tuning.csv."""
         if not (self.folder / "tuning.csv").is_file():
             return {}
-        with self.opened("tuning.csv") as file:
+        with self.open_csv("tuning.csv") as file:
             return read_tuning(file, self.config.get("tune", {}), self._taken)
 
     @property

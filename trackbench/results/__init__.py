@@ -1,1 +1,1 @@
-"""A results folder's files: written, packed, locked, read."""
+"""A results folder's files: their names, writing, locking and reading."""

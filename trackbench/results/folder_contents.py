@@ -1,24 +1,39 @@
-"""Which files a run owns: deleted before the next run, listed with digests in the manifest."""
+"""The files of a results folder: their names, their digests, and which of them the next run removes.
+
+Git keeps the files that every machine writes again byte for byte and that are small. It has the digests
+of the large ones (`DATA_FILES`). What one run adds on one machine stands apart (`is_of_one_run`): CPU
+times, versions and dates in ``run/``, ``report.html``, and formats that an option asks for.
+"""
 
 import hashlib
 import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from lzma import LZMAError
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import remove, write_text
+from trackbench.atomic_files import ensure_folder, remove, within, write_text
 from trackbench.errors import UserError
 from trackbench.field_types import require_regular_file
-from trackbench.results.xz import PACKED, left_out, opened, packed, there
 from trackbench.yaml_source import read
 
-FORMAT = 2
-"""Counts up when a results folder changes so that older code would misread it."""
-RAW = ("per_run.csv", "per_step.csv", "summary.csv", "timing.csv", "shown.npz", "points.json")
-"""Files that only a run writes; all others but the tracks are made from them and from the config."""
+FORMAT = 3
+"""Number of the folder's format: it grows when older code would misread a folder."""
+MANIFEST, MACHINE = "manifest.json", "run/machine.json"
+"""Facts and digests of the results, and those of the one run that wrote them."""
+TIMING, TIME_VERDICTS = "run/timing.csv", "run/time_verdicts.csv"
+DATA_FILES = ("per_run.csv", "per_step.csv", "shown.npz")
+"""Large files, of which git keeps the digests."""
+RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", TIMING)
+"""Files that a run writes. Tables, figures and verdicts are made from them and from the config."""
+DERIVED_FILES = (
+    *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
+    *(TIME_VERDICTS, "sweep.csv", "tuning.csv", "report.html"),
+)
+"""Files that are made from these, beside tables and figures."""
+_OLD_FILES = ("timing.csv", "time_verdicts.csv", *(f"{name}.xz" for name in RUN_FILES))
+"""Files of older versions, which a run removes."""
 COLUMNS = {
     "per_run.csv": ["filter", "run", "metric", "value"],
     "per_step.csv": ["filter", "step", "time", "metric", "value", "stderr", "runs"],
@@ -29,50 +44,63 @@ COLUMNS = {
     ],
 }
 """Headings of the CSV files of a run, after those of the grid."""
-MADE = (
-    *("tracks.npz", "paired.csv", "comparison.csv", "comparison.md", "claims.csv"),
-    "time_verdicts.csv",
-    *("sweep.csv", "tuning.csv", "report.html"),
-)
-"""Files that are made from these, but for tables and figures."""
 TABLE_FORMS, FIGURE_FORMS = ("csv", "md", "tex"), ("png", "svg", "pdf")
+DEFAULT = "results"
+"""Name of the table and of the figure of a config that asks for none."""
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
-DEFAULT = "results"
-"""Name of the table and of the figure where the config asks for none."""
-_FORMS = {**_NAMED, "published": ("csv",)}
+_FORMS = {
+    **_NAMED,
+    **{f"run/{group}": forms for group, forms in _NAMED.items()},
+    "published": ("csv",),
+}
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
-"""Name of a file that is being written: that of the whole one, and the process id."""
-_DAMAGED = "damaged"  # in place of a digest: no file has it
+"""Name of a file that is being written: that of the whole file, and the process id."""
+_OF_RESULTS = (
+    *("experiment", "seed", "runs", "steps", "loops_over_runs", "training_holds_out"),
+    *("plugins", "failed", "format"),
+)
+"""Facts in the manifest; ``run/machine.json`` has all others."""
 
 
 class Damage(NamedTuple):
-    """Names of files that are not there any more, and of those that are not as they were written."""
+    """Names of files that are missing although git keeps them, and of files with another digest."""
 
     missing: list[str]
     changed: list[str]
 
 
-def remove_outputs(folder: Path, keep: Collection[str]) -> None:
-    """Take away what earlier runs wrote, the manifest last, and nothing that is somebody else's.
+def is_of_one_run(name: str) -> bool:
+    """Return whether a file depends on the machine or on options of the run."""
+    is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")
+    return is_optional or name.startswith("run/")
 
-    Their files are named by the manifest; those of a run that was killed before it wrote one, and of
-    older versions, by the config. ``keep`` are names of files that the next run is made from.
+
+def is_in_git(name: str) -> bool:
+    """Return whether git keeps a file: a folder is complete without all others."""
+    return name not in DATA_FILES and not is_of_one_run(name)
+
+
+def remove_outputs(folder: Path, keep: Collection[str]) -> None:
+    """Remove what earlier runs wrote, the manifest last, and no file of the user.
+
+    The manifest names these files. Those of an interrupted run, which has none, and of older versions
+    are named by the config. ``keep`` are names of files that the next run reads.
     """
     named = set(_recorded(folder))
     if "config.yaml" not in named:
-        named |= set(_by_config(folder))
-    names = {*named, *RAW, *MADE}.difference(keep)
-    paths = [folder / name for name in names] + [packed(folder / name) for name in PACKED]
-    for path in (*_leftovers(folder), *paths, folder / "manifest.json"):
-        is_elsewhere = path.parent != folder and path.parent.is_symlink()
-        if path.is_file() and not is_elsewhere:
+        named |= set(_named_by_config(folder))
+    names = {*named, *RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}.difference(keep)
+    paths = (folder / name for name in names)
+    for path in (*_leftovers(folder), *paths, folder / MANIFEST):
+        inner = path.relative_to(folder).parents
+        if path.is_file() and not any((folder / parent).is_symlink() for parent in inner[:-1]):
             remove(path)
 
 
 def _leftovers(folder: Path) -> Iterator[Path]:
-    """Half-written files of a killed process; nobody else may be writing there."""
-    for inner in ("", *_FORMS):
+    """Yield half-written files of a killed process; the caller has locked the folder."""
+    for inner in ("", "run", *_FORMS):
         for path in (folder / inner).glob(".*.part"):
             whole = _PARTIAL.fullmatch(path.name)
             if whole and _is_output(PurePosixPath(inner, whole[1])):
@@ -80,54 +108,72 @@ def _leftovers(folder: Path) -> Iterator[Path]:
 
 
 def _is_output(path: PurePosixPath) -> bool:
-    """Return whether this version writes files of such a name into a results folder."""
-    if len(path.parts) == 1:
-        return path.name.removesuffix(".xz") in (*RAW, *MADE, "config.yaml", "manifest.json")
-    inner = path.parent.as_posix()
-    return path.suffix.removeprefix(".") in _FORMS.get(inner, ()) and ".." not in path.parts
-
-
-def seal(folder: Path, facts: Mapping[str, Any], touched: Iterable[Path]) -> None:
-    """Write the manifest, after all other files: facts, and digests of those that were touched, too."""
-    files = dict(facts.get("files", {}))
-    for path in touched:
-        name = path.relative_to(folder).as_posix()
-        files.pop(name, None)
-        if path.is_file():
-            files[name] = _digest(path)
-    content = {**facts, "format": FORMAT, "files": dict(sorted(files.items()))}
-    write_text(folder / "manifest.json", json.dumps(content, indent=2) + "\n")
-
-
-def damage(folder: Path, recorded: Mapping[str, str]) -> Damage:
-    """Which files differ from their digests; a file that was packed since is taken as unpacked."""
-    paths = {name: there(folder / name) for name in recorded}
-    missing = [name for name, path in paths.items() if path is None and not left_out(name)]
-    changed = [name for name, path in paths.items() if path and _digest(path) != recorded[name]]
-    return Damage(missing, changed)
-
-
-def _digest(path: Path) -> str:
-    with suppress(OSError, EOFError, LZMAError), opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-    return _DAMAGED
+    """Return whether any version writes files of this name into a results folder."""
+    known = (*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, "config.yaml", MANIFEST, MACHINE)
+    forms = _FORMS.get(path.parent.as_posix(), ())
+    return str(path) in known or path.suffix.removeprefix(".") in forms
 
 
 def _recorded(folder: Path) -> Iterator[str]:
-    """Names in the manifest that a run can have written: a manifest may be edited or forged."""
-    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
-        for name in json.loads(require_regular_file(folder / "manifest.json").read_bytes())[
-            "files"
-        ]:
-            if _is_output(PurePosixPath(name)):
-                yield name
+    """Yield names in the manifests that a run can have written: a manifest may be edited or forged."""
+    for manifest in (MANIFEST, MACHINE):
+        with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+            for name in json.loads(require_regular_file(folder / manifest).read_bytes())["files"]:
+                if _is_output(PurePosixPath(name)):
+                    yield name
 
 
-def _by_config(folder: Path) -> Iterator[str]:
-    """Tables and figures that the config asks for."""
+def _named_by_config(folder: Path) -> Iterator[str]:
+    """Yield names of the tables and figures that the config asks for."""
     with suppress(UserError):
         config = read(folder / "config.yaml").data
         for group, forms in _NAMED.items():
             names = config.get(group) if isinstance(config, dict) else None
             for name in (names or [DEFAULT]) if isinstance(names, dict) else ():
-                yield from (f"{group}/{name}.{form}" for form in forms if "/" not in str(name))
+                places = (
+                    f"{place}{group}/{name}" for place in ("", "run/") if "/" not in str(name)
+                )
+                yield from (f"{place}.{form}" for place in places for form in forms)
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the facts and digests of both manifests; those of the run may be missing."""
+    facts: dict[str, Any] = {}
+    for name in (MACHINE, MANIFEST):
+        if name == MANIFEST or (folder / name).is_file():
+            part = json.loads((folder / name).read_text(encoding="utf-8"))
+            facts = {**facts, **part, "files": {**facts.get("files", {}), **part["files"]}}
+    return facts
+
+
+def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Path]) -> None:
+    """Write both manifests after all other files, with new digests of the files in ``written``."""
+    digests = dict(facts.get("files", {}))
+    for path in written:
+        name = path.relative_to(folder).as_posix()
+        digests.pop(name, None)
+        if path.is_file():
+            digests[name] = _digest(path)
+    facts = {**facts, "format": FORMAT}
+    for name in (MACHINE, MANIFEST):
+        of_run = name == MACHINE
+        content: dict[str, Any] = {k: v for k, v in facts.items() if (k in _OF_RESULTS) != of_run}
+        content["files"] = {k: v for k, v in sorted(digests.items()) if is_of_one_run(k) == of_run}
+        if of_run:
+            ensure_folder(within(folder, "run"))
+        write_text(folder / name, json.dumps(content, indent=2) + "\n")
+
+
+def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
+    """Return which of the recorded files are missing or changed."""
+    present = {name for name in recorded if (folder / name).is_file()}
+    return Damage(
+        [name for name in recorded if name not in present and is_in_git(name)],
+        [name for name in recorded if name in present and _digest(folder / name) != recorded[name]],
+    )
+
+
+def _digest(path: Path) -> str:
+    with suppress(OSError), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return "unreadable"  # in place of a digest

@@ -1,4 +1,4 @@
-"""One run at a time in a results folder."""
+"""The lock that lets one run at a time write into a results folder."""
 
 import errno
 import os
@@ -13,9 +13,9 @@ from trackbench.os_specific import lock
 
 @contextmanager
 def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Hold ``folder``; if another process holds it, say so and wait for it.
+    """Lock ``folder`` against other processes; if it is locked, call ``say`` with a line and wait.
 
-    The system frees the lock of a process that dies, so nothing has to be cleaned up by hand.
+    The system frees the lock of a process that dies.
     """
     path = folder / ".lock"
     try:
@@ -55,14 +55,14 @@ def _acquire(path: Path, say: Callable[[str], None]) -> int:
             os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, str(os.getpid()).encode())
             return descriptor
-        os.close(descriptor)  # its holder removed it when done: this is no longer the folder's lock
+        os.close(descriptor)  # the process before removed the file: it is no longer the lock
 
 
 def _holder(descriptor: int) -> str:
-    """Return the process id in a lock file; raises OSError for a file that is no lock of a run.
+    """Return the process id in a lock file; raises OSError if no run wrote the file.
 
-    A results folder may come from anywhere: a file of another content, or one with a second name
-    (a hard link), is never written to.
+    A results folder may come from anywhere. A file with other content or with a second name (a hard
+    link) is left alone.
     """
     status = os.fstat(descriptor)
     text = os.read(descriptor, _DIGITS + 1) if stat.S_ISREG(status.st_mode) else b"not a file"

@@ -1,10 +1,12 @@
-"""The lock file, `requirements/run.txt`, and how far the installed packages are those that it names."""
+"""The facts of a run that its manifest has: versions, commit, machine, lock file, failures."""
 
 import hashlib
 import platform
 import re
 import subprocess
 import sys
+from contextlib import suppress
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.resources import files
 from pathlib import Path
@@ -17,58 +19,31 @@ from trackbench.execution.code_digest import code_digest
 from trackbench.execution.runner import Outcome
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
-"""A package that is installed everywhere: what only some systems need has a marker behind a ``;``."""
-
+"""A package that every system installs: one that only some systems need has a marker behind a ``;``."""
 _VERSION = re.compile(r"^Version: (\S+)$", re.MULTILINE)
+_PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
+_PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 
-def lock_file() -> Path:
-    """The lock file: beside the code in a wheel, the repository's own in a checkout."""
-    home = Path(str(files("trackbench")))
-    inside = home / "requirements.txt"
-    return inside if inside.is_file() else home.parent / "requirements" / "run.txt"
-
-
-def lock() -> dict[str, Any]:
-    """The lock file's digest, and what is installed in another version than it names."""
-    content = lock_file().read_bytes()
-    pins = dict(_PIN.findall(content.decode()))
-    found = {name: _installed(name) for name in pins}
-    return {
-        "file": "requirements/run.txt",
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "other": {name: found[name] for name in pins if found[name] not in (pins[name], None)},
-    }
-
-
-def _installed(name: str) -> str | None:
-    """None for what is not there: the tools that build the package need not stay."""
-    try:
-        text = distribution(name).read_text("METADATA")
-    except PackageNotFoundError:
-        return None
-    found = _VERSION.search(text or "")  # `version` would parse all of the text, thirty times
-    return found.group(1) if found else version(name)
-
-
-def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Content of ``manifest.json`` but for the format and the digests of the files."""
-    packages = ["numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML"]
+def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """Return the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
     looped = [label for label, f in filters.items() if f.loops_over_runs]
     return {
         "trackbench": trackbench.__version__,
         "commit": _commit(),
+        "date": datetime.now(UTC).date().isoformat(),
         "experiment": experiment.settings.name,
         "seed": experiment.settings.seed,
         "runs": experiment.settings.runs,
         "steps": steps[0] if len(set(steps)) == 1 else steps,
         "python": sys.version.split()[0],
         "platform": platform.platform(),
-        "packages": {name: version(name) for name in packages}
+        "processor": _processor(),
+        "packages": {name: version(name) for name in _PACKAGES}
         | dict(package for plugin in experiment.plugins for package in plugin.packages),
-        "lock": lock(),
+        "lock": compare_lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
         "arithmetic": {"own": machine_fingerprint.own(), "numpy": machine_fingerprint.numpys()},
@@ -81,22 +56,60 @@ def manifest_of(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     } | ({"loops_over_runs": looped} if looped else {})
 
 
+def lock_file() -> Path:
+    """Return the path of the lock file: beside the code in a wheel, in requirements/ in a checkout."""
+    package = Path(str(files("trackbench")))
+    in_wheel = package / "requirements.txt"
+    return in_wheel if in_wheel.is_file() else package.parent / "requirements" / "run.txt"
+
+
+def compare_lock() -> dict[str, Any]:
+    """Return the lock file's digest, and the packages that are installed in another version."""
+    content = lock_file().read_bytes()
+    pins = dict(_PIN.findall(content.decode()))
+    installed = {name: _installed(name) for name in pins}
+    return {
+        "file": "requirements/run.txt",
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "other": {
+            name: installed[name] for name in pins if installed[name] not in (pins[name], None)
+        },
+    }
+
+
+def _installed(name: str) -> str | None:
+    """Return a package's version; None if it is not installed, as a tool of the build may be."""
+    try:
+        text = distribution(name).read_text("METADATA")
+    except PackageNotFoundError:
+        return None
+    line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
+    return line.group(1) if line else version(name)
+
+
+def _processor() -> str:
+    """Return the processor's name, which Python does not know on Linux."""
+    with suppress(OSError):
+        line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+        return line.group(1) if line else platform.machine()
+    return platform.processor()
+
+
 def _commit() -> str | None:
     """Return the git commit of the package's own source, if it is a checkout.
 
-    A repository that the package is merely installed in is another program's: at the top of its own
-    stands the folder ``trackbench``, and the commit has its files.
+    A repository around an installed package belongs to another program. In its own repository the
+    package is the folder ``trackbench`` at the top, and the commit has its files.
     """
-    here = Path(trackbench.__file__).parent
-    asked = ["--show-prefix", "HEAD", "HEAD:./__init__.py"]
+    package = Path(trackbench.__file__).parent
     try:
-        found = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", *asked],
+        answer = subprocess.run(
+            ["git", "-C", str(package), "rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"],
             capture_output=True,
             text=True,
             check=True,
         )
     except (OSError, subprocess.CalledProcessError):
         return None
-    prefix, commit, _ = found.stdout.splitlines()
-    return commit if prefix == f"{here.name}/" else None
+    prefix, commit, _ = answer.stdout.splitlines()
+    return commit if prefix == f"{package.name}/" else None

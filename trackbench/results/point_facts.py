@@ -1,6 +1,7 @@
-"""What tables, figures and verdicts know of each point of the grid besides its numbers: ``points.json``.
+"""Facts about each point of the grid, ``points.json``.
 
-A results folder holds it, so that whoever reads the folder needs no scenario, plugin or data file.
+Tables, figures and verdicts need them beside numbers. A reader of the folder needs no scenario, plugin
+or data file.
 """
 
 import json
@@ -15,37 +16,37 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
 from trackbench.evaluation.consistency import sizes
 
-FILE = "points.json"
+POINTS_FILE = "points.json"
 
 
 @dataclass(frozen=True)
-class Given:
-    """A point of the grid in plain data."""
+class PointFacts:
+    """A point of the grid as plain data."""
 
     values: dict[str, Any]
-    """of the grid's paths"""
+    """values of the grid's paths"""
     scenario: dict[str, Any]
     """keys of the scenario, with defaults"""
     filters: dict[str, dict[str, Any]]
     """keys of each filter that was run, with defaults"""
     components: list[str]
-    """of the truth"""
+    """components of the truth"""
     measured: list[str]
     """components of a measurement"""
     sizes: dict[str, int]
-    """components of the state, and of the parts that have a consistency measure of their own"""
+    """dimension of the state, and of the parts that have a consistency measure"""
     spans: list[list[float]]
-    """start and end times of what a figure over time shades, s"""
+    """start and end times of the shaded parts of a figure over time, s"""
 
 
-def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
-    """What is to be known of a point; ``shown`` is how paths of data files are written."""
+def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:
+    """Return the facts about a point; ``shown`` formats the paths of data files."""
     scenario = point.scenario
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
         filters[label]["assume"] = assumed
-    return Given(
+    return PointFacts(
         dict(point.values),
         as_config(scenario, shown),
         filters,
@@ -57,50 +58,52 @@ def given_at(point: Point, shown: Callable[[str], str] = str) -> Given:
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:
-    """The file's content: a point a line, of all but the first what differs from the first.
+    """Return the file's content: a line per point, with what differs from the first point.
 
-    Paths of data files count from ``folder``.
+    Paths of data files are relative to ``folder``.
     """
-    whole = [asdict(given_at(point, partial(os.path.relpath, start=folder))) for point in points]
+    whole = [
+        asdict(facts_of_point(point, partial(os.path.relpath, start=folder))) for point in points
+    ]
     lines = [json.dumps(whole[0]), *(json.dumps(_changed(whole[0], other)) for other in whole[1:])]
     return "[" + ",\n".join(lines) + "]\n"
 
 
-def same_points(stored: str, made: str) -> bool:
-    """Whether a file's content is what is made now, but for keys that there were not yet.
+def same_points(stored: str, computed: str) -> bool:
+    """Return whether a file's content is the computed one, but for keys of newer versions.
 
-    Of a key that the config does not name there is nothing to say but its default.
+    The config does not name such a key, so it has its default.
     """
     try:
-        return stored == made or _within(json.loads(stored), json.loads(made))
+        return stored == computed or _is_part(json.loads(stored), json.loads(computed))
     except ValueError:
         return False
 
 
-def _within(stored: Any, made: Any) -> bool:
-    if isinstance(stored, dict) and isinstance(made, dict):
-        return all(key in made and _within(value, made[key]) for key, value in stored.items())
-    if isinstance(stored, list) and isinstance(made, list):
-        return len(stored) == len(made) and all(map(_within, stored, made))
-    return bool(stored == made)
+def _is_part(stored: Any, computed: Any) -> bool:
+    if isinstance(stored, dict) and isinstance(computed, dict):
+        return all(k in computed and _is_part(value, computed[k]) for k, value in stored.items())
+    if isinstance(stored, list) and isinstance(computed, list):
+        return len(stored) == len(computed) and all(map(_is_part, stored, computed))
+    return bool(stored == computed)
 
 
-def points_in(text: str) -> Iterator[Given]:
-    """The points of a file's content; raises ValueError, KeyError or TypeError if it is none."""
+def points_in(text: str) -> Iterator[PointFacts]:
+    """Yield the points of a file; raises ValueError, KeyError or TypeError for other content."""
     first, *others = json.loads(text)
-    yield Given(**first)
+    yield PointFacts(**first)
     for other in others:
         filters = {**first["filters"], **other.get("filters", {})}
-        yield Given(**{**first, **other, "filters": filters})
+        yield PointFacts(**{**first, **other, "filters": filters})
 
 
 def _changed(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """What differs; of filters, label by label."""
+    """Return the facts that differ; of filters, label by label."""
     filters = {b: keys for b, keys in other["filters"].items() if keys != first["filters"].get(b)}
     out = {key: value for key, value in other.items() if value != first[key]}
     return {**out, "filters": filters} if filters else out
 
 
-def prefix_of(i: int, points: int) -> str:
-    """What the names of the arrays of the ``i``-th of so many points of a grid start with."""
+def array_prefix(i: int, points: int) -> str:
+    """Return the prefix of the array names of the ``i``-th of so many points of a grid."""
     return f"point{i}/" if points > 1 else ""

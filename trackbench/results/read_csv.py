@@ -1,4 +1,4 @@
-"""The CSV files of a results folder as columns: pandas takes a quarter of a second to import."""
+"""CSV files of a results folder as columns, without pandas, whose import takes a quarter of a second."""
 
 import csv
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -16,12 +16,12 @@ from trackbench.core.arrays import Array, fixed
 _ROWS_AT_A_TIME = 5000
 
 Parse: TypeAlias = Callable[[str], Any]
-"""What a column's texts stand for."""
+"""Conversion of a column's texts to values."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Rows of a file: an array per column, under its name."""
+    """Rows of a file: an array per column, by its name."""
 
     arrays: dict[str, Array]
     parses: dict[str, Parse]
@@ -36,34 +36,34 @@ class Columns:
         return iter(self.arrays)
 
     def where(self, **values: Any) -> "Columns":
-        """The rows that have these values in these columns."""
+        """Return the rows that have these values in these columns."""
         return self.at(values)
 
     def at(self, values: Mapping[str, Any]) -> "Columns":
-        """The same, for columns whose names are no words."""
+        """Return the rows that have these values, by names of columns that may be no identifiers."""
         rows = self
         for name, value in values.items():
             rows = rows.chosen(rows[name] == value)
         return rows
 
     def chosen(self, which: Any) -> "Columns":
-        """Rows by a mask or by their numbers."""
+        """Return rows by a mask or by their numbers."""
         return Columns({name: array[which] for name, array in self.arrays.items()}, self.parses)
 
     def tuples(self, names: Iterable[str]) -> Iterator[tuple[Any, ...]]:
-        """Each row's values of these columns, as Python's own numbers and words."""
+        """Yield each row's values of these columns as Python's numbers and strings."""
         return zip(*(self[name].tolist() for name in names), strict=True)
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """Each row's values by column."""
+        """Yield each row's values by column."""
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
 def read_columns(file: TextIO, needed: Collection[str] = ()) -> Columns:
-    """Read a file's columns: words and numbers as they are known, those of a grid as they look.
+    """Read a file's columns; the types of a grid's columns follow from their texts.
 
     The file is read in pieces: its texts take ten times the memory of its numbers. Raises ValueError if
-    a row is of another length, or a needed column is missing.
+    a row has another length, or a needed column is missing.
     """
     reader = csv.reader(file)
     head = next(reader, [])
@@ -87,7 +87,7 @@ def read_columns(file: TextIO, needed: Collection[str] = ()) -> Columns:
 
 
 def check_heads(heads: Collection[str], needed: Collection[str]) -> None:
-    """Raise ValueError if a file has no column of a name that is needed."""
+    """Raise ValueError if a needed column is missing."""
     missing = [name for name in needed if name not in heads]
     if missing:
         raise ValueError(f"has no column {missing[0]!r}")
@@ -98,18 +98,18 @@ def _truth(text: str) -> bool:
 
 
 def _parse_of(texts: Iterable[str]) -> Parse:
-    """The first that all of them can be: whole numbers, numbers, truth values, words."""
-    different = set(texts)
+    """Return the first type that all texts have: whole numbers, numbers, truth values, words."""
+    distinct = set(texts)
     for parse in (int, float, _truth):
         with suppress(ValueError, KeyError):
-            for text in different:
+            for text in distinct:
                 parse(text)
             return parse
     return str
 
 
 def _array(parse: Parse, texts: Sequence[str]) -> Array:
-    if parse is str:  # equal words as one object
+    if parse is str:  # equal words become one object
         return np.array([intern(text) for text in texts], dtype=object)
     values = [parse(text) for text in texts]
     return np.array(values, dtype=None if values else float if parse is float else int)
@@ -121,29 +121,26 @@ _KNOWN: dict[str, Parse] = {
     **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
 }
 
-
 Runs: TypeAlias = dict[tuple[str, str], Array]
-"""Values (M,) in the order of the runs, NaN where lost, by (filter, metric), read-only."""
+"""Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
 
 
 def read_runs(
     file: TextIO, grid: Mapping[str, Parse], labels: Collection[str]
 ) -> dict[tuple[Any, ...], Runs]:
-    """The filters' runs by the values of the grid's columns, whose texts stand for what is given."""
+    """Return the filters' runs by the values of the grid's columns, which ``grid`` converts."""
     rows = csv.reader(file)
     head = next(rows, [])
     check_heads(head, ["filter", "metric", "value"])
-    value, found = (
-        itemgetter(head.index("value")),
-        dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]](),
-    )
+    value = itemgetter(head.index("value"))
+    pieces: dict[tuple[Any, ...], dict[tuple[str, str], list[Array]]] = {}
     keys = itemgetter(*(head.index(name) for name in (*grid, "filter", "metric")))
     for (*texts, label, metric), group in groupby(rows, keys):
         if label in labels:
             point = tuple(parse(text) for parse, text in zip(grid.values(), texts, strict=True))
             values = np.fromiter(map(float, map(value, group)), float)
-            found.setdefault(point, {}).setdefault((label, metric), []).append(values)
+            pieces.setdefault(point, {}).setdefault((label, metric), []).append(values)
     return {
         point: {key: fixed(np.concatenate(parts)) for key, parts in runs.items()}
-        for point, runs in found.items()
+        for point, runs in pieces.items()
     }

@@ -1,4 +1,4 @@
-"""Whole tracks of the runs that are shown or asked for, as one npz file."""
+"""Tracks of runs as npz files: ``tracks.npz`` with all of them, ``shown.npz`` with those of figures."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -13,17 +13,17 @@ from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.merge import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.stacked import Sensors
-from trackbench.results.point_facts import prefix_of
+from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part
 
-_LEVELS = 2048  # that a drawn track's span is divided into: finer than a dot of the printed page
+_LEVELS = 2048  # steps that the span of a drawn track has: finer than a dot of a printed page
 
 
-class Kept:
-    """``truth``, ``measurements``, ``mean/<filter>`` and, where it was kept, ``cov/<filter>``.
+class TrackFile:
+    """Arrays ``truth``, ``measurements``, ``mean/<filter>`` and ``cov/<filter>`` of every run.
 
-    Of every run. Names of a grid's points have a prefix.
+    Names of a grid's points have a prefix.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -31,11 +31,11 @@ class Kept:
         self.arrays: dict[str, Any] = {}
 
     def add(self, key: Key, result: FilterResult) -> None:
-        """Take over one filter's tracks."""
+        """Add one filter's tracks."""
         if result.tracks is None:
             return
         i, label = key
-        prefix = prefix_of(i, len(self.experiment.points))
+        prefix = array_prefix(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
         arrays |= self._arrays(label, result.tracks, scenario)
@@ -47,7 +47,7 @@ class Kept:
         return arrays if tracks.cov is None else arrays | {f"cov/{label}": tracks.cov}
 
     def write(self, path: Path) -> None:
-        """Write the file as `np.load` reads it, if there is anything in it."""
+        """Write the file as `np.load` reads it, unless it would be empty."""
         if not self.arrays:
             return
         with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
@@ -56,12 +56,12 @@ class Kept:
                     np.lib.format.write_array(member, np.asanyarray(array))
 
 
-class Shown(Kept):
-    """The same of the filters and runs that figures show, and no more than they show of them.
+class FigureTracks(TrackFile):
+    """Arrays of the filters and runs that figures draw, with no more detail than they draw.
 
-    A figure that only draws lines over the plane says so by ``shown_components``, the components it
-    draws. Its estimates are float32, rounded to the page's grain, NaN in the other components; where it
-    draws measurements, ``seen`` are the positions of the first run's.
+    A figure that only draws lines over the plane names its components in ``shown_components``. Its
+    estimates are float32, rounded to the resolution of the page, and NaN in the other components. If it
+    draws measurements, ``seen`` has the positions of the first run's.
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
@@ -70,51 +70,48 @@ class Shown(Kept):
         arrays = {"truth": tracks.truth[..., : max(exact, 1)]}
         if exact:
             arrays["measurements"] = tracks.measurements[..., :exact]
-        seen = None
         if any(f.shown_measurements for f in figures):
-            seen = measured_positions(scenario, tracks.measurements[..., :1])
-        if seen is not None:
-            arrays["seen"] = _grained(seen, list(range(len(seen))))
-        mine = [f for f in figures if f.filters is None or label in f.filters]
-        drawn = [f for f in mine if f.shown_components is not None]
-        runs = _most_runs(mine)
-        if len(drawn) < len(mine):
-            arrays[f"mean/{label}"] = tracks.mean[..., :runs]
-        elif drawn:
-            components = sorted({c for f in drawn for c in f.shown_components or ()})
-            arrays[f"mean/{label}"] = _grained(tracks.mean[..., :runs], components)
-        if tracks.cov is not None and any(f.shown_covariances for f in mine):
+            positions = measured_positions(scenario, tracks.measurements[..., :1])
+            if positions is not None:
+                arrays["seen"] = _quantised(positions, list(range(len(positions))))
+        of_filter = [f for f in figures if f.filters is None or label in f.filters]
+        only_lines = [f for f in of_filter if f.shown_components is not None]
+        means = tracks.mean[..., : _most_runs(of_filter)]
+        if len(only_lines) < len(of_filter):
+            arrays[f"mean/{label}"] = means
+        elif only_lines:
+            components = sorted({c for f in only_lines for c in f.shown_components or ()})
+            arrays[f"mean/{label}"] = _quantised(means, components)
+        if tracks.cov is not None and any(f.shown_covariances for f in of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact]
         return arrays
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Positions (axes, T, r) that measurements (n_z, T, r) tell, NaN where there is none.
+    """Return the positions (axes, T, r) of measurements (n_z, T, r), NaN for a missing one.
 
-    None if no sensor tells a position in one measurement.
+    None if no sensor measures a position at once.
     """
     sensor = scenario.true_sensor
-    found = position_part(sensor) if isinstance(sensor, Sensors) else None
-    if found is None:
+    located = position_part(sensor) if isinstance(sensor, Sensors) else None
+    if located is None:
         return None
-    one, rows = found
-    each = [one.located(z[rows, i], int(k)).mean for i, k in enumerate(scenario.steps[1:])]
-    return np.stack(each, axis=1)
+    one, rows = located
+    steps = enumerate(scenario.steps[1:])
+    return np.stack([one.located(z[rows, i], int(k)).mean for i, k in steps], axis=1)
 
 
 def _most_runs(figures: list[DrawnExhibit]) -> int:
     return max((f.shown_runs for f in figures), default=0)
 
 
-@np.errstate(
-    over="ignore", invalid="ignore"
-)  # what a float32 cannot hold is infinite: no page has it
-def _grained(mean: Array, components: list[int]) -> Array:
-    """The components (n_x, T + 1, r) in steps of a power of two, which a float32 holds exactly."""
-    chosen = mean[components]
-    finite = chosen[np.isfinite(chosen)]
+@np.errstate(over="ignore", invalid="ignore")  # a value beyond float32 is infinite: no page has it
+def _quantised(mean: Array, components: list[int]) -> Array:
+    """Round the components (n_x, T + 1, r) to a step of a power of two, which float32 represents."""
+    values = mean[components]
+    finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if len(finite) else 0.0
-    grain = 2.0 ** np.floor(np.log2(span / _LEVELS)) if span > 0.0 else 1.0
+    step = 2.0 ** np.floor(np.log2(span / _LEVELS)) if span > 0.0 else 1.0
     rounded = np.full(mean.shape, np.nan, dtype=np.float32)
-    rounded[components] = grain * np.round(chosen / grain)
+    rounded[components] = step * np.round(values / step)
     return cast(Array, rounded)

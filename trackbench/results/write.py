@@ -1,4 +1,4 @@
-"""The files of a results folder, each written whole or not at all."""
+"""Write the files of a run into a results folder, each whole or not at all."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -40,18 +40,18 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.folder_contents import COLUMNS, remove_outputs
-from trackbench.results.manifest import manifest_of
-from trackbench.results.point_facts import FILE, points_text
-from trackbench.results.tracks import Kept, Shown
+from trackbench.results.folder_contents import COLUMNS, TIMING, remove_outputs
+from trackbench.results.manifest import facts_of_run
+from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.scenarios.base import Scenario
 
 DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
-"""Significant digits of values and standard errors: far more than any of them means."""
+"""Significant digits of values and standard errors, far more than the errors justify."""
 
 
 class TimedRow(NamedTuple):
-    """A metric at one step, with the step's index and its time, s."""
+    """A metric at one step, with the step's number and time, s."""
 
     step: int
     time: float
@@ -62,7 +62,7 @@ class TimedRow(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Runs of one filter, and how many of them were lost for each reason."""
+    """Number of runs of one filter, and of the lost ones by reason."""
 
     runs: int
     by_code: dict[float, int]
@@ -80,7 +80,7 @@ class Losses(NamedTuple):
 
     @property
     def is_total(self) -> bool:
-        """Whether no run stayed within the numbers: the filter does not work here."""
+        """Whether every run has estimates that are not finite: the filter does not work here."""
         return self.by_code[NOT_FINITE] == self.runs
 
     def __str__(self) -> str:
@@ -89,7 +89,7 @@ class Losses(NamedTuple):
 
 
 class Written(NamedTuple):
-    """How many runs of each filter were lost, by reason, and what the manifest is to say."""
+    """Lost runs of each filter, and the facts for the manifest."""
 
     losses: dict[Key, Losses]
     facts: dict[str, Any]
@@ -102,52 +102,54 @@ def write_results(
     tracks: bool,
     times: Mapping[Key, Measured] = MappingProxyType({}),
 ) -> Written:
-    """Everything that follows from the results alone, in place of what earlier runs left there.
+    """Write the files of a run in place of what earlier runs left, from which all others are made.
 
-    ``times`` are measured CPU times. Tables and figures come from these files; the manifest is for the
-    caller to write, after all others.
+    ``times`` are measured CPU times. The caller writes the manifest, after all other files.
     """
     published = experiment.published.files
     inputs = {"config.yaml", *(f"published/{name}" for name in published)}
-    remove_outputs(folder, keep=inputs)  # those may be what is being run, and are replaced whole
+    remove_outputs(folder, keep=inputs)  # the run may read these; they are replaced whole
     write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    _write_published(folder, published)
-    write_text(folder / FILE, points_text(experiment.points, folder))
-    kept: dict[str, Kept] = {"shown.npz": Shown(experiment)}
+    for name, text in published.items():
+        write_text(ensure_folder(within(folder, "published")) / name, text)
+    write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
+    track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
-        kept["tracks.npz"] = Kept(experiment)
-    losses, asked = {}, requested_contributions(experiment)
-    spent: dict[BlockTask, float] = {}  # what several points share was filtered once
+        track_files["tracks.npz"] = TrackFile(experiment)
+    ensure_folder(within(folder, "run"))
+    paths = {name: folder / (TIMING if name == "timing.csv" else name) for name in COLUMNS}
+    losses, requested = {}, requested_contributions(experiment)
+    spent: dict[BlockTask, float] = {}  # several points may share a filtered block
     with ExitStack() as files:
-        writers = {name: _open(files, folder / name, experiment) for name in COLUMNS}
+        writers = {name: _open(files, path, experiment) for name, path in paths.items()}
         for key, result in outcome.results():
-            result = _with_shares(experiment, key, result, asked)._replace(measured=times.get(key))
+            result = _with_shares(experiment, key, result, requested)
+            result = result._replace(measured=times.get(key))
             losses[key] = Losses.of(result)
             passes = (task.filtering_key for task in outcome.plan.tasks[key])
             spent.update(zip(passes, (t.cpu_s for t in result.timing), strict=True))
             for name in COLUMNS:
-                writers[name].writerows(_prefixed(experiment, key, name, result))
+                writers[name].writerows(_filter_rows(experiment, key, name, result))
             _write_runs(writers["per_run.csv"], experiment, key, result)
-            for collection in kept.values():
-                collection.add(key, result)
+            for track_file in track_files.values():
+                track_file.add(key, result)
         for name, writer in writers.items():
-            writer.writerows(_bounds(experiment, name))
-    for name, collection in kept.items():
-        collection.write(folder / name)
+            writer.writerows(_bound_rows(experiment, name))
+    for name, track_file in track_files.items():
+        track_file.write(folder / name)
     cpu_s = round(float(total(np.array([*spent.values()]))), 3)
-    return Written(losses, manifest_of(experiment, outcome) | {"cpu_s": cpu_s})
+    return Written(losses, facts_of_run(experiment, outcome) | {"cpu_s": cpu_s})
 
 
 def _with_shares(
-    experiment: Experiment, key: Key, result: FilterResult, asked: Contributions
+    experiment: Experiment, key: Key, result: FilterResult, requested: Contributions
 ) -> FilterResult:
-    """With the runs' shares that are asked for, and without the series that they are made of."""
+    """Add each run's share in the requested measures; drop the series that only they need."""
     scenario, settings = experiment.points[key[0]].scenario, experiment.settings
     windows, steps, parts = scenario.windows, scenario.steps.tolist(), sizes(scenario)
-    names = asked.of(key[1], steps)
-    result = with_shares(result, names, windows, steps, parts)
-    kept = {name: rows for name, rows in result.run_series.items() if name in settings.medians}
-    return result._replace(run_series=kept)
+    result = with_shares(result, requested.of(key[1], steps), windows, steps, parts)
+    series = {name: rows for name, rows in result.run_series.items() if name in settings.medians}
+    return result._replace(run_series=series)
 
 
 def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
@@ -156,19 +158,22 @@ def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
     return writer
 
 
-def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
-    """One filter's rows of a file, with the grid point's values in front."""
+def _filter_rows(
+    experiment: Experiment, key: Key, name: str, result: FilterResult
+) -> Iterator[Row]:
+    """Yield one filter's rows of a file, beginning with the values of the grid point."""
     columns, rows = COLUMNS[name], _ROWS[name]
-    wanted = kept_metrics(experiment.settings, name)
-    if rows is None or (wanted is not None and not wanted):
+    metrics = kept_metrics(experiment.settings, name)
+    if rows is None or (metrics is not None and not metrics):
         return
-    if wanted is not None:  # a summary of what is not kept is never asked for
-        kept = {m: x for m, x in result.per_run.items() if measured(m).base in {"lost", *wanted}}
-        result = result._replace(per_run=kept)
+    if metrics is not None:  # save the summaries that are not written
+        per_run = result.per_run.items()
+        wanted = {"lost", *metrics}
+        result = result._replace(per_run={m: x for m, x in per_run if measured(m).base in wanted})
     prefix = _prefix(experiment, key)
     metric = columns.index("metric") - 1 if "metric" in columns else None
     for row in rows(result, experiment.points[key[0]].scenario):
-        if metric is None or wanted is None or measured(row[metric]).base in wanted:
+        if metric is None or metrics is None or measured(row[metric]).base in metrics:
             yield [*prefix, *_plain(row, DIGITS.get(name))]
 
 
@@ -177,36 +182,30 @@ def _prefix(experiment: Experiment, key: Key) -> list[Any]:
 
 
 def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
-    """Rows of per_run.csv, a metric at a time and not by `csv`: there are hundreds of thousands."""
+    """Write rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
     head = cells(_prefix(experiment, key))
-    wanted = kept_metrics(experiment.settings, "per_run.csv")
+    metrics = kept_metrics(experiment.settings, "per_run.csv")
     for metric, values in result.per_run.items():
-        if wanted is None or measured(metric).base in wanted:
+        if metrics is None or measured(metric).base in metrics:
             plain, name = values.tolist(), cells([metric])
             if values.dtype.kind == "f":
                 plain = shortened(plain, DIGITS["per_run.csv"])
             writer.write("".join([f"{head},{run},{name},{x}\n" for run, x in enumerate(plain)]))
 
 
-def _write_published(folder: Path, files: dict[str, str]) -> None:
-    for name, text in files.items():
-        write_text(ensure_folder(within(folder, "published")) / name, text)
-
-
-def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
-    """The scenario's own lower bounds, as if of one more filter."""
-    label, wanted = experiment.settings.bound, kept_metrics(experiment.settings, name)
+def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
+    """Yield rows of the scenario's lower bounds, which stand in the files like a filter's."""
+    label, metrics = experiment.settings.bound, kept_metrics(experiment.settings, name)
     for point in experiment.points if label else []:
         scenario: Scenario = point.scenario
-        prefix = [*point.values.values(), label]
         rows: Iterable[Any] = ()
         if name == "summary.csv":
             rows = bound_summary(scenario.bounds(), scenario.windows)
         elif name == "per_step.csv":
             rows = _timed(bound_steps(scenario.bounds()), scenario)
         for row in rows:
-            if wanted is None or measured(row.metric).base in wanted:
-                yield [*prefix, *_plain(row, DIGITS[name])]
+            if metrics is None or measured(row.metric).base in metrics:
+                yield [*point.values.values(), label, *_plain(row, DIGITS[name])]
 
 
 def _timed(rows: Iterable[StepRow], scenario: Scenario) -> Iterator[TimedRow]:
@@ -224,17 +223,17 @@ def _summary(result: FilterResult, scenario: Scenario) -> Iterable[Row]:
 
 
 def _timing(result: FilterResult, scenario: Scenario) -> Iterator[Row]:
-    """CPU time of all blocks, and of a run: the median of its measured times, if it has any."""
+    """Yield the CPU time of all blocks, and of a run: the median of its measured times, if any."""
     runs = sum(t.runs for t in result.timing)
     cpu_s = sum(t.cpu_s for t in result.timing)
     seconds, *operations = result.measured or ([], None, None)
     of_run = median(np.array(seconds)) if seconds else Estimate(cpu_s / runs, np.nan)
-    each = ";".join(f"{s:.6g}" for s in seconds)
-    yield runs, cpu_s, *of_run, each, *("-" if n is None else f"{n:.6g}" for n in operations)
+    repeats = ";".join(f"{s:.6g}" for s in seconds)
+    yield runs, cpu_s, *of_run, repeats, *("-" if n is None else f"{n:.6g}" for n in operations)
 
 
 def _plain(row: Row, digits: int | None) -> list[Any]:
-    """Python's own numbers, with so many significant digits if that is not None."""
+    """Convert numpy's numbers to Python's, with so many significant digits unless that is None."""
     plain = (x.item() if isinstance(x, np.generic) else x for x in row)
     if digits is None:
         return list(plain)

@@ -1,1 +1,1 @@
-"""Recompute results and compare them with what is stored."""
+"""Recompute results and compare them with the stored ones."""

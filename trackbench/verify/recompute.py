@@ -1,7 +1,6 @@
-"""The first runs of a stored experiment computed again, and held against what is stored of them."""
+"""Recompute the first runs of stored results and compare their values."""
 
-import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -20,14 +19,17 @@ from trackbench.execution.plan import check_memory, make_plan
 from trackbench.execution.runner import execute
 from trackbench.report.results import Results
 from trackbench.results.write import write_results
-from trackbench.verify.compare import same_arrays, same_rows
-from trackbench.verify.findings import Finding, changed, rounding
-from trackbench.verify.rounding import (
+from trackbench.verify.compare import (
     FALSE_ALARM,
-    ROUNDING,
+    TOLERANCE,
+    Finding,
+    changed,
+    compare_arrays,
+    compare_rows,
     differences,
     p_of_chance,
     relative,
+    rounding,
     usual,
 )
 
@@ -36,7 +38,7 @@ ColumnKey: TypeAlias = tuple[Any, ...]
 
 
 class Column(NamedTuple):
-    """A metric of a filter over the runs (M,): as stored, computed again, and how far apart."""
+    """A metric of a filter over the runs (M,): stored, recomputed, and the relative difference."""
 
     key: ColumnKey
     stored: Array
@@ -50,98 +52,95 @@ class Column(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The metric, and where on the grid."""
+        """The metric, and the point of the grid."""
         *point, _, metric = self.key
         return f"{metric} at {', '.join(map(str, point))}" if point else str(metric)
 
     @property
     def is_far(self) -> bool:
-        """Whether any run is further off than rounding alone may bring it."""
-        return bool((self.off > ROUNDING).any())
+        """Whether any run differs by more than rounding alone."""
+        return bool((self.off > TOLERANCE).any())
 
 
-def computed_again(results: Results, experiment: Experiment, runs: int) -> Iterator[Finding]:
-    """What differs in the first runs; in everything else, too, if those are all there are."""
-    runs = min(runs, experiment.settings.runs)
-    if _stored_runs(results) != experiment.settings.runs:
-        return  # a finding already, and as many runs as the config says may take for ever
-    with tempfile.TemporaryDirectory() as temporary:
-        again = Results(Path(temporary))
-        if min(experiment.shown_runs, experiment.settings.runs) > runs:
-            experiment = replace(experiment, figures={})
-        tracks = (results.folder / "tracks.npz").is_file()
-        _compute(experiment, again.folder, runs, tracks)
-        whole = runs == experiment.settings.runs
-        stored, now = _values(results, runs, whole), _values(again, runs, whole)
-        odd = [k for k in {**stored, **now} if len(stored.get(k, ())) != len(now.get(k, ()))]
-        if odd:
-            first = ", ".join(map(str, odd[0]))
-            what = "metrics are stored or computed again only; the first is"
-            yield changed(f"per_run.csv: {len(odd)} {what} {first}")
-        columns = [_column(key, stored[key], now[key]) for key in stored if key not in odd]
-        yield from _judged(columns, _drawing(experiment))
-        steady = {c.label for c in columns} - {c.label for c in columns if c.is_far}
-        if experiment.shown_runs:
-            yield from same_arrays(results, again, "shown.npz", steady)
-        if tracks:
-            yield from same_arrays(results, again, "tracks.npz", steady)
-        if runs < experiment.settings.runs:
-            steady = set()
-        yield from same_rows(results, again, {*steady, experiment.settings.bound})
+def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:
+    """Write the results of the first runs to a folder and return them.
 
-
-def _stored_runs(results: Results) -> int:
-    every = (len(x) for point in results.points() for x in results.runs(point).values())
-    return max(every, default=results.config["runs"])
-
-
-def _compute(experiment: Experiment, out: Path, runs: int, tracks: bool) -> None:
-    """The first runs, in blocks as wide as all runs had them: `block: fit` follows their number."""
+    Blocks are as wide as for all runs: `block: fit` depends on their number.
+    """
+    if min(experiment.shown_runs, experiment.settings.runs) > runs:
+        experiment = replace(experiment, figures={})
     plan = make_plan(experiment, tracks).first(runs)
     workers = min(cpu_count(), len(plan.unique))
     check_memory(experiment, workers, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
-    store, opened = BlockStore(cache_folder()), engine("processes", workers)
-    with closing(execute([plan], store, opened, workers, fresh=True, progress=False)) as outcomes:
-        write_results(out, fewer, next(outcomes), tracks)
+    store, processes = BlockStore(cache_folder()), engine("processes", workers)
+    with closing(
+        execute([plan], store, processes, workers, fresh=True, progress=False)
+    ) as outcomes:
+        _, facts = write_results(folder, fewer, next(outcomes), tracks)
+    return Results(folder, facts)
 
 
-def _values(results: Results, runs: int, whole: bool) -> dict[ColumnKey, Array]:
-    """Values of the first runs; shares of an average over time depend on all runs, as a summary does."""
-    return {
-        (*point.values(), *key): values[:runs]
-        for point in results.points()
-        for key, values in results.runs(point).items()
-        if whole or measured(key[1]).statistic != TIME_MEAN
-    }
-
-
-def _column(key: ColumnKey, stored: Array, again: Array) -> Column:
-    return Column(key, stored, again, relative(stored, again, usual(stored)))
-
-
-def _drawing(experiment: Experiment) -> set[str]:
-    """The filters that draw: each has a number of particles."""
+def drawing_filters(experiment: Experiment) -> set[str]:
+    """Return the labels of filters that draw: each has a number of particles."""
     return {
         label for p in experiment.points for label, f in p.filters.items() if f.particle_count > 1
     }
 
 
-def _judged(columns: list[Column], drawing: Collection[str]) -> Iterator[Finding]:
-    """A finding for each filter of which any value differs."""
+def compare_runs(results: Results, again: Results, experiment: Experiment) -> Iterator[Finding]:
+    """Yield differences in the first runs, and in all other numbers if these are all runs."""
+    runs = again.config["runs"]
+    is_whole = runs == experiment.settings.runs
+    stored, computed = _values(results, runs, is_whole), _values(again, runs, is_whole)
+    odd = [k for k in {**stored, **computed} if len(stored.get(k, ())) != len(computed.get(k, ()))]
+    if odd:
+        first = ", ".join(map(str, odd[0]))
+        what = "metrics are stored or computed again only; the first is"
+        yield changed(f"per_run.csv: {len(odd)} {what} {first}")
+    columns = [
+        Column(key, x, computed[key], relative(x, computed[key], usual(x)))
+        for key, x in stored.items()
+        if key not in odd
+    ]
+    yield from _judge(columns, drawing_filters(experiment))
+    steady = {c.label for c in columns} - {c.label for c in columns if c.is_far}
+    equal = steady - {c.label for c in columns if c.off.any()}
+    for name in ("shown.npz", "tracks.npz"):
+        if (again.folder / name).is_file() and (results.folder / name).is_file():
+            yield from compare_arrays(results, again, name, steady)
+    bound = {str(experiment.settings.bound)}
+    yield from compare_rows(results, again, bound | steady if is_whole else bound, equal)
+
+
+def _values(results: Results, runs: int, is_whole: bool) -> dict[ColumnKey, Array]:
+    """Return the first runs' values; a run's share of an average over time depends on all runs."""
+    return {
+        (*point.values(), *key): values[:runs]
+        for point in results.points()
+        for key, values in results.runs(point).items()
+        if is_whole or measured(key[1]).statistic != TIME_MEAN
+    }
+
+
+def _judge(columns: list[Column], drawing: set[str]) -> Iterator[Finding]:
+    """Yield a finding for each filter of which any value differs."""
     tested = [c for c in columns if c.label in drawing and c.is_far]
     chances = holm(np.array([p_of_chance(differences(c.stored, c.again)) for c in tested]))
     p = {c.key: float(chance) for c, chance in zip(tested, chances, strict=True)}
     for label in dict.fromkeys(c.label for c in columns if c.off.any()):
-        yield _of_filter(label, [c for c in columns if c.label == label], p, label in drawing)
+        mine = [c for c in columns if c.label == label]
+        yield _judge_filter(label, mine, p, label in drawing)
 
 
-def _of_filter(label: str, mine: list[Column], p: dict[ColumnKey, float], draws: bool) -> Finding:
+def _judge_filter(
+    label: str, mine: list[Column], p: dict[ColumnKey, float], draws: bool
+) -> Finding:
     off = np.concatenate([c.off for c in mine])
     worst = max(mine, key=lambda c: c.off.max())
     begin = f"per_run.csv: {label}: {np.count_nonzero(off)} of {off.size} values differ"
     begin += f" in the first {len(worst.off)} runs"
-    if off.max() <= ROUNDING:
+    if off.max() <= TOLERANCE:
         digits = int(-np.log10(off.max()))
         return rounding(f"{begin}, by {off.max():.1e} at most: they agree in {digits} digits")
     if not draws:

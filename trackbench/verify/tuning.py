@@ -1,8 +1,8 @@
-"""tuning.csv held to the experiment: the search followed again, and trials of each filter computed.
+"""Compare tuning.csv with the search that it records, and with recomputed trials.
 
-Which values are tried hangs on the ranks of those before and on nothing else, so the whole search is
-followed by the stored ranks, without a run. Of the trials the first and the best are computed again, or
-all of them where all runs are.
+The values that are tried depend on the ranks of the trials before them and on nothing else. So the
+search is repeated with the stored ranks and without a run. The first and the best trial are recomputed,
+or all trials if all runs are.
 """
 
 from collections.abc import Iterator
@@ -22,45 +22,44 @@ from trackbench.tuning.record import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
 from trackbench.tuning.training import Training, given_values
 from trackbench.tuning.tuner import tune
-from trackbench.verify.findings import Finding, changed, rounding
-from trackbench.verify.rounding import ROUNDING, relative
+from trackbench.verify.compare import FAR, TOLERANCE, Finding, changed, relative, rounding
 
 _FILE = "tuning.csv"
-_DIGITS = 1e-6  # share of an objective below which two of the file may be in either order
-_FAR = 4.0  # standard errors of an objective that draws: as good as other noise
+_DIGITS = 1e-6  # relative difference below which two stored objectives may be in either order
 
 
-def tuning_again(results: Results, experiment: Experiment, runs: int) -> Iterator[Finding]:
-    """What differs in tuning.csv, or in what the config took from it."""
-    whole = runs >= experiment.settings.runs
-    found = _tuned_again(experiment) if whole and results.tuning else {}
+def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Iterator[Finding]:
+    """Yield differences in tuning.csv, and in the values that the config took from it."""
+    is_whole = runs >= experiment.settings.runs
+    repeated = _tune_again(experiment) if is_whole and results.tuning else {}
     for label in experiment.tuned:
         if label not in results.tuning:
             yield changed(f"{_FILE}: has no trials of {label}")
             continue
         record, training = results.tuning[label], Training(experiment, label)
-        yield from _followed(experiment, label, record, training)
-        yield from _taken(experiment, label, record)
-        again = found[label].trials if whole else _some_again(record, training)
-        stored = record.trials if whole else _some(record)
+        yield from _compare_search(experiment, label, record, training)
+        for key, value in record.best.values.items():
+            taken = given_values(experiment, tuned_label(label)).get(key)
+            if taken != value:
+                what = (
+                    f"{tuned_label(label)}: {key} is {taken}, the best trial of {_FILE} has {value}"
+                )
+                yield changed(f"config.yaml: {what}")
+        stored = record.trials if is_whole else [record.trials[0], record.best]
+        again = repeated[label].trials if is_whole else _run_trials(record, training, stored)
         draws = experiment.points[0].filters[tuned_label(label)].particle_count > 1
-        yield from _beside(label, stored, again, draws)
+        yield from _compare_trials(label, stored, again, draws)
 
 
-def _tuned_again(experiment: Experiment) -> dict[str, Record]:
-    workers = cpu_count()
-    opened = engine("processes", workers)
-    return tune(experiment, BlockStore(cache_folder()), opened, workers, fresh=True, progress=False)
+def _tune_again(experiment: Experiment) -> dict[str, Record]:
+    workers, store = cpu_count(), BlockStore(cache_folder())
+    processes = engine("processes", workers)
+    return tune(experiment, store, processes, workers, fresh=True, progress=False)
 
 
-def _some(record: Record) -> list[Trial]:
-    return [record.trials[0], record.best]
-
-
-def _some_again(record: Record, training: Training) -> list[Trial]:
-    """The first trial and the best one, computed here."""
+def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:
     again = []
-    for trial in _some(record):
+    for trial in trials:
         tasks = training.tasks(_values(record, trial))
         blocks = [run_whole_block(task)[task.runs_used] for task in tasks]
         score = training.score(merge(blocks).per_run) if blocks else None
@@ -72,56 +71,45 @@ def _values(record: Record, trial: Trial) -> Values:
     return tuple(trial.values[axis.key] for axis in record.axes)
 
 
-def _followed(
+def _compare_search(
     experiment: Experiment, label: str, record: Record, training: Training
 ) -> Iterator[Finding]:
-    """Whether the search asks for these values when it is told these ranks."""
+    """Yield the first trial that the search does not try after the stored ranks before it."""
     ranks: dict[Values, Rank] = {_values(record, t): t.rank for t in record.trials}
-    asked: list[Values] = []
-    asking = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
+    tried: list[Values] = []
+    search = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
     with suppress(StopIteration):
-        wanted = next(asking)
+        wanted = next(search)
         while set(wanted) <= ranks.keys():
-            asked += wanted
-            wanted = asking.send({values: ranks[values] for values in wanted})
-        asked += wanted
-    if asked == list(ranks) or _is_close(record):
+            tried += wanted
+            wanted = search.send({values: ranks[values] for values in wanted})
+        tried += wanted
+    if tried == list(ranks) or _is_close(record):
         return
-    alike = takewhile(lambda pair: pair[0] == pair[1], zip(asked, ranks, strict=False))
-    place = len(list(alike))
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(tried, ranks, strict=False))
     what = "is not what the search asks for after those before it"
-    yield changed(f"{_FILE}: {label}: trial {place} {what}")
+    yield changed(f"{_FILE}: {label}: trial {len(list(same))} {what}")
 
 
 def _is_close(record: Record) -> bool:
-    """Whether two objectives are so near each other that their stored digits do not order them.
-
-    Then the search cannot be followed by them.
-    """
+    """Return whether the stored digits of two objectives do not order them, nor then the search."""
     heights = np.sort([t.objective for t in record.trials if np.isfinite(t.objective)])
     return bool(np.any(relative(heights[1:], heights[:-1]) < _DIGITS))
 
 
-def _taken(experiment: Experiment, label: str, record: Record) -> Iterator[Finding]:
-    """Whether the tuned filter has the best values."""
-    there = given_values(experiment, tuned_label(label))
-    for key, value in record.best.values.items():
-        if there.get(key) != value:
-            found = f"{there.get(key)}, the best trial of {_FILE} has {value}"
-            yield changed(f"config.yaml: {tuned_label(label)}: {key} is {found}")
-
-
-def _beside(label: str, stored: list[Trial], again: list[Trial], draws: bool) -> Iterator[Finding]:
-    """Trials as stored and computed again, to the digits that are stored."""
+def _compare_trials(
+    label: str, stored: list[Trial], again: list[Trial], draws: bool
+) -> Iterator[Finding]:
+    """Yield differences of recomputed trials, in the stored digits, up to the first large one."""
     if len(stored) != len(again):
         yield changed(f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(again)}")
     for a, b in zip(stored, map(Trial.rounded, again), strict=False):
         if repr(a) == repr(b):
             continue
         numbers = np.array([a.objective, a.stderr]), np.array([b.objective, b.stderr])
-        near = a.lost == b.lost and bool(np.all(relative(*numbers) <= ROUNDING))
+        near = a.lost == b.lost and bool(np.all(relative(*numbers) <= TOLERANCE))
         apart = abs(a.objective - b.objective)
-        near |= draws and bool(apart <= _FAR * np.hypot(a.stderr, b.stderr))
+        near |= draws and bool(apart <= FAR * np.hypot(a.stderr, b.stderr))
         at = ", ".join(f"{key} = {value}" for key, value in a.values.items())
         what = f"{_FILE}: {label} at {at}: {a.objective:g} ± {a.stderr:g}"
         if a.values != b.values:
@@ -131,4 +119,4 @@ def _beside(label: str, stored: list[Trial], again: list[Trial], draws: bool) ->
             f"{what}, computed again {b.objective:g} ± {b.stderr:g}"
         )
         if not near:
-            return  # what follows hangs on it
+            return  # the next trials depend on it

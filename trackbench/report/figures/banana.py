@@ -130,10 +130,10 @@ class PosteriorEllipses(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
-        point = results.every_point[self.point - 1]
+        point = results.grid_points[self.point - 1]
         tracks = results.tracks(point)
         if tracks:  # not every filter failed here
-            self._panel(ax, tracks, results, results.given(point).scenario)
+            self._panel(ax, tracks, results, results.facts(point).scenario)
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
@@ -164,7 +164,7 @@ class PosteriorEllipses(FigureKind):
             mean = tracks[f"mean/{label}"][[0, 2], k, m]
             cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, m]
             along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
-            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.look(label))
+            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.line_style(label))
 
     def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
         azimuths = z[1] + 2e-3 * scenario["sensor"]["sigma_azimuth_mrad"] * np.linspace(

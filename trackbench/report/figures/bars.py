@@ -88,7 +88,7 @@ class Bars(FigureKind):
             value, low, high = self._value(expressions, label)
             if np.isfinite(value):
                 off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
-                colour = results.look(label)["color"]
+                colour = results.line_style(label)["color"]
                 ax.errorbar(value, i, xerr=off, color=colour, **look)
         ax.errorbar(
             [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look

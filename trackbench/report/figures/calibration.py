@@ -87,7 +87,7 @@ class CalibrationFigure(FigureKind):
                 if not found.runs:
                     ax.set_axis_off()
                 else:
-                    _bars(ax, found, results.look(label)["color"], over_steps=not m.steps)
+                    _bars(ax, found, results.line_style(label)["color"], over_steps=not m.steps)
             head = ", ".join(filter(None, [label, phrases.heading(point)]))
             line[0].set_ylabel(style.words(head, 16))
         for ax, head in zip(axes[0], self.columns, strict=True):

@@ -114,7 +114,11 @@ class Dots(FigureKind):
                 mine = rows.where(metric=metric).tuples(["filter", "value", "stderr"])
                 found = {label: estimate for label, *estimate in mine}
                 for i, label in enumerate(labels):
-                    look = {"color": results.look(label)["color"], "marker": "o", "markersize": 3.5}
+                    look = {
+                        "color": results.line_style(label)["color"],
+                        "marker": "o",
+                        "markersize": 3.5,
+                    }
                     value, stderr = found.get(label, (np.nan, np.nan))
                     ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), capsize=2, **look)
                 if metric in self.expected:

@@ -97,7 +97,7 @@ class AccuracyVsCost(FigureKind):
         marks: dict[str, int] = {}
         for curve in there:
             mark = marks[curve.label] = marks.get(curve.label, -1) + 1
-            look = results.look(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
+            look = results.line_style(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
             self._curve(ax, curve, look)
         every = [spot for curve in there for spot in curve.spots]
         x, y = _values(self._front(there))

@@ -83,7 +83,7 @@ class RmseVsParameter(FigureKind):
             rows = shown.where(filter=label)
             rows = rows.chosen(np.argsort(rows[path], kind="stable"))
             x, y, stderr = (rows[c].astype(float) for c in (path, "value", "stderr"))
-            self._line(ax, x, y, stderr, label, results.look(label))
+            self._line(ax, x, y, stderr, label, results.line_style(label))
         if self.log_x and len(shown):
             _logarithmic(ax, np.unique(shown[path].astype(float)))
         if self.log_y and len(shown):  # nothing, where every filter failed, has no logarithm

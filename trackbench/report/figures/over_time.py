@@ -45,7 +45,7 @@ class Curves(FigureKind):
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         drawn = results.chosen(self.filters)
         for label in (b for b in drawn if b not in references):
-            yield label, results.look(label)
+            yield label, results.line_style(label)
         for name, look in references.items():
             if name in results.labels:
                 yield str(name), look

@@ -151,7 +151,7 @@ def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -
 def _line(
     ax: Axes, held: _Held, label: str, metric: Measure, words: list[Any] | None, varied: bool
 ) -> None:
-    rows, look = held.of(label, metric), held.results.look(label)
+    rows, look = held.of(label, metric), held.results.line_style(label)
     if not rows:
         return
     if not varied:

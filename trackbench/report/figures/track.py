@@ -61,8 +61,8 @@ class Track(FigureKind):
         """Return a panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
         # of the first point where not every filter failed
-        point = next(filter(results.tracks, results.every_point))
-        turning, tracks = results.given(point).spans, results.tracks(point)
+        point = next(filter(results.tracks, results.grid_points))
+        turning, tracks = results.facts(point).spans, results.tracks(point)
         truth = tracks["truth"][list(self.components), :, 0] / 1000.0
         seen = tracks["seen"][:2, :, 0] / 1000.0 if self._sees(tracks) else np.empty((2, 0))
         estimates = [tracks[f"mean/{b}"][list(self.components)] / 1000.0 for b in self.filters
@@ -76,7 +76,7 @@ class Track(FigureKind):
             ax.plot(*seen, ".", color="#bbbbbb", markersize=2.0, label="Measurements, first run",
                     rasterized=True, zorder=0)  # fmt: skip
             if label and f"mean/{label}" in tracks:
-                self._estimates(ax, tracks[f"mean/{label}"], results.look(label)["color"])
+                self._estimates(ax, tracks[f"mean/{label}"], results.line_style(label)["color"])
             _truth(ax, truth, tracks["times"], turning, thin=bool(label))
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
@@ -157,12 +157,12 @@ class MeanAndStd(FigureKind):
         rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
         for (metric, sign, words), row in zip(rows, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
-                for start, end in results.given(point).spans:
+                for start, end in results.facts(point).spans:
                     ax.axvspan(start, end, color=style.MANEUVER, alpha=0.5, lw=0, zorder=0,
                                label="Maneuvers")  # fmt: skip
                 chosen = frame.where(metric=f"{metric}_{quantity}")
                 for label in labels:
-                    _line(ax, chosen.where(filter=label), sign, label, results.look(label))
+                    _line(ax, chosen.where(filter=label), sign, label, results.line_style(label))
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")

@@ -123,7 +123,7 @@ def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, st
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
     if name is None:
         return None
-    n = results.given(candidate.point).sizes[""] if name == "nees" else 1
+    n = results.facts(candidate.point).sizes[""] if name == "nees" else 1
     values = runs[candidate.label, name]
     values = values[~np.isnan(values)] / n
     word = name.upper() if name == "anis" else "ANEES"

@@ -12,7 +12,7 @@ from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
 from trackbench.report.html.render import key_picture, write_page
 from trackbench.report.html.svg import cleaned, outline
-from trackbench.report.open import open_with_notes, using
+from trackbench.report.open import explain_content_errors, open_with_notes
 from trackbench.report.results import Results
 from trackbench.report.text import TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
@@ -82,7 +82,7 @@ _HEAD = """# Published and measured
 
 Every number, word and claim of the papers that an experiment here measures, with its verdict. Of a
 number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
-`trackbench report results`; `make check-results` fails if a verdict does not come out again.
+`trackbench report results`; `make check-results` fails if a verdict is not reproduced.
 """
 
 
@@ -130,7 +130,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
     picture = key_picture(results)
     return Card(
         name=config["name"],
-        title=results.filled(config["title"]),
+        title=results.fill_title(config["title"]),
         filters=len(results.filters),
         runs=config["runs"],
         counted=bars(comparison),
@@ -158,7 +158,7 @@ def _opened(folder: Path) -> Overview:
     problems: list[Problem | str] = []
     for candidate in candidates:
         try:
-            with using(candidate):
+            with explain_content_errors(candidate):
                 results = open_with_notes(candidate)
                 opened.append((results, compare(results)))
         except UserError as error:
@@ -176,8 +176,7 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
         parts.append(f"## [{results.config['name']}]({name}/): {results.title}")
         parts += [f"- {line}" for line in summary_lines(comparison)]
         parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    parts += [LEGEND, *(table.markdown().rstrip() for table in _times(found))]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([*parts, LEGEND]) + "\n"
 
 
 def _times(found: Overview) -> list[TextTable]:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from trackbench.report.html.svg import inline
-from trackbench.report.kinds import FigureKind
+from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.parallel_drawing import drawn
 from trackbench.report.plugin_exhibits import told
 from trackbench.report.results import Results
@@ -38,8 +38,8 @@ def drawings(results: Results) -> list[Drawing]:
 
     found = []
     for name, spec, content in _pictures(results):
-        asked = results.asked_figures.get(name, {})
-        title, said = (results.filled(asked.get(key) or "") for key in ("title", "caption"))
+        asked = results.figure_configs.get(name, {})
+        title, said = (results.fill_title(asked.get(key) or "") for key in ("title", "caption"))
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
         caption = said or _told(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
@@ -62,10 +62,12 @@ def key_picture(results: Results) -> bytes | None:
 
 def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
     """Name, kind and SVG of each figure that is in the folder, or can be drawn."""
-    specs, asked = results.parts("figures"), results.asked_figures
+    specs, asked = results.parts("figures"), results.figure_configs
     for name in sorted(asked or specs, key=lambda name: name != results.key_figure):
-        spec, path = specs.get(name), results.folder / "figures" / f"{name}.svg"
-        is_own = path.is_file() and not (path.is_symlink() or path.parent.is_symlink())
+        spec = specs.get(name)
+        place = Path("figures" if spec is None else figure_folder(spec)) / f"{name}.svg"
+        path, parts = results.folder / place, (place, *place.parents[:-1])
+        is_own = path.is_file() and not any((results.folder / p).is_symlink() for p in parts)
         contents = [path.read_bytes()] if is_own else []
         failed = f"figure {name}" in results.unmade
         if not contents and spec is not None and name in asked and not failed:

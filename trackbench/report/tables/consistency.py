@@ -45,7 +45,7 @@ class Consistency(TableKind):
         table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
         every: dict[str, dict[int, None]] = {"ANEES": {}, "ANIS": {}}
         for point in results.points():
-            given = results.given(point)
+            given = results.facts(point)
             sizes = {"anees": len(given.components), "nis": len(given.measured)}
             for name, n in zip(every, sizes.values(), strict=True):
                 every[name][n] = None

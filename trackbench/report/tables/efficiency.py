@@ -102,7 +102,7 @@ def _forms(
     found: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):
-        keys = results.given(point).filters.get(label)
+        keys = results.facts(point).filters.get(label)
         if keys is not None and keys not in found:
             found.append(keys)
             points.append(point)

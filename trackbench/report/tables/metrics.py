@@ -1,7 +1,7 @@
 """Table kind `metrics`: filters down, metrics across, each number with its standard error."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -46,8 +46,15 @@ class Metrics(TableKind):
     gain: Gain | None = None
     """a last row with one filter's improvement over another's, in percent"""
 
+    def without_cpu_times(self) -> "Metrics | None":
+        """Return the table without columns of CPU times; None if there are no others."""
+        columns = {head: m for head, m in self.columns.items() if not m.is_cpu_time}
+        if len(columns) == len(self.columns):
+            return self
+        return replace(self, columns=columns) if columns else None
+
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder."""
+        """Return the table of a results folder."""
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]

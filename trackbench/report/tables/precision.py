@@ -68,7 +68,7 @@ def _look(
 ) -> list[PrecisionCheck]:
     if "lost" not in result.per_run:
         return []
-    return check_precision([wanted], result, results.given(point).sizes, {}, runs)
+    return check_precision([wanted], result, results.facts(point).sizes, {}, runs)
 
 
 def _enough(found: list[PrecisionCheck], stops: list[int]) -> str:

@@ -44,7 +44,7 @@ class TuningTable(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
         tuning, runs = results.config["tuning"], results.runs({})
-        objective = Objective.of(tuning["metric"], results.given({}).sizes)
+        objective = Objective.of(tuning["metric"], results.facts({}).sizes)
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
         table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
         for label, record in results.tuning.items():

@@ -12,7 +12,7 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
 
-from trackbench.atomic_files import remove, write_csv
+from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.core.arrays import Array
 from trackbench.evaluation.statistics import interval, median
@@ -21,10 +21,10 @@ from trackbench.report.results import Results
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
 from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED
+from trackbench.results.folder_contents import TIME_VERDICTS
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""
-FILE = "time_verdicts.csv"
 HEADER = [
     *("statement", "verdict", "measured", "low", "high", "wanted_low", "wanted_high"),
     *("filters", "operations", "paper", "source", "note"),
@@ -147,10 +147,11 @@ def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
 
 def write_time_verdicts(results: Results) -> None:
     """Write them, or take away an old file if nothing is published about times."""
-    verdicts, path = time_verdicts(results), results.target / FILE
+    verdicts, path = time_verdicts(results), results.target / TIME_VERDICTS
     if not verdicts:
         remove(path)
         return
+    ensure_folder(within(results.target, "run"))
     write_csv(path, HEADER, map(_cells, verdicts))
 
 
@@ -176,7 +177,7 @@ def time_line(results: Results) -> list[str]:
     """Return one line on these verdicts; none if there is none."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
     found = ", ".join(f"{number} {word}" for word, number in words.items())
-    return [f"CPU times, on this machine: {found}; {FILE} has them"] if found else []
+    return [f"CPU times, on this machine: {found}; {TIME_VERDICTS} has them"] if found else []
 
 
 def _ends(low: float, high: float) -> str:

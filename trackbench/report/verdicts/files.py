@@ -13,10 +13,10 @@ from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
 from trackbench.report.verdicts.claims import Judged
-from trackbench.report.verdicts.cpu_times import FILE as TIMES
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked
 from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS, Verdict
+from trackbench.results.folder_contents import TIME_VERDICTS
 
 _VERBS = ("agrees", "differs", "holds", "fails")
 
@@ -154,7 +154,7 @@ def markdown(results: Results, comparison: Comparison) -> str:
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    times = f"Verdicts on CPU times stand in {TIMES}: they are of one machine."
+    times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
     return "\n\n".join([*parts, LEGEND, *([times] if time_verdicts(results) else [])]) + "\n"
 
 
