@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from trackbench.filters.iplf import IPLF
 
 from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
@@ -22,7 +23,6 @@ from trackbench.filters.ekf import EKF, IEKF
 from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
-from trackbench.filters.iplf import IPLF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.turn import CoordinatedTurn
