@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from trackbench.filters.iplf import IPLF
 
 from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
@@ -19,7 +18,7 @@ from trackbench.filters.adaptive_kf import VDF, AdaptiveKF
 from trackbench.filters.adaptive_kf.decisions import Detector
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.cmkf import CMKF
-from trackbench.filters.ekf import EKF, IEKF
+from trackbench.filters.ekf import EKF, IEKF, IPLF
 from trackbench.filters.gaussian_base import KF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
