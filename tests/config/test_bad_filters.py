@@ -159,7 +159,7 @@ BAD: dict[str, tuple[str, int, str, str]] = {
                         "z[7]", "IndexError: index 7 is out of bounds"),
     "one run: another sensor": (
         one("    measured = ('range', 'azimuth')\n    def step(self, z, dt):\n        pass\n"),
-        INPUT, "", "it takes range, azimuth, and what is measured here is x, y"),
+        INPUT, "", "it takes range, azimuth; this scenario measures x, y"),
     "one run: another state": (
         one("    state = ('px', 'py')\n    def step(self, z, dt):\n        pass\n"), INPUT, "",
         "its state (px, py) has no vx"),
