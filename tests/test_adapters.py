@@ -519,8 +519,8 @@ class Unsettled(Plain):
         (FilterPyKF, {}),
         (StoneSoupKF, {}),
         (Draws, {}),
-        (Shared, {"a run does not see the others"}),
-        (Unsettled, {"the same runs give the same again", "a run does not see the others"}),
+        (Shared, {"runs are independent"}),
+        (Unsettled, {"equal runs give equal estimates", "runs are independent"}),
     ],
 )
 def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> None:
