@@ -1,7 +1,7 @@
-"""Compare the numbers of README.md and experiments/README.md with results/. Each is a link.
+"""Compare the numbers of README.md and docs/findings/ with results/. Each is a link.
 
-``[0.34 ± 0.01](../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results folder;
-a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
+``[0.34 ± 0.01](../../results/hdepf/ "PF; mean(rmse)")`` is an expression of a filter in a results
+folder; a third part gives the values of a point of the grid (``0.1; 10``), and ``z;`` in front asks for how
 many standard errors it is from zero. ``[holds](../results/hdepf/ "claim; TEXT OF THE CLAIM")`` is the
 verdict on a claim, ``"number; TABLE; ROW; FILTER; METRIC"`` that on a printed number. ``count; numbers;
 agrees; fragile`` counts verdicts of a folder, or of all (``results/``): of ``numbers``, ``words`` on a
@@ -27,9 +27,9 @@ from trackbench.report.verdicts.rules import NUMBER_WORDS
 from trackbench.yaml_source import scalar
 
 HERE = Path(__file__).resolve().parent.parent
-PROSE = HERE / "experiments" / "README.md"
-TEXTS = (PROSE, HERE / "README.md")
-LINK = re.compile(r'\[([^\]\[]+)\]\((?:\.\./)?results/(?:([^/)]+)/)? "([^"]+)"\)')
+FINDINGS = tuple(sorted((HERE / "docs" / "findings").glob("*.md")))
+TEXTS = (*FINDINGS, HERE / "README.md")
+LINK = re.compile(r'\[([^\]\[]+)\]\((?:\.\./)*results/(?:([^/)]+)/)? "([^"]+)"\)')
 _PRINTED_AT = ("paper", "table", "row", "filter", "metric")
 _NUMBER = re.compile(r"([+-]?)(\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
@@ -43,7 +43,7 @@ class Tied(NamedTuple):
     source: str
 
 
-def tied(path: Path = PROSE) -> Iterator[Tied]:
+def tied(path: Path) -> Iterator[Tied]:
     """Every tied number of a text."""
     for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         for match in LINK.finditer(line):
@@ -163,7 +163,7 @@ SHARES = re.compile(
 )
 _NO_RESULT = re.compile(r"`[^`]*`|\[[^]]*\]\([^)]*\)|\([^()]*(printed|paper)[^()]*\)")
 """Code, other links, and what parentheses say of the paper."""
-_EXEMPT = ("# Experiments", "Errata", "Open points", "Published numbers")
+_EXEMPT = ("Errata", "Open points")
 _BARE = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 
 
@@ -213,7 +213,7 @@ def main() -> int:
     for path, t in stale:
         print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
     for path in options.paths:
-        for line, text in untied(path) if path.name != "README.md" or path == PROSE else ():
+        for line, text in untied(path) if path in FINDINGS else ():
             print(f"{path}:{line}: {text!r} is tied to no result")
     for path in options.paths if options.write else ():
         text = path.read_text(encoding="utf-8")

@@ -12,7 +12,11 @@ from tests.conftest import ROOT
 from tests.pages import BARE, TURN, Sandbox, quickly
 from trackbench.yaml_source import parse
 
-PLACES = ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+PLACES = [
+    "README.md",
+    "CONTRIBUTING.md",
+    *(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md")),
+]
 _LINK = re.compile(r"\]\(([^)\s]+)(?:\s+\"[^\"]*\")?\)")
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.prose import LINK, PROSE, TEXTS, count, like, tied, untied
+from tests.prose import FINDINGS, HERE, LINK, TEXTS, count, like, tied, untied
 from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
 def test_every_number_of_the_prose_is_that_of_the_results(path: Path) -> None:
     found = list(tied(path))
     stale = [
@@ -22,7 +22,7 @@ def test_every_number_of_the_prose_is_that_of_the_results(path: Path) -> None:
 def test_every_count_of_verdicts_is_tied() -> None:
     """A number before a verdict's word, and the sentence has all words of the ledger."""
     text = (
-        TEXTS[1]
+        TEXTS[-1]
         .read_text(encoding="utf-8")
         .partition("## What it found")[2]
         .partition("| paper")[0]
@@ -39,7 +39,7 @@ def test_every_count_of_verdicts_is_tied() -> None:
 
 def test_a_count_is_of_the_ledger() -> None:
     """results/README.md says it in words."""
-    ledger = (PROSE.parent.parent / "results" / "README.md").read_text(encoding="utf-8")
+    ledger = (HERE / "results" / "README.md").read_text(encoding="utf-8")
     claims, holds = count("", "claims"), count("", "claims", "holds")
     assert (
         f"- {claims} claims: {holds} hold ({count('', 'claims', 'holds', 'fragile')} fragile)"
@@ -51,9 +51,17 @@ def test_a_count_is_of_the_ledger() -> None:
     )
 
 
-def test_every_measured_number_and_verdict_is_tied() -> None:
+@pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.stem)
+def test_every_measured_number_and_verdict_is_tied(path: Path) -> None:
     """A number that is no setting, a share in words, a verdict."""
-    assert list(untied(PROSE)) == []
+    assert list(untied(path)) == []
+
+
+@pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.stem)
+def test_a_page_begins_with_a_short_summary(path: Path) -> None:
+    text = re.sub(r"\]\([^)]*\)", "]", path.read_text(encoding="utf-8"))
+    summary = text.partition("## Summary\n")[2].partition("\n## ")[0].strip()
+    assert 20 <= len(summary.split("\n\n")[0].split()) <= 120
 
 
 def test_what_is_typed_is_found(tmp_path: Path) -> None:

@@ -71,9 +71,9 @@ def test_the_gallery_has_every_experiment() -> None:
 
 def test_links_are_those_of_the_site() -> None:
     known = pages() | {"results/hdepf/": "gallery/hdepf.md"}
-    text = '[a](../results/hdepf/ "PF; mean(rmse)") [`b`](design.md#verdicts) [c](../LICENSE)'
+    text = '[a](../results/hdepf/ "PF; mean(rmse)") [`b`](decisions/verdicts.md) [c](../LICENSE)'
     found = rewritten(text, "docs/running.md", "running.md", known)
-    assert '[a](gallery/hdepf.md "PF; mean(rmse)") [`b`](design.md#verdicts) c' in found
+    assert '[a](gallery/hdepf.md "PF; mean(rmse)") [`b`](decisions/verdicts.md) c' in found
     assert rewritten("[e](../docs/tuning.md)", "experiments/README.md", "findings.md", known) == (
         "[e](tuning.md)"
     )

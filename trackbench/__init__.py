@@ -35,12 +35,12 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    """What completion offers, before anything of it is imported."""
+    """Return the names for completion, before anything is imported."""
     return [*__all__, "__doc__", "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    """The functions of the API, imported when they are first used."""
+    """Import a function of the API when it is first used."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from trackbench import api

@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; interrupted while it is still being imported, it leaves with 130, too."""
+    """Run the command line; an interrupt during imports exits with 130, too."""
     # Nearly all that is imported, read and drawn stays: looking it through takes long, and is for
     # nothing once the program ends.
     gc.set_threshold(50_000)

@@ -1,4 +1,4 @@
-"""What the command line does, for notebooks and scripts: one code path for both.
+"""Python functions for notebooks and scripts; the command line runs the same code.
 
 ``trackbench.run("config.yaml", runs=50).per_run`` is a data frame; ``trackbench.load(folder)`` reads the
 results of an earlier run.
@@ -33,21 +33,27 @@ __all__ = [
 
 
 def run(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Run an experiment and write its results folder; raises UserError for bad input.
+    """Run an experiment and write its results folder.
 
-    ``config`` is a file, the name of a shipped experiment, or a mapping of what a file would say.
+    Parameters
+    ----------
+    config : path, name of a shipped experiment, or a mapping like a config file
+    changes : fields of Options, as in ``run("config.yaml", runs=50, workers=2)``
 
-    ``changes`` are fields of Options, as in ``run("config.yaml", runs=50, workers=2)``.
+    Raises
+    ------
+    UserError : bad input, with one line per mistake
     """
     (report,) = run_all([config], options, **changes)
     return report
 
 
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Run the values of ``grid``; also writes ``sweep.csv``, a figure per filter and the best values.
+    """Run the values of ``grid``; also writes ``sweep.csv``, a figure per filter and the best
+    values.
 
-    Keys of several filters are varied one filter after the other; ``product`` runs every combination.
-    The results go to ``results/<name>-sweep/``, so that the experiment's own stay as they are.
+    Keys of several filters vary one filter after the other; ``product`` runs every combination.
+    The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
     options = replace(options or Options(), **changes)
     if options.out is None:
@@ -59,9 +65,9 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
 
 
 def tune(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Tune the filters that the config's ``tune`` names, and run what is found beside them.
+    """Tune the filters that the config's ``tune`` names, and run them beside the originals.
 
-    So does `run`; this raises UserError if there is nothing to tune.
+    `run` does the same; this raises UserError if the config has nothing to tune.
     """
     options = replace(options or Options(), **changes)
     check_tuned([config], options)
@@ -69,7 +75,7 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
 
 
 def check_tuned(configs: Sequence[Config], options: Options) -> None:
-    """Raise UserError for a config that tunes no filter that is run."""
+    """Raise UserError for a config that tunes no filter of the run."""
     for config in configs:
         experiment = prepare(config, options)
         if not experiment.tuned:

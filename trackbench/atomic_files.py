@@ -31,7 +31,7 @@ def free_name(name: str, taken: Iterable[str]) -> str:
 
 
 def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
-    """A CSV with numbers in their shortest exact form."""
+    """Write a CSV with numbers in their shortest exact form."""
     with atomic_write(path) as file:
         writer = CsvWriter(file)
         writer.writerow(header)
@@ -39,7 +39,7 @@ def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
 
 
 def shortened(numbers: Iterable[float], digits: int) -> list[str]:
-    """Numbers of so many significant digits as `csv` writes them, in half its time."""
+    """Return numbers of so many significant digits as `csv` writes them, in half its time."""
     spec = f".{digits}g"
     texts = [format(x, spec) for x in numbers]
     return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
@@ -58,7 +58,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[IO[bytes]]:
-    """Temporary file, fsync, rename: the old file stands until the new one is complete.
+    """Write a temporary file, fsync, rename: the old file stays until the new one is complete.
 
     Raises WriteError if the disk is full or the folder may not be written.
     """
@@ -109,7 +109,7 @@ def remove(path: Path) -> None:
 
 @contextmanager
 def record_writes() -> Iterator[list[Path]]:
-    """The files that are written and removed meanwhile, in this order."""
+    """Record the files that are written and removed meanwhile, in this order."""
     paths: list[Path] = []
     token = _touched.set(paths)
     try:
@@ -146,7 +146,7 @@ class CsvWriter:
 
 
 def cells(row: Row) -> str:
-    """A row's beginning, or all of it, as a CSV has it between its commas."""
+    """Return a row's beginning, or all of it, as a CSV has it between its commas."""
     return _lines([row])[:-1]
 
 

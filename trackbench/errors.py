@@ -29,12 +29,12 @@ class Problem:
 
 
 def in_line(text: str) -> str:
-    """The text in one line, whatever a label or a foreign message has in it."""
+    """Return the text in one line, whatever a label or a foreign message has in it."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def reason(error: OSError) -> str:
-    """Why a file cannot be read or written."""
+    """Return why a file cannot be read or written."""
     words = error.strerror or str(error)
     return words[:1].lower() + words[1:]
 
@@ -47,7 +47,7 @@ class UserError(Exception):
         self.problems = problems
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython shows in a traceback's place."""
+        """Return the lines that IPython shows in place of a traceback."""
         return str(self).splitlines()
 
 
@@ -63,5 +63,5 @@ class WriteError(RunError):
 
 
 def counted(number: int, word: str) -> str:
-    """``1 block``, ``2 blocks``."""
+    """Return ``1 block``, ``2 blocks``."""
     return f"{number} {word}" if number == 1 else f"{number} {word}s"

@@ -48,12 +48,12 @@ class Part:
 
     @property
     def contents(self) -> dict[str, str]:
-        """Digests of the data files that were read, by path; without them the files are hashed anew."""
+        """Return digests of the data files read, by path; without them files are hashed."""
         return {}
 
     @classmethod
     def explain(cls) -> str:
-        """Further lines for ``trackbench describe``."""
+        """Return further lines for ``trackbench describe``."""
         return ""
 
 
@@ -82,7 +82,7 @@ def foreign_parts(part: Any) -> list[Any]:
 
 
 class InvalidHookError(TypeError):
-    """What a class lacks that its base asks for, or calls nearly like a hook: a line for each."""
+    """Missing hooks of a class, or names nearly like a hook: one line each."""
 
     def __str__(self) -> str:
         return "; ".join(self.args)
@@ -97,7 +97,7 @@ class Hook(NamedTuple):
 
 
 def rebase(cls: type[Any], base: type[Part]) -> type[Any]:
-    """The class itself, or one of the same name and keys with the base's hooks behind its own.
+    """Return the class itself, or one of the same name and keys with the base's hooks behind its own.
 
     Raises InvalidHookError at what is missing or nearly spelt like a hook; the package's own classes
     are looked through by a test.
@@ -114,7 +114,7 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Any]:
 
 
 def hooks(base: type[Part]) -> Iterator[Hook]:
-    """The hooks of a base, those without a default first."""
+    """Yield the hooks of a base, those without a default first."""
     found = _declared(base)
     for name in sorted(found, key=lambda name: not _is_needed(found[name])):
         is_method = inspect.isroutine(found[name]) or isinstance(found[name], classmethod)
@@ -123,7 +123,7 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
 
 
 def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
-    """Names of the hooks that have a default and that a class has an own of."""
+    """Return names of the hooks that have a default and that a class has an own of."""
     keys = {f.name for f in fields(cls)}
     names = [n for n, what in _declared(base).items() if n not in keys and not _is_needed(what)]
     found = ((n, getattr_static(cls, n, None), getattr_static(base, n, None)) for n in names)
@@ -131,7 +131,7 @@ def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
 
 
 def _declared(base: type[Part]) -> dict[str, Any]:
-    """What stands in the base by the name of each hook."""
+    """Return the base's declaration of each hook."""
     found: dict[str, Any] = {}
     for owner in _owners(base):
         without = None if owner in base.optional_capabilities else _NOTHING
@@ -146,13 +146,13 @@ def _declared(base: type[Part]) -> dict[str, Any]:
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """The classes that declare a base's hooks, its own first."""
+    """Return the classes that declare a base's hooks, its own first."""
     own = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
     return [*own, *base.optional_capabilities]
 
 
 def mistakes(cls: type[Any], base: type[Part]) -> list[tuple[str, int, str]]:
-    """What is wrong with a class on its base, with file and line, in their order."""
+    """Return the mistakes of a class against its base, with file and line, in their order."""
     return sorted(_mistakes(cls, base))
 
 
@@ -161,7 +161,7 @@ def _is_needed(declared: Any) -> bool:
 
 
 def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]]:
-    """File, line and what is wrong there."""
+    """Yield the file, line and what is wrong there."""
     known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
     for name, declared in known.items():
         own = getattr_static(cls, name, declared)
@@ -183,7 +183,7 @@ def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]
 
 
 def _place(cls: type[Any], name: str) -> tuple[str, int]:
-    """File and line of a name in a class, or of the class, as far as there is a file."""
+    """Return the file and line of a name in a class, or of the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):
@@ -199,7 +199,7 @@ def _arguments(method: Any) -> str:
 
 
 def _text(name: str, declared: Any, base: type[Part]) -> str:
-    """The first paragraph of its docstring; of an attribute the string under it."""
+    """Return the first paragraph of its docstring; of an attribute the string under it."""
     text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
     return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
 

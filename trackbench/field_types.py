@@ -38,7 +38,7 @@ DataFile = Annotated[str, IS_FILE]
 
 
 def require_regular_file(path: str | Path) -> Path:
-    """The path of a file that can be read to its end.
+    """Return the path of a file that can be read to its end.
 
     Raises OSError for what is not there, a folder, and a device or a pipe, which may have no end.
     """
@@ -60,7 +60,7 @@ class Place(NamedTuple):
 
 
 class DataError(ValueError):
-    """What is wrong in a data file, place by place."""
+    """Mistakes in a data file, place by place."""
 
     def __init__(self, *places: Place) -> None:
         super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
@@ -87,7 +87,7 @@ class Registered:
     """registry group of the part"""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Any value in a schema: the registry knows what may stand here."""
+        """Return any value in a schema: the registry knows what may stand here."""
         from pydantic_core import core_schema
 
         return core_schema.with_info_plain_validator_function(
@@ -100,12 +100,12 @@ def _prebuilt(number: Any, info: Any) -> Any:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether a value of a config is a number, which a truth value is not."""
+    """Return whether a value of a config is a number, which a truth value is not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def part_group(hint: Any) -> str | None:
-    """The registry group of the parts that a key of this type holds, if it holds any."""
+    """Return the registry group of the parts that a key of this type holds, if it holds any."""
     marks = (
         mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Registered)
     )

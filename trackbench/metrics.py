@@ -1,4 +1,4 @@
-"""What a metric is: how it is made of a series, its unit, and which way is better.
+"""Declared metrics: the series each is made of, its unit, and the better direction.
 
 A series is an array (T + 1, M). A metric is made of one over the steps of a run (per_run.csv) and over
 the runs at a step (per_step.csv). What nobody registers, such as a note of a filter of one's own, is
@@ -37,17 +37,17 @@ class Metric:
 
     @property
     def more_is_better(self) -> bool:
-        """Whether the larger of two values is the better one."""
+        """Return whether the larger of two values is the better one."""
         return self.better == "higher"
 
     @property
     def is_score(self) -> bool:
-        """Whether it is an average of logarithms, of which no ratio says anything."""
+        """Return whether it is an average of logarithms, of which no ratio says anything."""
         return self.series.endswith("log_likelihood")
 
     @property
     def is_family(self) -> bool:
-        """Whether a quantity may follow the name."""
+        """Return whether a quantity may follow the name."""
         return self.unit == "quantity" or self.series in _FAMILIES
 
 
@@ -56,7 +56,7 @@ METRICS: dict[str, Metric] = {}
 
 
 def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
-    """Say what a plugin's filter notes, or its scenario gives each run, under this name.
+    """Declare a metric of a plugin: a filter's diagnostic or a scenario's run metric.
 
     Raises ValueError if the name is one of the package's own, or `better` is no way to be better.
     """
@@ -69,12 +69,12 @@ def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
 
 
 def joined(prefix: str, quantity: str) -> str:
-    """``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
+    """Return ``prefix_quantity``, or the prefix alone for a scenario's only, nameless quantity."""
     return f"{prefix}_{quantity}" if quantity else prefix
 
 
 def metric_of(name: str) -> tuple[Metric, str]:
-    """The metric that a name without window is of, and the quantity."""
+    """Return the metric that a name without window is of, and the quantity."""
     head, _, quantity = name.partition("_")
     if name not in METRICS and head in METRICS and METRICS[head].is_family:
         return METRICS[head], quantity
@@ -82,7 +82,7 @@ def metric_of(name: str) -> tuple[Metric, str]:
 
 
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
-    """Each metric that a series is made into, and its name; one in ``counts`` is summed."""
+    """Yield each metric that a series is made into, and its name; one in ``counts`` is summed."""
     head, _, quantity = series.partition("_")
     if series in _OF_SERIES:
         yield from ((m, m.name) for m in _OF_SERIES[series])
@@ -94,7 +94,7 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 
 
 def is_reserved(name: str) -> bool:
-    """Whether a filter's note of this name would be taken for a metric of the errors."""
+    """Return whether a filter's note of this name would be taken for a metric of the errors."""
     head = name.partition("_")[0]
     return any(m.series and {name, head} & {m.name, m.series} for m in METRICS.values())
 

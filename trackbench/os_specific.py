@@ -1,4 +1,4 @@
-"""What differs between systems: the machine's name and memory, and how a file is locked."""
+"""System-specific functions: the machine's name and memory, and file locks."""
 
 import os
 import platform
@@ -15,7 +15,7 @@ if sys.platform == "win32":
     """A byte behind what is written: the system keeps others from reading what is locked."""
 
     def memory() -> int:
-        """Bytes of memory that the machine has."""
+        """Return bytes of memory that the machine has."""
         kilobytes = ctypes.c_ulonglong(0)
         ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
         return kilobytes.value * 1024 or sys.maxsize

@@ -53,7 +53,7 @@ _of_plugins: dict[str, list[tuple[Group, str, type[Any]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
-    """Class decorator: make the class available in a config as ``kind: <kind>``, on its group's base."""
+    """Return a class decorator that registers ``kind: <kind>`` and adds its group's base."""
 
     def add(cls: T) -> T:
         if not is_dataclass(cls):
@@ -76,18 +76,18 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
 
 
 def base_of(group: Group) -> type[Part]:
-    """The base of a group's classes, which declares their hooks."""
+    """Return the base of a group's classes, which declares their hooks."""
     module, _, name = _BASES[group].rpartition(".")
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
 def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
-    """What a plugin's module has registered: group, kind, class."""
+    """Return the registrations of a plugin's module: group, kind, class."""
     return _of_plugins.get(module, [])
 
 
 def registered_kinds() -> Iterator[type[Any]]:
-    """Every class of any group that is registered by now."""
+    """Yield every class of any group that is registered by now."""
     return (cls for known in _kinds.values() for cls in known.values())
 
 
@@ -110,25 +110,25 @@ def restore_normal_exit() -> None:
 
 
 def _origin(cls: type) -> str:
-    """The module; a plugin's without its digest, so that an edited plugin may register again."""
+    """Return the module; a plugin's without its digest, so that an edited plugin may register again."""
     module = cls.__module__
     return module.rpartition("_")[0] if is_plugin(module) else module
 
 
 def is_plugin(module: str) -> bool:
-    """Whether the module is a file that a config names."""
+    """Return whether the module is a file that a config names."""
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 
 def of_kind(group: Group, kind: str) -> type[Any] | None:
-    """The class of a kind; of the package's own only the file that has it is imported."""
+    """Return the class of a kind; of the package's own only the file that has it is imported."""
     if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
         importlib.import_module(_homes(group)[kind])
     return _kinds[group].get(kind) or kinds(group).get(kind)
 
 
 def kinds(group: Group) -> dict[str, type[Any]]:
-    """Every registered class of a group by its kind, sorted."""
+    """Return every registered class of a group by its kind, sorted."""
     if group not in _scanned:
         _scanned.add(group)
         _scan(_PACKAGES[group])
@@ -140,7 +140,7 @@ def kinds(group: Group) -> dict[str, type[Any]]:
 
 @cache
 def _homes(group: Group) -> dict[str, str]:
-    """The modules of the package that register kinds of a group, by kind."""
+    """Return the modules of the package that register kinds of a group, by kind."""
     mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
     files = {_module_of(file): file.read_text(encoding="utf-8") for file in _files(group)}
     return {
@@ -149,14 +149,14 @@ def _homes(group: Group) -> dict[str, str]:
 
 
 def documentation(group: Group) -> dict[str, str]:
-    """The docstring of every kind of a group, sorted; the package's own are read, not imported."""
+    """Return the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
     return dict(sorted(found for file in _files(group) for found in _documented(file)))
 
 
 def _files(group: Group) -> list[Path]:
-    """The source files of a group's package."""
+    """Return the source files of a group's package."""
     spec = find_spec(_PACKAGES[group])
     assert spec is not None
     folders = spec.submodule_search_locations or ()
@@ -170,7 +170,7 @@ def _module_of(file: Path) -> str:
 
 
 def _documented(file: Path) -> Iterator[tuple[str, str]]:
-    """Kind and docstring of each class that a source file registers."""
+    """Yield the kind and docstring of each class that a source file registers."""
     text = file.read_text(encoding="utf-8")
     for node in ast.parse(text).body if "@register(" in text else ():
         if not isinstance(node, ast.ClassDef):

@@ -1,4 +1,4 @@
-"""Starting files for filters, sensors, motions, scenarios and experiments: they run as they are."""
+"""Starting files for filters, sensors, motions, scenarios and experiments that run as they are."""
 
 import json
 import os
@@ -26,9 +26,9 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
 def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list[Path]:
-    """Write the files of a new filter, sensor, experiment, ...; never over an existing one.
+    """Write the files of a new filter, sensor, experiment, ...; existing files stay.
 
-    ``per_run``: a filter that is written for one run.
+    ``per_run`` writes a filter that handles one run at a time.
     """
     if per_run and what != "filter":
         raise UserError(f"new {what} {name}: --per-run is of a filter")
@@ -49,7 +49,7 @@ def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list
 
 
 def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
-    """Write an experiment on recorded data, whatever can be guessed of them; never over a file."""
+    """Write an experiment on recorded data with guessed columns and units; existing files stay."""
     words = _words("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")

@@ -52,7 +52,7 @@ class Source:
     problems: list[Problem] = field(default_factory=list)
 
     def mark(self, keys: Keys) -> Mark:
-        """Where the value stands, or the nearest thing around it; places in a list may be words."""
+        """Return the place of a value, or of the nearest thing around it; list items may be named."""
         if keys not in self.marks:
             keys = tuple(int(k) if isinstance(k, str) and k.isdecimal() else k for k in keys)
         while keys not in self.marks and keys:
@@ -60,11 +60,11 @@ class Source:
         return self.marks.get(keys, Mark("config"))
 
     def key_mark(self, keys: Keys) -> Mark:
-        """Where the key itself stands."""
+        """Return the place of a key."""
         return self.key_marks.get(keys) or self.mark(keys)
 
     def problem(self, keys: Keys, what: str) -> Problem:
-        """A mistake in the value at ``keys``."""
+        """Return a mistake in the value at ``keys``."""
         return Problem(self.mark(keys), dotted(keys), what)
 
     def add_problem(self, keys: Keys, what: str) -> None:
@@ -81,7 +81,7 @@ class Source:
             raise UserError(*sorted(set(self.problems)))
 
     def subtree(self, keys: Keys, data: Any) -> "Source":
-        """What stands at ``keys``, as a source of its own: ``data`` and the positions in it."""
+        """Return the value at ``keys`` as its own source: ``data`` and the positions in it."""
         n = len(keys)
         marks, key_marks = (
             {k[n:]: mark for k, mark in every.items() if k[:n] == keys}
@@ -96,7 +96,7 @@ class Source:
 
 
 def dotted(keys: Keys) -> str:
-    """``filters.HDEPF.CR``."""
+    """Return ``filters.HDEPF.CR``."""
     return ".".join(str(k) for k in keys)
 
 
@@ -111,7 +111,7 @@ def read(path: Path, shown: str | None = None) -> Source:
 
 
 def text_of(path: Path) -> str:
-    """Content of a text file of at most 1 MB; raises OSError, in words, if it is anything else."""
+    """Return the content of a text file of at most 1 MB; raises OSError."""
     size = require_regular_file(path).stat().st_size
     if size > _LARGEST_FILE:
         raise OSError(errno.EFBIG, f"has {size} bytes, and may have 1 MB at most")
@@ -120,7 +120,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _given() -> str:
-    """What comes on stdin, which is there once."""
+    """Return the text of stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -136,7 +136,7 @@ def _decoded(content: bytes) -> str:
 
 
 def unprintable_reason(text: str) -> str | None:
-    """What to say of a text that cannot be written into a file or onto a page as it is."""
+    """Return why a text cannot be written into a file or page, or an empty string."""
     if len(text) > _LONGEST_TEXT:
         return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
     found = _UNSEEN.search(text)
@@ -178,7 +178,7 @@ def parse(text: str, name: str) -> Source:
 
 
 def scalar(text: str) -> Any:
-    """A plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
+    """Return a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
@@ -190,12 +190,12 @@ def scalar(text: str) -> Any:
 
 @lru_cache(maxsize=32)
 def _composed(text: str) -> yaml.Node | None:
-    """The document's node; kept, since experiments share their parts."""
+    """Return the document's node; kept, since experiments share their parts."""
     return _Loader(text).get_single_node()
 
 
 class _TooManyError(Exception):
-    """Where a file has a value too many."""
+    """Place of a surplus value in a file."""
 
     def __init__(self, at: yaml.Mark) -> None:
         super().__init__(_TOO_MANY)
@@ -208,7 +208,7 @@ class _Loader(yaml.SafeLoader):
     nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """The next node, unless it is one too many."""
+        """Return the next node, unless it is one too many."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
             raise _TooManyError(self.peek_event().start_mark)  # type: ignore[no-untyped-call]

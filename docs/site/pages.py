@@ -7,7 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent.parent
 PAGES = {
     "README.md": "index.md",
-    "experiments/README.md": "findings.md",
+    "experiments/README.md": "experiments.md",
     "results/README.md": "ledger.md",
     "experiments/data/README.md": "data.md",
     "benchmarks/results.md": "benchmarks.md",
@@ -19,8 +19,12 @@ _OUTSIDE = ("http:", "https:", "mailto:")
 
 
 def pages() -> dict[str, str]:
-    """Each page's place in the repository, and on the site: those of docs/, and the rest."""
-    own = {f"docs/{path.name}": path.name for path in sorted((ROOT / "docs").glob("*.md"))}
+    """Map each page's path in the repository to its path on the site."""
+    docs = ROOT / "docs"
+    own = {
+        f"docs/{name}": name
+        for name in sorted(path.relative_to(docs).as_posix() for path in docs.rglob("*.md"))
+    }
     return {place: uri for place, uri in (PAGES | own).items() if (ROOT / place).is_file()}
 
 

@@ -1,4 +1,4 @@
-"""The command line: options in, messages out, no logic. Heavy modules are imported when needed."""
+"""Command line: options in, messages out, no logic. Heavy modules are imported when needed."""
 
 import sys
 from collections.abc import Callable
@@ -40,11 +40,11 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")
     ] = False,
 ) -> None:
-    """Options of the program itself."""
+    """Run Monte Carlo experiments with target-tracking filters."""
 
 
 def _not_aborted(command: Callable[..., None]) -> Callable[..., None]:
-    """Keep an EOFError of a command from click, which takes it for Ctrl-D and prints "Aborted!"."""
+    """Hide an EOFError of a command from click, which would print "Aborted!" as after Ctrl-D."""
 
     @wraps(command)
     def called(*words: Any, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""The commands that look before a run: at a config, a filter of one's own, and the kept blocks."""
+"""Commands that check a config or a filter, and manage the cache."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,7 +25,7 @@ def check(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Validate a config and run nothing, or hold a filter of one's own against the contract."""
+    """Validate a config without running it, or check your own filter against the contract."""
     if config is None and contract is None:
         raise typer.BadParameter("name a config, or a Python file with --contract")
     if config is not None:
@@ -40,7 +40,7 @@ def cache(
         bool, typer.Option("--prune", help="remove blocks that other versions of the code made")
     ] = False,
 ) -> None:
-    """Show or clear what is kept for the next run: finished blocks, drawn figures."""
+    """Show or clear the cache: finished blocks and drawn figures."""
     from trackbench.errors import counted
     from trackbench.execution.cache import FolderSize, cache_folder, cache_size, clear_cache
 

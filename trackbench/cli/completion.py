@@ -1,4 +1,4 @@
-"""What a shell may offer for a word that is half typed; wrong configs offer nothing and say nothing."""
+"""Shell completion; wrong configs complete to nothing."""
 
 import os
 import re
@@ -16,7 +16,7 @@ Complete: TypeAlias = Callable[[typer.Context, str], list[str]]
 
 
 def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Complete:
-    """Those candidates that begin with what is typed, written so that the shell takes each as a word."""
+    """Keep the candidates that begin with the typed word, quoted for the shell."""
 
     @wraps(candidates)
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -29,7 +29,7 @@ def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Co
 
 @_completing
 def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
-    """Shipped experiments, and YAML files and folders that are here."""
+    """Return shipped experiments, and YAML files and folders of the working directory."""
     from trackbench.config.shipped_experiments import names
 
     yield from names()
@@ -42,7 +42,7 @@ def configs(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 @_completing
 def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Shipped experiments."""
+    """Return shipped experiments."""
     from trackbench.config.shipped_experiments import names
 
     return names()
@@ -50,7 +50,7 @@ def experiments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_completing
 def groups(ctx: typer.Context, incomplete: str) -> list[str]:
-    """What `trackbench list` lists."""
+    """Return the words that `trackbench list` accepts."""
     from trackbench.registry import GROUPS
 
     return [*GROUPS, "experiments"]
@@ -58,7 +58,7 @@ def groups(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_completing
 def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
-    """Kinds of every group."""
+    """Return the kinds of every group."""
     from trackbench.registry import GROUPS, documentation
 
     for group in GROUPS:
@@ -67,13 +67,13 @@ def all_kinds(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 @_completing
 def labels(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The filters of the config that stands earlier on the line."""
+    """Return the filters of the config on the command line."""
     return list(_config(ctx)["filters"])
 
 
 @_completing
 def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
-    """``PATH=`` for every key that the config has or may have."""
+    """Yield ``PATH=`` for every key that the config has or may have."""
     from trackbench.config.experiment import Settings
 
     config = _config(ctx)
@@ -90,7 +90,9 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 
 def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
-    """Paths to the keys of a part: those of its kind, those it has, and those of the parts in it."""
+    """Yield paths to the keys of a component: those of its kind, those in the config, nested
+    ones.
+    """
     from trackbench.config.build_dataclass import dataclasses_in, hints_of
     from trackbench.field_types import part_group
     from trackbench.models.assumed_sensor import Assume
@@ -114,7 +116,7 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
 
 
 def _config(ctx: typer.Context) -> dict[str, Any]:
-    """The config on the line, with its parts in place."""
+    """Return the config on the command line with its includes resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
     from trackbench.yaml_source import read
@@ -128,7 +130,7 @@ def _config(ctx: typer.Context) -> dict[str, Any]:
 
 
 def _word(word: str) -> str:
-    """For bash with a backslash before what ends a word; the other shells see to that themselves."""
+    """Escape a word for bash; the other shells escape by themselves."""
     if os.environ.get("_TRACKBENCH_COMPLETE", "").endswith("bash"):
         return re.sub(r"([^\w./=,:@%+-])", r"\\\1", word)
     return word

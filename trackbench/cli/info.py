@@ -1,4 +1,4 @@
-"""The commands about what a config may say: the kinds, their keys, and files to start from."""
+"""Commands that list and describe kinds and metrics, and write starting files."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ def list_(
     allow_plugins: AllowPlugins = False,
     json: Json = False,
 ) -> None:
-    """List what a config may name; `list metrics CONFIG`: what can be measured in an experiment."""
+    """List what a config may name; `list metrics CONFIG` lists what an experiment can measure."""
     from trackbench.help import metrics
     from trackbench.help.kinds import rows
     from trackbench.registry import GROUPS
@@ -45,7 +45,7 @@ def list_(
 
 
 def _listing(word: str | None, config: Path | None, allow_plugins: bool) -> str:
-    """What is listed under a word; under none all groups of kinds."""
+    """Return the listing of one word; without a word, of all groups."""
     from trackbench.help import metrics
     from trackbench.help.kinds import experiments, listing
     from trackbench.registry import GROUPS
@@ -72,7 +72,7 @@ def describe(
     ],
     json: Json = False,
 ) -> None:
-    """Print a kind's parameters, defaults and source; of a group, what its classes may offer."""
+    """Print the keys, defaults and source of a kind, or the hooks of a group."""
     from trackbench.help.kinds import description, entries
 
     if json:
@@ -83,7 +83,7 @@ def describe(
 
 
 def show(name: Name) -> None:
-    """Print a shipped experiment's config."""
+    """Print the config of a shipped experiment."""
     from trackbench.config.shipped_experiments import named
 
     typer.echo(named(name).read_text(encoding="utf-8"), nl=False)
@@ -93,7 +93,7 @@ def copy(
     name: Name,
     to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
 ) -> None:
-    """Copy a shipped experiment and its parts to be edited; nothing is written over."""
+    """Copy a shipped experiment and its parts for editing; existing files stay."""
     from trackbench.config.shipped_experiments import copied
 
     written = copied(name, to)
@@ -116,7 +116,7 @@ def new(
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
-    With --from an experiment on recorded data: what their columns, units and errors are is guessed.
+    With --from, write an experiment on recorded data: columns, units and errors are guessed.
     """
     from trackbench.scaffold import WHAT, write_config_for, write_new
 
@@ -137,7 +137,7 @@ def new(
 
 
 def _plain(stem: str) -> str:
-    """A file's name as one of an experiment."""
+    """Turn a file's name into an experiment's name."""
     return re.sub("[^A-Za-z0-9]+", "-", stem).strip("-")
 
 

@@ -1,4 +1,4 @@
-"""The options that several commands have: their types for typer, and what the API makes of them."""
+"""Options that several commands share: their types for typer, and their conversion for the API."""
 
 import inspect
 from collections.abc import Callable
@@ -88,11 +88,11 @@ def _shared(
     allow_plugins: AllowPlugins = False,
     json: Json = False,
 ) -> None:
-    """The options that all commands have which run experiments: their types and defaults."""
+    """Declare the options of all commands that run experiments, with types and defaults."""
 
 
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
-    """A command with these options behind its own, in its ``**given``; one of its own comes first."""
+    """Add the shared options to a command, in its ``**given``; its own options come first."""
     own = dict(inspect.signature(command).parameters)
     given = own.popitem()[1]
     assert given.kind is inspect.Parameter.VAR_KEYWORD
@@ -105,7 +105,7 @@ def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def api_options(given: dict[str, Any]) -> "Options":
-    """The API's options from a command's own."""
+    """Convert a command's options to the API's."""
     from trackbench import api
 
     known = {field.name for field in fields(api.Options)}
@@ -122,12 +122,12 @@ def api_options(given: dict[str, Any]) -> "Options":
 
 
 def formats(text: str) -> list[str]:
-    """The formats of figures and tables in a list with commas; raises UserError."""
+    """Return the file formats in a comma-separated list; raises UserError."""
     return [one_of("--format", f, ("png", "svg", "pdf", "tex")) for f in text.split(",")]
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
-    """The value, if it is one of those known; raises UserError."""
+    """Return the value if it is allowed; raises UserError."""
     from trackbench.errors import Mark, Problem, UserError
 
     if value not in known:

@@ -1,4 +1,4 @@
-"""What is said: JSON on stdout, an object a line, for programs, and what went wrong for people."""
+"""Output: JSON objects on stdout for programs, messages and errors for people."""
 
 import json
 import os
@@ -24,14 +24,14 @@ _OBJECTS: ContextVar[TextIO | None] = ContextVar("objects", default=None)
 
 
 def echo_line(line: dict[str, Any]) -> None:
-    """Print an object. What is no number is null; infinite is a word, since JSON has no such number."""
+    """Print a JSON object. NaN becomes null, infinity a word."""
     text = json.dumps(_plain(line), ensure_ascii=False, allow_nan=False)
     typer.echo(text, file=_OBJECTS.get())
 
 
 @contextmanager
 def objects_alone() -> Iterator[None]:
-    """Keep stdout for objects: what code of one's own prints goes to stderr, also that of workers."""
+    """Reserve stdout for JSON: prints of plugins go to stderr, those of workers too."""
     with _stdout_apart() as objects, redirect_stdout(sys.stderr):
         token = _OBJECTS.set(objects)
         try:
@@ -42,7 +42,7 @@ def objects_alone() -> Iterator[None]:
 
 @contextmanager
 def _stdout_apart() -> Iterator[TextIO]:
-    """What stdout was, while the processes that are begun from here take stderr for it."""
+    """Duplicate stdout for JSON, and let stdout and new processes write to stderr."""
     if not _is_the_systems(sys.stdout):
         yield sys.stdout
         return
@@ -61,7 +61,7 @@ def _stdout_apart() -> Iterator[TextIO]:
 
 
 def _is_the_systems(stream: TextIO) -> bool:
-    """Whether a stream is stdout itself, and not what a caller has put in its place."""
+    """Return whether a stream is the real stdout, and not a caller's replacement."""
     try:
         return stream.fileno() == _STDOUT
     except (OSError, ValueError):
@@ -69,7 +69,7 @@ def _is_the_systems(stream: TextIO) -> bool:
 
 
 def as_reportable(error: Exception) -> "UserError | RunError":
-    """What can be said of an error in a line, plugins' as well; a bug of our own is raised again."""
+    """Return the error as one with a printable message; an internal bug is raised again."""
     from trackbench.errors import RunError, UserError
 
     if isinstance(error, UserError | RunError):
@@ -83,7 +83,7 @@ def as_reportable(error: Exception) -> "UserError | RunError":
 
 
 def print_error(error: "UserError | RunError") -> int:
-    """Say what went wrong; the exit code."""
+    """Print an error and return the exit code."""
     from trackbench.errors import UserError
 
     if isinstance(error, UserError):
@@ -98,17 +98,17 @@ def print_error(error: "UserError | RunError") -> int:
 
 
 def this_command() -> str:
-    """The command line as it may be typed again."""
+    """Return the command line in a form that can be typed again."""
     return shlex.join(["trackbench", *sys.argv[1:]])
 
 
 def mistakes(problems: "Iterable[Problem | str]") -> dict[str, Any]:
-    """Bad input: where each mistake stands, and what it is."""
+    """Return the problems of bad input as data, with their places."""
     return {"good": False, "mistakes": [_mistake(problem) for problem in problems]}
 
 
 def reported(report: "Report") -> dict[str, Any]:
-    """What a run wrote, and what is to be known of it."""
+    """Return a run's files, tables and notes as data."""
     from trackbench.report.verdicts.files import claim_rows, number_rows
 
     return {

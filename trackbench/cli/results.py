@@ -1,4 +1,4 @@
-"""The commands on a results folder: no run is computed, but by `verify`."""
+"""Commands on a results folder; only `verify` computes runs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ from trackbench.cli.output import echo_line
 
 
 def compare(folder: Folder, json: Json = False) -> None:
-    """Hold stored results against the published numbers and claims; computes no run."""
+    """Compare stored results with the published numbers and claims, without computing runs."""
     from trackbench.commands import stored_results
     from trackbench.report.results import Results
     from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
@@ -48,7 +48,7 @@ def plot(
     ] = "screen",
     allow_plugins: AllowPlugins = False,
 ) -> None:
-    """Draw the figures of stored results again; computes no run."""
+    """Draw the figures of stored results again, without computing runs."""
     from trackbench.commands import stored_results
 
     look: Any = one_of("--style", style, ("screen", "paper"))
@@ -57,14 +57,14 @@ def plot(
 
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
-    """Write report.html of stored results; over a folder of several, index.html and a ledger."""
+    """Write report.html of stored results, or index.html and README.md over a folder of several."""
     from trackbench.commands import stored_results
 
     _say(lambda: stored_results.report(folder, allow_plugins))
 
 
 def _say(write: Callable[[], list[Path]]) -> None:
-    """Print what is written; say what could not be made, and leave with 1 then."""
+    """Print the written files; report failures and exit with 1."""
     from trackbench.report.plugin_exhibits import PartlyMadeError
 
     lines: list[str] = []
@@ -85,7 +85,7 @@ def verify(
     runs: Annotated[int, typer.Option(min=1, help="runs that are computed again")] = 20,
     allow_plugins: AllowPlugins = False,
 ) -> None:
-    """Compute the first runs of stored results again, make the rest from what is stored, and compare."""
+    """Compute the first runs of stored results again, rebuild the other files, and compare."""
     from trackbench.errors import Problem, UserError
     from trackbench.verify import verify
 

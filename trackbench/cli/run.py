@@ -1,4 +1,4 @@
-"""The commands that run an experiment: once, over a grid, with tuned filters."""
+"""Commands that run an experiment: once, over a grid, with tuned filters."""
 
 import signal
 from contextlib import closing, suppress
@@ -51,7 +51,9 @@ def sweep(
     save_tracks: SaveTracks = False,
     **given: Any,
 ) -> None:
-    """Run the grids' values; also writes sweep.csv, figures over them and each filter's best values."""
+    """Run all values of a grid; also writes sweep.csv, figures over them and each filter's best
+    values.
+    """
     _begin(given)
     given |= {"grid": grid, "product": product, "out": out}
     execute("sweep", [config], given | {"quick": quick, "save_tracks": save_tracks})
@@ -70,14 +72,16 @@ def tune(
     ] = False,
     **given: Any,
 ) -> None:
-    """Tune the filters that the config's `tune` names, and run what is found beside them."""
+    """Tune the filters that the config's `tune` names, and run the tuned filters beside the
+    originals.
+    """
     also = {"tuning.metric": metric, "tuning.evaluations": evaluations}
     words = [f"{key}={value}" for key, value in also.items() if value is not None]
     execute("tune", [config], given | {"fresh": fresh, "set_": [*(given["set_"] or ()), *words]})
 
 
 def _begin(given: dict[str, Any]) -> None:
-    """Let processes import what they need while this one imports and reads, which takes as long."""
+    """Start importing in the fork server while this process imports and reads."""
     from trackbench.execution.engines import begin
     from trackbench.report import DRAWER
 
@@ -88,7 +92,7 @@ def _begin(given: dict[str, Any]) -> None:
 def execute(
     command: str, configs: list[Path], given: dict[str, Any], watched: bool = False
 ) -> None:
-    """Do what `run`, `sweep` or `tune` asks for by its options, print what came out, and exit."""
+    """Run what `run`, `sweep` or `tune` requests, print the outcome, and exit."""
     from trackbench import api
     from trackbench.plugins.interrupts import interrupt
 
@@ -110,7 +114,7 @@ def execute(
 
 
 def _run(command: str, configs: list[Path], options: "Options", json: bool) -> bool:
-    """Run and print; whether all filters worked."""
+    """Run and print; return whether all filters worked."""
     from trackbench import api
 
     sweeps = (api.sweep(config, options) for config in configs)
@@ -128,7 +132,9 @@ def _run(command: str, configs: list[Path], options: "Options", json: bool) -> b
 
 
 def _watch(configs: list[Path], options: "Options", json: bool) -> None:
-    """Run one config again and again, whatever is wrong with it; Ctrl-C between runs ends it well."""
+    """Run one config after each change, whatever is wrong with it; Ctrl-C between runs exits
+    with 0.
+    """
     from trackbench.cli.watch import watch
     from trackbench.commands.prepare import say
     from trackbench.config.shipped_experiments import located

@@ -1,4 +1,4 @@
-"""Running again whenever a config, or a file that it names, is saved."""
+"""Watch mode: run again whenever a config, or a file that it names, is saved."""
 
 import hashlib
 import time
@@ -14,7 +14,7 @@ _EVERY_S = 0.2
 
 
 class Stamp(NamedTuple):
-    """When a file was written, and its digest; a file that is not there has none."""
+    """Modification time and digest of a file; None for a missing file."""
 
     time_ns: int
     size: int
@@ -25,7 +25,7 @@ Stamps: TypeAlias = Mapping[Path, Stamp | None]
 
 
 def watch(config: Path, go: Callable[[], None]) -> None:
-    """Go, and go again after each change; never returns but by an exception, such as Ctrl-C."""
+    """Call ``go`` now and after each change, until an exception such as Ctrl-C."""
     from trackbench.errors import counted
 
     files = {config}
@@ -40,7 +40,7 @@ def watch(config: Path, go: Callable[[], None]) -> None:
 
 
 def changed(before: Stamps) -> list[Path]:
-    """Wait until one of the files has another content, and nothing is written any more; those files."""
+    """Wait until a file's content has changed and writing has ended; return the changed files."""
     last = before
     while True:
         time.sleep(_EVERY_S)
@@ -52,7 +52,7 @@ def changed(before: Stamps) -> list[Path]:
 
 
 def _named(config: Path, known: Iterable[Path]) -> set[Path]:
-    """The files that a config names; as far as known if it cannot be read."""
+    """Return the files that a config names; the known ones if it cannot be read."""
     from trackbench.config.shipped_experiments import with_parts
     from trackbench.errors import UserError
 
@@ -67,7 +67,7 @@ def _stamps(files: Iterable[Path], known: Stamps) -> Stamps:
 
 
 def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Its content is read only if it was written since."""
+    """Return the stamp of a file; its content is read only if it was written since ``known``."""
     try:
         found = file.stat()
         if not S_ISREG(found.st_mode):

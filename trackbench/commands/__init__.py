@@ -1,1 +1,3 @@
-"""Steps that the command line and the Python functions share: prepare, run, work on stored results."""
+"""Steps that the command line and the Python functions share: prepare, run, work on stored
+results.
+"""

@@ -1,4 +1,4 @@
-"""What a command asks for: its options, and each config as a job, validated before anything runs."""
+"""Options of a command, and its configs as jobs, validated before anything runs."""
 
 import os
 import stat
@@ -31,7 +31,7 @@ from trackbench.yaml_source import read
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to run an experiment; of these only set, only, runs, seed, grid and product change numbers."""
+    """Options of a run. Only set, only, runs, seed, grid and product change numbers."""
 
     set: Sequence[str] = ()
     """overrides of keys, `PATH=VALUE` as on the command line"""
@@ -68,7 +68,9 @@ class Options:
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
-    """The file of a config, or of the shipped experiment of this name; a mapping is what it is."""
+    """Return the path of a config file or of the shipped experiment of this name, or the mapping
+    itself.
+    """
     if isinstance(config, Mapping):
         return config
     return located(Path(config), lambda line: say(line, options))
@@ -77,10 +79,7 @@ def file_of(config: Config, options: Options) -> Path | Mapping[str, Any]:
 def prepare(
     config: Config, options: Options, found: Mapping[str, Chosen] | None = None
 ) -> Experiment:
-    """Read and validate a config, with the options' overrides.
-
-    ``found`` is what tuning found.
-    """
+    """Read and validate a config with the options' overrides; ``found`` are tuned values."""
     return configurations.load(
         file_of(config, options),
         options.set,
@@ -95,7 +94,7 @@ def prepare(
 
 
 class Job(NamedTuple):
-    """An experiment that is going to be run, where, and a line that says so."""
+    """An experiment to run, its results folder, and the line that announces it."""
 
     config: Config
     experiment: Experiment
@@ -109,7 +108,7 @@ class Job(NamedTuple):
 
 
 def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
-    """What the configs ask for; raises UserError with the mistakes of all of them."""
+    """Return a job for each config; raises UserError with the mistakes of all of them."""
     jobs: list[Job] = []
     problems: dict[Problem | str, None] = {}
     for config in configs:
@@ -150,14 +149,14 @@ def _job(config: Config, options: Options, alone: bool) -> Job:
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
-    """The plan of an experiment of at most so many runs, which `until` may end earlier."""
+    """Return the plan of an experiment of at most ``most`` runs, which `until` may end earlier."""
     settings = experiment.settings
     stops = list(checkpoints(settings.min_runs, most)) if settings.until else []
     return make_plan(experiment, options.save_tracks, stops)
 
 
 def with_tuned(job: Job, options: Options) -> Job:
-    """The experiment with the values that tuning finds on runs of its own."""
+    """Tune on training runs; return the job with the tuned values."""
     workers, store = most_workers(options), BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
     tuning = tune(job.experiment, store, open_engine, workers, options.fresh, not options.quiet)
@@ -168,23 +167,23 @@ def with_tuned(job: Job, options: Options) -> Job:
 
 
 def most_workers(options: Options) -> int:
-    """Workers that there may be."""
+    """Return the largest number of workers."""
     return options.workers or cpu_count()
 
 
 def most_drawers(options: Options) -> int:
-    """Processes that may draw figures: as many as compute, where those are this machine's."""
+    """Return how many processes may draw figures: as many as compute on this machine."""
     return most_workers(options) if options.engine == "processes" else 1
 
 
 def say(text: str, options: Options) -> None:
-    """A line for the user, unless quiet is wanted."""
+    """Print a line for the user unless ``quiet``."""
     if not options.quiet:
         print(text, file=sys.stderr)
 
 
 def _check_out(folder: Path) -> None:
-    """Raise UserError if something else stands where the folder is to be."""
+    """Raise UserError if the results folder's path is taken by something else."""
     for path in (folder, *folder.parents):
         try:
             bad = "" if stat.S_ISDIR(path.stat().st_mode) else f"{path} is a file, not a folder"
@@ -203,9 +202,9 @@ def _check_out(folder: Path) -> None:
 
 
 def _foreign_file(folder: Path) -> Path | None:
-    """Return a file that a run would replace in a folder that no run has written; None if there is none.
+    """Return a file that a run would replace in a folder that no run has written, or None.
 
-    A run that was killed has left a manifest, its points, or a config alone, as it is written.
+    A run that was killed has left a manifest, its points, or its config alone.
     """
     if any((folder / name).exists() for name in ("manifest.json", "points.json")):
         return None
@@ -225,6 +224,6 @@ def _is_written(config: Path) -> bool:
 
 
 def _may_write(folder: Path) -> bool:
-    """Whether the folder, or the first above it that is there, may be written in."""
+    """Return whether the folder, or its first existing parent, is writable."""
     there = next((f for f in (folder, *folder.absolute().parents) if f.exists()), folder)
     return os.access(there, os.W_OK | os.X_OK)

@@ -1,4 +1,4 @@
-"""From configs to results folders: what is run, on which workers, and what is said of it."""
+"""From configs to results folders: run, report, and return what was written."""
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class Report:
-    """Where the results are, the tables, and what went wrong; a notebook shows it."""
+    """Report of a run: its folder, tables, notes and failures; a notebook displays it."""
 
     folder: Path
     tables: dict[str, Table]
@@ -79,43 +79,45 @@ class Report:
         return self.results._repr_png_()
 
     def figure(self, name: str = "") -> "Figure":
-        """A figure of the config, for matplotlib to go on with; the key figure if none is named."""
+        """Return a figure of the config for matplotlib; by default the key figure."""
         return self.results.figure(name)
 
     @cached_property
     def results(self) -> Results:
-        """The folder's files as data frames."""
+        """Return the folder's files as data frames."""
         return Results(self.folder)
 
     @property
     def per_run(self) -> "pd.DataFrame":
-        """``filter,run,metric,value``."""
+        """Return the data frame ``filter,run,metric,value``."""
         return self.results.per_run
 
     @property
     def per_step(self) -> "pd.DataFrame":
-        """``filter,step,time,metric,value,stderr,runs``."""
+        """Return the data frame ``filter,step,time,metric,value,stderr,runs``."""
         return self.results.per_step
 
     @property
     def summary(self) -> "pd.DataFrame":
-        """``filter,metric,value,stderr,runs,lost``."""
+        """Return the data frame ``filter,metric,value,stderr,runs,lost``."""
         return self.results.summary
 
 
 def run_all(
     configs: Sequence[Config], options: Options | None = None, **changes: Any
 ) -> Generator[Report]:
-    """Run experiments one after the other on the same workers, which do not wait for reports.
+    """Run experiments one after the other on the same workers; yield each report when it is
+    written.
 
-    Yields each one's report when it is written. Of several experiments ``out`` is the folder that
-    holds their folders. Raises UserError, before anything runs, with the mistakes of all configs.
+    With several experiments, ``out`` is the folder of their folders. Raises UserError, before
+    anything
+    runs, with the mistakes of all configs.
     """
     yield from run_each(configs, replace(options or Options(), **changes))
 
 
 def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
-    """The same, with what a ``sweep`` writes and says besides."""
+    """Run experiments as `run_all` does; ``sweep`` adds the files and notes of a sweep."""
     begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
@@ -157,18 +159,20 @@ def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -
 
 
 def _import_ahead() -> None:
-    """What tables and verdicts need, while this process waits for blocks."""
+    """Import what tables and verdicts need while workers compute blocks."""
     with suppress(Exception):  # the program may be ending; whoever needs them imports them himself
         import_module("scipy.special")
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
-    """What `run_all` would do, in a line for each."""
+    """Return a line for each experiment that `run_all` would run."""
     return [job.line for job in jobs_of(configs, options)]
 
 
 def _reported(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
-    """Tables, figures and the report of an experiment whose blocks are there; at last the manifest."""
+    """Write tables, figures, the report and at last the manifest of an experiment with finished
+    blocks.
+    """
     for line in [*_what_happened(outcome), *stop_reason(job.experiment, job.most, outcome)]:
         say(line, options)
     times = times_of(job.experiment, outcome, options.fresh) if options.times else Times({}, {})

@@ -1,4 +1,4 @@
-"""What is done with a results folder: nothing of it computes a run, or imports what would."""
+"""Commands on a stored results folder; they compute no run and import nothing that could."""
 
 import os
 import sys
@@ -21,15 +21,15 @@ from trackbench.results.lock import locked
 
 
 def load(folder: Path | str) -> Results:
-    """The results of an earlier run, as data frames."""
+    """Return the results of an earlier run, as data frames."""
     return open_results(Path(folder))
 
 
 def compare(folder: Path | str) -> Comparison:
-    """Hold a results folder against what is published again; writes comparison and paired.csv.
+    """Compare a results folder with the published numbers; writes comparison.csv and paired.csv.
 
-    The published numbers are taken as they now are, and are in the manifest as that. Into a folder
-    that cannot be written nothing is.
+    The current published files are used and recorded in the manifest. A read-only folder stays
+    unchanged.
     """
     if _is_read_only(folder):
         with using(folder):
@@ -49,11 +49,12 @@ def plot(
     allow_plugins: bool = False,
     style: Style = "screen",
 ) -> list[Path]:
-    """Draw the figures of a results folder again; returns the files written.
+    """Draw the figures of a results folder again; return the files written.
 
-    ``style="paper"`` makes NAME-column and NAME-page, as wide as those of a journal, without titles.
-    Those of plugins are drawn if their code may be run, and else left as they are. Where that fails
-    it raises PartlyMadeError after the others are written.
+    ``style="paper"`` writes NAME-column and NAME-page in a journal's widths, without titles. Figures of
+    plugins are drawn only if plugins are allowed. If one of them fails, the others are written
+    first and
+    then PartialReportError is raised.
     """
     with _written_again(folder, allow_plugins) as (results, _):
         written = write_figures(results, formats, only, style)
@@ -61,9 +62,9 @@ def plot(
 
 
 def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
-    """Write report.html of a results folder, or index.html and the ledger over a folder of them.
+    """Write report.html of a results folder, or index.html and README.md over a folder of several.
 
-    That of a folder that cannot be written goes into the working directory, as NAME-report.html.
+    For a read-only folder the report goes into the working directory, as NAME-report.html.
     """
     from trackbench.report.html.index_page import write_overview
     from trackbench.report.html.report_page import write_report
@@ -83,7 +84,9 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _whole(results: Results, written: list[Path]) -> list[Path]:
-    """What was written; raises PartlyMadeError if tables or figures of plugins are not in it."""
+    """Return the written files; raises PartialReportError if tables or figures of plugins are
+    missing.
+    """
     if results.unmade:
         raise PartlyMadeError(results.unmade_lines, written)
     return written
@@ -102,10 +105,11 @@ def _is_read_only(folder: Path | str) -> bool:
 def _written_again(
     folder: Path | str, allow_plugins: bool = False
 ) -> Iterator[tuple[Results, list[Path]]]:
-    """Open results of which some files are written again; the manifest follows them.
+    """Open results for rewriting some of their files; update the manifest afterwards.
 
-    A run that writes into the folder is waited for. What else was changed since the run is noted, and
-    stays in the manifest as it was.
+    Waits for a run that writes into the folder. Other files that changed since the run are noted
+    and stay
+    in the manifest as they were.
     """
     folder = Path(folder)
     check_folder(folder)

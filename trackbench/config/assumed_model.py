@@ -1,4 +1,4 @@
-"""What a filter is told to assume of target and sensor: the key ``assume`` of its entry."""
+"""Filter model of an entry: the key ``assume``."""
 
 from trackbench.config.build_kinds import build_plain
 from trackbench.config.experiment import Point
@@ -11,7 +11,7 @@ from trackbench.yaml_source import Source
 
 
 def read_assumed(source: Source, label: str) -> Assume | None:
-    """The model that a filter's entry names, if it names one."""
+    """Return the model that a filter's entry names, if it names one."""
     entry = source.data["filters"][label]
     if not isinstance(entry, dict) or entry.get("assume") is None:
         return None
@@ -22,7 +22,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 
 
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
-    """The scenario as this filter sees it; None, with the reason said, if there is no such model."""
+    """Return the scenario as this filter models it; None, with a problem added, if impossible."""
     keys = ("filters", label, "assume")
     try:
         seen = point.seen_by(label)

@@ -38,17 +38,17 @@ _LIMITS = {
 
 
 def adapter(cls: type[T]) -> TypeAdapter[T]:
-    """Strict validator of a dataclass: unknown keys are mistakes."""
+    """Return the strict validator of a dataclass: unknown keys are mistakes."""
     return _adapter(cast(Any, cls), described=False)
 
 
 def described(cls: type[T]) -> TypeAdapter[T]:
-    """The same for its JSON schema: attribute docstrings are descriptions, which takes a while."""
+    """Return the class with attribute docstrings for its JSON schema, which takes time."""
     return _adapter(cast(Any, cls), described=True)
 
 
 def help_texts(cls: type[Any]) -> dict[str, str]:
-    """What each key means: the docstring under the field, in the class or in a base of it."""
+    """Return the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if is_dataclass(base):
@@ -58,12 +58,12 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
 
 
 def hints_of(cls: type[Any]) -> dict[str, Any]:
-    """The types of a dataclass's keys, with what they are annotated with."""
+    """Return the types of a dataclass's keys, with what they are annotated with."""
     return _hints(cast(Any, cls))
 
 
 def file_keys(cls: type[Any]) -> frozenset[str]:
-    """Keys of a dataclass that are paths of data files."""
+    """Return keys of a dataclass that are paths of data files."""
     return _file_keys(cast(Any, cls))
 
 
@@ -89,7 +89,7 @@ def _adapter(cls: Any, described: bool) -> TypeAdapter[Any]:
 
 
 def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
-    """Strictness and help for a dataclass and every dataclass within it.
+    """Make a dataclass, and every dataclass within it, strict and documented.
 
     Set here and not on each class, so that a filter stays a plain dataclass.
     """
@@ -105,7 +105,7 @@ def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
 def build(
     cls: type[T], source: Source, keys: Keys, parts: Sequence[Any] = (), also: Sequence[str] = ()
 ) -> T | None:
-    """The dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
+    """Return the dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
 
     A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
     ``also`` names keys that stand beside the dataclass's own.
@@ -132,7 +132,7 @@ def build(
 
 
 def at(source: Source, keys: Keys) -> Any:
-    """The value at ``keys``."""
+    """Return the value at ``keys``."""
     data = source.data
     for key in keys:
         data = data[key]
@@ -140,13 +140,13 @@ def at(source: Source, keys: Keys) -> Any:
 
 
 def unknown(word: str, known: list[str]) -> str:
-    """``did you mean ...?``, or all there is."""
+    """Return ``did you mean ...?``, or all there is."""
     near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
 
 
 def _of_unions(found: Collection[Problem]) -> list[Problem]:
-    """One line for a value that is none of what may stand there, of which the validator has several.
+    """Return one line for an invalid value, from the validator's several.
 
     Nor is a list said to be no word where its items are mistaken.
     """
@@ -194,7 +194,7 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequen
 
 
 def _within(cls: type[Any], path: Keys) -> type[Any] | None:
-    """The dataclass of the mapping that stands so far within one of ``cls``, if it can be but one."""
+    """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
     found: type[Any] = cls
     for key in path:
         if isinstance(key, int):
@@ -207,7 +207,7 @@ def _within(cls: type[Any], path: Keys) -> type[Any] | None:
 
 
 def dataclasses_in(hint: Any) -> list[type[Any]]:
-    """The dataclasses that a value of this type, or an item of it, may be."""
+    """Return the dataclasses that a value of this type, or an item of it, may be."""
     if isinstance(hint, type) and is_dataclass(hint):
         return [hint]
     return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
@@ -241,7 +241,7 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
 
 
 def _existing(source: Source, keys: Keys, loc: tuple[str | int, ...]) -> Keys:
-    """The part of a validator's location that exists in the config (unions add names of types)."""
+    """Return the part of a validator's location that exists in the config."""
     found = keys
     for step in loc:
         if (*found, step) in source.marks:

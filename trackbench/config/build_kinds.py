@@ -26,7 +26,7 @@ _GONE = {
 
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
-    """The registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
     data = at(source, keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
@@ -49,7 +49,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
 
 
 def build_plain(cls: type[T], source: Source, keys: Keys) -> T | None:
-    """A dataclass without a kind from the mapping at ``keys``, with the parts it has."""
+    """Return a dataclass without a kind from the mapping at ``keys``, with the parts it has."""
     data = at(source, keys)
     if not isinstance(data, dict):
         source.add_problem(keys, "is not a mapping")
@@ -87,7 +87,7 @@ class _Inner(NamedTuple):
     made: list[Any]
 
     def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
-        """The mapping of a dataclass with its parts, and those of mappings in it, made."""
+        """Return the mapping of a dataclass with its parts, and those of mappings in it, made."""
         hints, out = hints_of(cls), dict(data)
         for key in hints.keys() & data.keys():
             out[key] = self._made(hints[key], data[key], (*keys, key))
@@ -113,7 +113,7 @@ class _Inner(NamedTuple):
         return len(self.made) - 1
 
     def _part(self, group: Group, keys: Keys) -> Any:
-        """The part at ``keys``; a word is a kind without keys of its own."""
+        """Return the part at ``keys``; a word is a kind without keys of its own."""
         value = at(self.source, keys)
         if not isinstance(value, str):
             return build_kind(group, self.source, keys)
@@ -132,7 +132,7 @@ def _may_be(hint: Any, cls: type[Any]) -> bool:
 def _with_absolute_files(
     cls: type[Any], source: Source, keys: Keys, data: dict[str, Any]
 ) -> dict[str, Any]:
-    """Paths count from the folder of the YAML file they stand in."""
+    """Return the paths count from the folder of the YAML file they stand in."""
     out = dict(data)
     for key in file_keys(cls):
         mark = source.mark((*keys, key))

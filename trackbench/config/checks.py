@@ -1,4 +1,4 @@
-"""What must hold between the parts of an experiment; every mistake is added to ``problems``."""
+"""Checks between the components of an experiment; every mistake is added to ``problems``."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
@@ -46,7 +46,7 @@ _NEEDS = {
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
-    """Labels of the filters to run, once every label that the top level names is one of a filter."""
+    """Return the labels of the filters to run; labels named at the top level must exist."""
     known = list(settings.filters)
     if not known:
         source.add_problem(("filters",), "name at least one filter")
@@ -61,7 +61,7 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
 
 
 def has(scenario: Scenario, need: str) -> bool:
-    """Whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
+    """Return whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
     part, _, name = need.partition(".")
     if part == "state":
         return scenario.components == moving(2)
@@ -72,7 +72,7 @@ def has(scenario: Scenario, need: str) -> bool:
 
 
 def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
-    """What the filter needs of the model, and what it says itself about this scenario."""
+    """Check that the scenario meets a filter's requirements and conflicts."""
     unmet = False
     for need in tracker.all_requirements:
         if not has(scenario, need):
@@ -85,7 +85,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
-    """A key that is set must change something at one point, unless it is as by default or preset."""
+    """Reject a set key that changes nothing at any point, unless default or preset set it."""
     for label in points[0].filters if points else ():
         trackers = [point.filters[label] for point in points]
         every = [
@@ -109,7 +109,7 @@ def _is_given(source: Source, label: str, path: list[str]) -> bool:
 
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
-    """Whether a key has its default, or what a preset gives it."""
+    """Return whether a key has its default, or what a preset gives it."""
     part: Any = tracker
     usual = list(tracker.presets.values())
     for name in path[:-1]:
@@ -122,7 +122,7 @@ def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
 
 
 def check_bound(source: Source, scenario: Scenario) -> None:
-    """A lower bound that the experiment asks for must exist."""
+    """Check that a requested lower bound exists."""
     if source.data.get("bound") is None:
         return
     why = scenario.why_no_bound
@@ -132,13 +132,13 @@ def check_bound(source: Source, scenario: Scenario) -> None:
 
 
 def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
-    """What a part says of its keys; an empty key is the part itself."""
+    """Add the problems that a component reports by key; an empty key means the component."""
     for key, what in found.items():
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:
-    """The figure that the report begins with is one of the experiment's."""
+    """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
         source.add_problem(("key_figure",), unknown(name, list(settings.figures)))
@@ -147,7 +147,7 @@ def check_key_figure(source: Source, settings: Settings) -> None:
 def check_named_filters(
     source: Source, settings: Settings, group: Group, parts: dict[str, Exhibit]
 ) -> None:
-    """Tables and figures may name filters only that the experiment has.
+    """Check that tables and figures name existing filters only.
 
     They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
     """
@@ -165,7 +165,7 @@ def check_named_filters(
 
 
 def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """The filter beside which each measure in what a key holds stands, and the measure's place."""
+    """Yield the filter beside which each measure in what a key holds stands, and the measure's place."""
     if isinstance(value, Measure):
         if value.other:
             yield where, value.other
@@ -175,7 +175,7 @@ def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
 
 
 def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """Every label in what a key holds, and where it stands."""
+    """Yield every label in what a key holds, and where it stands."""
     if isinstance(value, str):
         yield where, value
         return
@@ -200,7 +200,7 @@ def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> 
 def check_drawable(
     source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
 ) -> None:
-    """What tables and figures say themselves about these points, which are all or none."""
+    """Add the conflicts of tables and figures with these points."""
     for name, part in parts.items() if points else ():
         _blame_each(source, (group, name), exhibit_checks.conflicts(part, points))
 
@@ -208,7 +208,7 @@ def check_drawable(
 def check_figures(
     source: Source, settings: Settings, figures: dict[str, DrawnExhibit], points: list[Point]
 ) -> None:
-    """A figure may show only runs and components that there are."""
+    """Check that figures show existing runs and components only."""
     sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
@@ -220,7 +220,7 @@ def check_figures(
 
 
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
-    """All recorded runs unless fewer are asked for; a simulated scenario has as many as one likes."""
+    """Return the number of runs: all recorded ones unless the config asks for fewer."""
     counts = [p.scenario.recorded_runs for p in points]
     most = min((count for count in counts if count is not None), default=None)
     if most is None:

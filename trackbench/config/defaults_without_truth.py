@@ -1,4 +1,4 @@
-"""What is shown of an experiment without a truth whose config does not say."""
+"""Default tables and figures for recordings without ground truth."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _MARK = Mark("default without a truth")
 
 
 def fill_in(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Tables and figures of innovations, where neither is named and nothing is left out of the files."""
+    """Add tables and figures of innovations if none is named and every file is written."""
     chosen = settings.metrics is not None or settings.per_step is not None
     if chosen or not points or any(p.scenario.has_truth for p in points):
         return

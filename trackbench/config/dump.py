@@ -19,7 +19,7 @@ from trackbench.yaml_source import Keys, scalar
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
-    """The config as plain data with every default; a grid keeps its list of values.
+    """Return the config as plain data with every default; a grid keeps its list of values.
 
     A part whose kind or preset the grid or tuning varies has only the keys that were given, since each
     kind and preset has other defaults.
@@ -64,7 +64,7 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
 
 
 def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
-    """Where the parts stand of which the grid or tuning varies a kind or preset."""
+    """Return the paths of components whose kind or preset the grid or tuning varies."""
     settings = experiment.settings
     paths = [path for joint in settings.grid for path in single_paths(joint)]
     for label, keys in settings.tune.items():
@@ -75,7 +75,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _only_given(full: Any, given: Any) -> Any:
-    """``full`` without the keys that were not given."""
+    """Return ``full`` without the keys that were not given."""
     if isinstance(full, dict) and isinstance(given, dict):
         return {key: _only_given(full.get(key, value), value) for key, value in given.items()}
     if isinstance(full, list) and isinstance(given, list):
@@ -84,7 +84,7 @@ def _only_given(full: Any, given: Any) -> Any:
 
 
 def as_yaml(data: Any) -> str:
-    """Plain data as YAML in the order it is given, such that `source.read` gives the same again."""
+    """Return plain data as YAML in its order; `source.read` returns the same data."""
     return yaml.dump(
         data,
         Dumper=_Dumper,
@@ -97,7 +97,7 @@ def as_yaml(data: Any) -> str:
 
 class _Dumper(yaml.SafeDumper):
     def represent_word(self, word: str) -> yaml.ScalarNode:
-        """Quoted also where only YAML 1.2 takes a plain word for a number, such as 1e5."""
+        """Return the quoted also where only YAML 1.2 takes a plain word for a number, such as 1e5."""
         quoted = "'" if scalar(word) != word else None
         if "\x85" in word:  # a line break to YAML, which only double quotes can say
             quoted = '"'
@@ -108,7 +108,7 @@ _Dumper.add_representer(str, _Dumper.represent_word)
 
 
 def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
-    """A registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
+    """Return a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
     out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
     for key in (field for field in fields(part) if field.init):

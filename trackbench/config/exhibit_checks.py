@@ -11,7 +11,7 @@ from trackbench.plugins.interrupts import guarded
 
 
 def conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
-    """What a table or figure says that it cannot show; of one's own, what it raises as well."""
+    """Return the conflicts of a table or figure; what a plugin raises becomes one, too."""
     if not is_foreign(part):
         return part.conflicts(points)
     try:

@@ -1,4 +1,4 @@
-"""What an experiment is: the top level of its file, and what becomes of it once it is validated."""
+"""Experiment: the top level of its file, and the validated result."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 
 
 def _error(value: float | str) -> float | str:
-    """A standard error, or a share of the number that it belongs to; ValueError if it is neither."""
+    """Return a standard error, or a share of its number; raises ValueError."""
     is_share = isinstance(value, str) and value.endswith("%")
     try:
         number = (
@@ -110,7 +110,7 @@ class Settings:
 def labels_to_run(
     filters: Iterable[str], only: Collection[str], reference: str | None
 ) -> list[str]:
-    """All filters in their order, or those of ``only`` and the reference."""
+    """Return all filters in their order, or those of ``only`` and the reference."""
     return [label for label in filters if not only or label in only or label == reference]
 
 
@@ -125,7 +125,7 @@ class Point:
     """what filters assume that is not the scenario's, by label"""
 
     def seen_by(self, label: str) -> Scenario:
-        """The scenario with the model that this filter assumes."""
+        """Return the scenario with the model that this filter assumes."""
         if label not in self.assumed:
             return self.scenario
         return self.scenario.with_assumptions(self.assumed[label])
@@ -146,11 +146,11 @@ class Exhibit(Labelled, Part):
 
     @property
     def filters(self) -> tuple[str, ...] | None:
-        """Labels of the filters that it shows, a key of most; None shows all."""
+        """Return labels of the filters that it shows, a key of most; None shows all."""
         return None
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """What it cannot show of these points, by key (``""``: as a whole)."""
+        """Return what prevents showing these points, by key (``""``: the component itself)."""
         return {}
 
 
@@ -162,22 +162,22 @@ class DrawnExhibit(Exhibit):
 
     @property
     def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
+        """Return the runs whose tracks must be kept."""
         return 0
 
     @property
     def shown_covariances(self) -> bool:
-        """Whether the tracks' covariances must be kept, too."""
+        """Return whether the tracks' covariances must be kept, too."""
         return False
 
     @property
     def shown_components(self) -> tuple[int, ...] | None:
-        """The components of the tracks, if lines of them over the plane are all that is drawn."""
+        """Return the components of the tracks, if lines of them over the plane are all that is drawn."""
         return None
 
     @property
     def shown_measurements(self) -> bool:
-        """Whether the positions that the first run's measurements tell must be kept."""
+        """Return whether the positions that the first run's measurements tell must be kept."""
         return False
 
 
@@ -200,21 +200,21 @@ class Experiment:
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:
-        """Tables and figures by name."""
+        """Return tables and figures by name."""
         return {"tables": self.tables, "figures": {**self.figures}}
 
     @property
     def shown_runs(self) -> int:
-        """How many runs' whole tracks the figures need."""
+        """Return the number of runs whose whole tracks the figures need."""
         return max((f.shown_runs for f in self.figures.values()), default=0)
 
     @property
     def shown_covariances(self) -> bool:
-        """Whether a figure needs those tracks' covariances too."""
+        """Return whether a figure needs those tracks' covariances too."""
         return any(f.shown_covariances for f in self.figures.values())
 
     def title_of(self, key: tuple[int, str]) -> str:
-        """A filter at a grid point, for people."""
+        """Return a filter at a grid point, for people."""
         values = self.points[key[0]].values
         at_point = ", ".join(f"{path} = {value}" for path, value in values.items())
         return f"{key[1]} at {at_point}" if at_point else key[1]

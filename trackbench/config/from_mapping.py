@@ -13,7 +13,7 @@ _MARK = Mark("config")
 
 
 def source_of(config: Mapping[str, Any]) -> Source:
-    """The mapping as plain data of its own; raises UserError with everything that no YAML could say."""
+    """Return a copy of the mapping as plain data; raises UserError for what YAML cannot express."""
     source = Source(None)
     source.data = _plain(config, (), source)
     if source.problems:

@@ -22,19 +22,19 @@ Places: TypeAlias = tuple[int, ...]
 
 
 def single_paths(path: str) -> list[str]:
-    """The paths of a grid's key, which take a value together: the same one, or each its own."""
+    """Return the paths of a grid's key, which take a value together: the same one, or each its own."""
     return path.split(" & ")
 
 
 def values_of(path: str, value: Any) -> list[Any]:
-    """What each of the paths takes: the value, or of a list with a value for each its own."""
+    """Return the value of each path: a common value, or each its own from a list."""
     paths = single_paths(path)
     each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
     return value if each else [value] * len(paths)
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
-    """Labels of the filters of which a grid's key varies something; a label may have dots."""
+    """Return labels of the filters of which a grid's key varies something; a label may have dots."""
     found = []
     for single in single_paths(path):
         mine = [label for label in labels if single.startswith(f"filters.{label}.")]
@@ -43,14 +43,14 @@ def filters_of(path: str, labels: Iterable[str]) -> list[str]:
 
 
 def is_of_scenario(path: str) -> bool:
-    """Whether a grid's key varies something of the scenario."""
+    """Return whether a grid's key varies something of the scenario."""
     return any(single.startswith("scenario.") for single in single_paths(path))
 
 
 def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
-    """Paths that vary filters by themselves, together where they have a filter in common."""
+    """Return paths that vary filters by themselves, together where they have a filter in common."""
     found: list[tuple[set[str], list[str]]] = []
     for path in grid:
         mine = set(filters_of(path, labels))
@@ -67,7 +67,7 @@ def independent_filter_paths(
 def combinations(
     grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
 ) -> list[Places]:
-    """The points in the order of their values: every combination, or one group of filters at a time.
+    """Return the points in the order of their values: every combination, or one filter group at a time.
 
     While one group is varied, the others keep their first values.
     """
@@ -85,7 +85,7 @@ def combinations(
 def number_of_points(
     grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
 ) -> int:
-    """How many `combinations` gives."""
+    """Return the number of points in `combinations`."""
     if every:
         return prod(len(values) for values in grid.values())
     apart = independent_filter_paths(grid, labels, reference)
@@ -99,7 +99,7 @@ _MOST_POINTS = 10_000
 
 
 def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
-    """Of each point the value of each path, and where it is written."""
+    """Return each point's values by path, with their positions."""
     grid = settings.grid
     if not _is_possible(source, settings):
         return []
@@ -142,7 +142,7 @@ def _is_possible(source: Source, settings: Settings) -> bool:
 
 
 def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
-    """Of two axes that set the same value, one would head rows with what the other took back."""
+    """Reject two axes that set the same value, as one would overwrite the other."""
     varied: dict[Keys, str] = {}
     found = False
     for path in grid:
@@ -157,7 +157,7 @@ def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
 
 
 def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
-    """Two points of the same values would be one point with every run twice."""
+    """Reject two points of equal values, which would count every run twice."""
     for i, value in enumerate(values):
         if value in values[:i]:
             source.add_problem(("grid", path, i), f"{value!r} is given twice")
@@ -182,7 +182,7 @@ def add_axis(source: Source, text: str) -> None:
 
 
 def axis_values(text: str, mark: Mark) -> list[Any]:
-    """The values of one axis: a list, or a range that is linear or logarithmic."""
+    """Return the values of one axis: a list, or a range that is linear or logarithmic."""
     match = _RANGE.fullmatch(text)
     if match is None:
         if ".." in text:
@@ -203,7 +203,7 @@ def axis_values(text: str, mark: Mark) -> list[Any]:
 
 
 def _spaced(first: float, last: float, number: int, log: bool) -> list[float]:
-    """As typed, to twelve digits: 0.3 and not 0.30000000000000004."""
+    """Return values as typed, to twelve digits: 0.3 and not 0.30000000000000004."""
     share = [i / (number - 1) if number > 1 else 0.0 for i in range(number)]
     if log:
         values = [first * (last / first) ** s for s in share]

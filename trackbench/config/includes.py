@@ -39,7 +39,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
-    """The parts of a part, such as a target's motion; a path counts from the file it stands in."""
+    """Include the components within a component; paths are relative to their file."""
     data = at(source, keys)
     inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
     for key in list(inner):
@@ -80,7 +80,7 @@ def _mark_all(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
 
 
 def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
-    """``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
+    """Return ``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
     """
@@ -95,7 +95,7 @@ def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
-    """Like `assignment`, the value as it was typed."""
+    """Split an assignment and keep the value as typed."""
     mark = Mark(f"{option} {text}")
     places = [i for i, c in enumerate(text) if c == "=" and i > 0]
     if not places or unprintable_reason(text):
@@ -111,12 +111,12 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
 
 
 def _known_depth(source: Source, keys: Keys) -> int:
-    """How many of the keys, from the first on, lead to something that exists."""
+    """Return the number of leading keys that exist."""
     return sum(keys[:depth] in source.marks for depth in range(1, len(keys) + 1))
 
 
 def split_path(source: Source, path: str) -> Keys:
-    """A dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
+    """Return a dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
     keys: Keys = ()
     data: Any = source.data
     while path:
@@ -172,7 +172,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
 
 
 def deep_merge(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) -> dict[str, Any]:
-    """``base`` with the keys of ``top``; a mapping in both is laid over in the same way.
+    """Return ``base`` with the keys of ``top``; a mapping in both is laid over in the same way.
 
     ``by_kind``: but of another kind, and so with other keys, it stands in place of the base's.
     """

@@ -98,14 +98,14 @@ def load(
 
 
 def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
-    """What a config says, and the folder that its paths count from."""
+    """Return a config's source, and the folder that its paths are relative to."""
     if isinstance(config, Mapping):
         return source_of(config), Path()
     return read(config), config.parent
 
 
 def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
-    """The mistakes found, but of a part that could not be read only why."""
+    """Return the mistakes found, but of a part that could not be read only why."""
     parts = tuple(f"{part}." for part in unread)
     found = [p for p in error.problems if isinstance(p, Problem)]
     other = [p for p in found if not f"{p.path}.".startswith(parts)]
@@ -138,7 +138,7 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """The experiment; what a plugin raises where nobody expects it is a mistake with its line."""
+    """Return the experiment; what a plugin raises where nobody expects it is a mistake with its line."""
     try:
         with guarded():
             return _validated(source, folder, plugins)
@@ -152,7 +152,7 @@ def _validate_with_plugin_errors(
 
 
 def _settings(source: Source, whole: Settings | None) -> Settings:
-    """The settings, without their mistakes if they have any; raises UserError if none are left."""
+    """Return the settings without their mistakes; raises UserError if none are left."""
     settings = whole or _without_mistakes(source)
     if settings is not None and not settings.filters:  # of which no label can be known
         source.add_problem(("filters",), "name at least one filter")
@@ -207,7 +207,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
 
 
 def _without_mistakes(source: Source) -> Settings | None:
-    """The settings without their mistakes, if no other part of the file hangs on those keys."""
+    """Return the settings without their mistakes, if no other part of the file hangs on those keys."""
     mistaken = {p.path.partition(".")[0] for p in source.problems}
     known = [key.name for key in fields(Settings)]
     # A key that nobody knows is left out, unless it may be one of those that others hang on.
@@ -251,7 +251,7 @@ def _sections(source: Source) -> None:
 
 
 def _parts(group: Group, source: Source) -> dict[str, Any]:
-    """The tables or figures, without those that have mistakes."""
+    """Return the tables or figures, without those that have mistakes."""
     names = source.data.get(group) or {}
     built = {name: build_kind(group, source, (group, name)) for name in names}
     return {name: part for name, part in built.items() if part is not None}

@@ -1,4 +1,4 @@
-"""What tables, figures and settings ask for must be there, and kept."""
+"""Checks that requested metrics exist and are stored."""
 
 import re
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage
 
 @dataclass(frozen=True)
 class AskedMeasure:
-    """What a part of the config asks for, where, and what it may be."""
+    """Request of a component: metric, place in the config, and its role."""
 
     keys: Keys
     measure: Measure
@@ -39,7 +39,7 @@ def check_metrics(
     parts: dict[Group, dict[str, Exhibit]],
     others: dict[str, AnyFilter],
 ) -> None:
-    """Every metric that tables, figures and settings name must be one that there is, and is kept.
+    """Check that every metric named by tables, figures and settings exists and is stored.
 
     ``points`` are all, or none if any is mistaken: then what there is is not known.
     ``others`` are filters that are not run, whose metrics may be named. What filters note that are
@@ -58,7 +58,7 @@ def check_metrics(
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """The metric of tuning must be one of the scenario that filters are tuned on."""
+    """Check that the metric of tuning is one of the training scenario."""
     if training is None or settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, noted=True)
@@ -91,7 +91,7 @@ def _asked_by_tuning(settings: Settings) -> Iterator[AskedMeasure]:
 
 
 def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[AskedMeasure]:
-    """What tables and figures measure: by keys of a type such as `OfRun`, and by their ``needs``."""
+    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.needs.items():
@@ -119,7 +119,7 @@ def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[AskedMeasure]:
 
 
 def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
-    """That there is no such metric, if the config names it."""
+    """Add the problem of an unknown metric, if the config names it."""
     role, word = _where(asked, settings)
     if role == "made" and settings.reference is None:
         return f"{word!r} is beside a reference: say which filter is exact by `reference`"
@@ -143,14 +143,14 @@ def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | Non
 
 
 def _is_of_truth(m: Measure) -> bool:
-    """Whether it is an error, or what is made of errors."""
+    """Return whether it is an error, or what is made of errors."""
     found, quantity = m.family
     of_prediction = quantity.startswith(("predicted_", "held_"))
     return found.series in _OF_TRUTH and not of_prediction
 
 
 def _left_out(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
-    """That the metric is not kept in the file it is taken from."""
+    """Add the problem of a metric that is missing in its file."""
     role, word = _where(asked, settings)
     if role == "made":
         return _not_made(asked.measure, settings)
@@ -166,7 +166,7 @@ def _left_out(asked: AskedMeasure, names: Names, settings: Settings) -> str | No
 
 
 def _not_made(m: Measure, settings: Settings) -> str | None:
-    """What is not kept of what a number is made of."""
+    """Add the problem of an expression whose parts are not stored."""
     kept = kept_metrics(settings, "summary.csv")
     missing = [] if kept is None else [part.base for part in m.made_of() if part.base not in kept]
     if not missing:
@@ -175,7 +175,7 @@ def _not_made(m: Measure, settings: Settings) -> str | None:
 
 
 def _where(asked: AskedMeasure, settings: Settings) -> tuple[str, str]:
-    """The file that holds what is asked for, and its name there."""
+    """Return the file that holds what is asked for, and its name there."""
     m = asked.measure
     if asked.role == "base":
         return "base", m.base

@@ -40,7 +40,7 @@ _MOST_NOTED, _MOST_OF_RUNS = 6, 50
 
 
 def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
-    """Base names of the metrics that a CSV file keeps; None keeps all of them."""
+    """Return base names of the metrics that a CSV file keeps; None keeps all of them."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
@@ -50,7 +50,7 @@ def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
 def max_metrics_per_run(
     settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
 ) -> int:
-    """How many metrics of a filter per_run.csv holds, rather too many: it is not asked what it notes."""
+    """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
     wanted = kept_metrics(settings, "per_run.csv")
     if wanted is not None:
         return len(wanted) * len(scenario.windows)
@@ -90,11 +90,11 @@ class Names:
 
     @cached_property
     def bases(self) -> set[str]:
-        """Metrics without statistic, window and step, once all are there."""
+        """Return the metrics without statistic, window and step, once all are there."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def of(self, role: str) -> set[str]:
-        """What a key of such a role may name."""
+        """Return the names that a key of this role may use."""
         if role == "summary":
             return self.summary | self.given
         return self.summary if role == "row" else getattr(self, role)
@@ -126,14 +126,14 @@ class Names:
             self.made |= set(_efficiencies(per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
-        """Whether a filter that could not be asked may note this; our own note registered metrics."""
+        """Return whether a filter of unknown diagnostics may have this one."""
         own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
         return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
 
 
 @cache
 def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
-    """Rows of a metric per run in summary.csv: the same at every point, and there are thousands."""
+    """Return the rows of one metric in summary.csv, the same at every point."""
     result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
     return frozenset(row.metric for row in summary_rows(result, sizes, {}))
 
@@ -141,7 +141,7 @@ def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
 def names_of(
     settings: Settings, points: Sequence[Point], others: dict[str, AnyFilter], noted: bool
 ) -> Names:
-    """The names of all filters and of ``others``; if wanted, with those that they note.
+    """Return the names of all filters and of ``others``; if wanted, with those that they note.
 
     They are asked at the first point of each scenario, and at the last.
     """
@@ -183,13 +183,13 @@ def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:
-    """The keys of a filter that are numbers."""
+    """Return the keys of a filter that are numbers."""
     values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
     return {key for key, value in values.items() if is_number(value)}
 
 
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
-    """What is there for whoever asks for it."""
+    """Return the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
     if scenario.has_truth:
@@ -214,7 +214,7 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
 
 
 def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
-    """Names of what a filter notes at a step; where it does not say, from the first step of one run."""
+    """Return a filter's diagnostics, if undeclared from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
     if declares_diagnostics(type(tracker)):

@@ -85,7 +85,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
-    """What a filter says that it cannot do here; and, of one's own, what else would stop the runner."""
+    """Return a filter's conflicts with the scenario; for plugins also what would stop the runner."""
     if not is_foreign(tracker):
         return tracker.conflicts(scenario)
     try:
@@ -110,7 +110,7 @@ def check_words(*texts: object) -> None:
 
 
 def asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
-    """What a hook says. Raises what it raises, and WrongReturnError for what is of another kind."""
+    """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
     with guarded():
         found = hook(about)
     if not isinstance(found, (list, tuple) if kind is list else kind):
@@ -124,7 +124,7 @@ if TYPE_CHECKING:
 
 
 def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
-    """What would stop the runner in those parts of a scenario that are not the package's own.
+    """Return what would stop the runner in the plugin components of a scenario.
 
     ``bounded`` if its lower bounds are wanted.
     """
@@ -146,12 +146,12 @@ def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
 
 
 def _gives(part: Any, method: str) -> bool:
-    """Whether a method is of the part's own code."""
+    """Return whether a method is of the part's own code."""
     return any(method in vars(cls) for cls in type(part).__mro__ if is_foreign(cls))
 
 
 def mistaken_sensor(made: Sequence[Any]) -> str | None:
-    """What is wrong with a sensor of one's own that is to see one of these targets.
+    """Return the mistake of a plugin's sensor with one of these targets.
 
     Asked before a scenario is made of them, which may look at its measurements.
     """

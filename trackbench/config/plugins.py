@@ -36,12 +36,12 @@ class Plugin:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the content."""
+        """Return the SHA-256 of the content."""
         return hashlib.sha256(self.source).hexdigest()
 
     @property
     def identity(self) -> str:
-        """SHA-256 of all that its numbers depend on: content, and versions of what it imports."""
+        """Return the SHA-256 of a plugin's content and of the versions of what it imports."""
         return hashlib.sha256(f"{self.digest} {self.packages}".encode()).hexdigest()
 
     @property
@@ -52,13 +52,13 @@ class Plugin:
 
 
 def read_plugin(path: Path) -> Plugin:
-    """The file as it is now; raises OSError."""
+    """Return the file as it is now; raises OSError."""
     source = require_regular_file(path).read_bytes()
     return Plugin(str(path.absolute()), source, tuple(_versions(source)))
 
 
 def _versions(source: bytes) -> Iterator[tuple[str, str]]:
-    """Installed packages that a source imports, anywhere in it, with their versions."""
+    """Yield installed packages that a source imports, anywhere in it, with their versions."""
     try:
         nodes = list(ast.walk(ast.parse(source)))
     except (SyntaxError, ValueError):  # said when it is run
@@ -100,7 +100,7 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
 
 
 def _check_apart(plugins: list[Plugin], source: Source) -> None:
-    """No two plugins of a config may register the same kind."""
+    """Reject two plugins of a config that register the same kind."""
     owners: dict[tuple[str, str], Plugin] = {}
     for i, plugin in enumerate(plugins):
         for group, kind, _ in registry.registered(plugin.module):

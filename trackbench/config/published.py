@@ -14,7 +14,7 @@ from trackbench.yaml_source import scalar
 
 
 def split(text: str) -> list[str]:
-    """Parts between semicolons."""
+    """Return parts between semicolons."""
     return [part.strip() for part in text.split(";") if part.strip()]
 
 
@@ -75,23 +75,23 @@ class PublishedNumber:
 
     @property
     def printed_at(self) -> tuple[str, ...]:
-        """Where it stands, and at which point: readings of one number have this in common."""
+        """Return where a number is printed, and its point: what readings of it share."""
         return self.paper, self.table, self.row, self.filter, self.metric, self.point
 
     @property
     def labels(self) -> list[str]:
-        """Labels in the experiment."""
+        """Return labels in the experiment."""
         return split(self.label)
 
     @property
     def expressions(self) -> list[Measure]:
-        """Every expression of the row."""
+        """Return every expression of the row."""
         return [self.expression] if self.expression else []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """What a paper says in words, as a test of ``left relation factor * right``."""
+    """Statement of a paper, as a test of ``left relation factor * right``."""
 
     paper: str
     """short name of the paper"""
@@ -122,16 +122,16 @@ class Claim:
 
     @property
     def labels(self) -> list[str]:
-        """Every label of the test."""
+        """Return every label of the test."""
         return split(self.left) + self.rights
 
     @property
     def rights(self) -> list[str]:
-        """Labels of the right side."""
+        """Return labels of the right side."""
         return split(self.right)
 
     def sides(self, right: str) -> list[Measure]:
-        """What is compared of the left side and of a label of the right one, if there is any."""
+        """Return the compared expressions of the left side and of a label on the right, if any."""
         if self.expression is None:
             return []
         other = (self.right_expression or self.expression).of(right)
@@ -139,7 +139,7 @@ class Claim:
 
     @property
     def expressions(self) -> list[Measure]:
-        """Every expression of the test."""
+        """Return every expression of the test."""
         return [e for e in (self.expression, self.right_expression) if e]
 
 
@@ -154,6 +154,6 @@ class Published:
 
     @property
     def expressions(self) -> list[Measure]:
-        """Every expression of every row."""
+        """Return every expression of every row."""
         rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
         return [e for row in rows for e in row.expressions]

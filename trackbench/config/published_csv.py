@@ -30,7 +30,7 @@ def read_published(
     points: Sequence[Mapping[str, Any]] | None = None,
     also: Sequence[str] = (),
 ) -> Published:
-    """The rows for one experiment; raises UserError with every mistake in the files.
+    """Return the rows for one experiment; raises UserError with every mistake in the files.
 
     Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
     leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
@@ -137,7 +137,7 @@ def _read(name: str, text: str, known: _Known, found: Published, problems: list[
 
 
 def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list[str]) -> Source:
-    """One row as a mapping with positions, without the spaces around cells.
+    """Return one row as a mapping with positions, without the spaces around cells.
 
     Empty cells are left out, numbers are read as in YAML.
     """
@@ -171,7 +171,7 @@ def _as_written(cell: str) -> str:
 
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
-    """The row's labels exist in the experiment, its expressions can be read."""
+    """Check a row's labels and expressions."""
     named = [(key, b) for key in ("label", "left", "right") for b in split(getattr(row, key, ""))]
     for key in ("expression", "right_expression"):
         expression: Measure | None = getattr(row, key, None)
@@ -191,7 +191,7 @@ def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | Non
 def _check_point(
     row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, Any]] | None
 ) -> None:
-    """The row's point can be read, and is one of the grid."""
+    """Check that a row's point can be read and is one of the grid."""
     if not all("=" in part for part in split(row.point)):
         source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
     elif points and not any(picks(row.point, values) for values in points):
@@ -199,7 +199,7 @@ def _check_point(
 
 
 def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
-    """Rows of one number say the same number, and each how it interprets it."""
+    """Check that rows of one number agree on it and name their interpretation."""
     for other in before:
         if other.printed_at != row.printed_at:
             continue
@@ -215,7 +215,7 @@ def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedN
 
 
 def _check_claim(row: Claim, source: Source) -> None:
-    """Something is said, and if it is to be measured, of a filter and beside something."""
+    """Check a claim's text, filter and comparison."""
     if not row.claim.strip():
         source.add_problem(("claim",), "is empty")
     if (row.expressions or row.rights) and not row.left.strip():

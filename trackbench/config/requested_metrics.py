@@ -1,4 +1,4 @@
-"""What an experiment asks of its filters: what they say of measurements, and each run's shares."""
+"""Metrics that an experiment requests from its filters: predictions, and each run's contributions."""
 
 import re
 from collections import defaultdict
@@ -19,14 +19,14 @@ _OF_PREDICTIONS = re.compile(
 
 
 def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
-    """What any part of the config names; without a truth it is all that can be said, and is."""
+    """Return the requested predictions; all of them for scenarios without a truth."""
     if not all(p.scenario.has_truth for p in experiment.points):
         return ("score", "prediction")
     return kinds_of(m.metric for m in _measures(experiment))
 
 
 def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
-    """What has to be told for metrics of these names, without statistic and window."""
+    """Return the predictions that metrics of these names need, without statistic and window."""
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
     wanted: dict[Kind, bool] = {
@@ -52,7 +52,7 @@ def _measures(experiment: Experiment) -> Iterator[Measure]:
 
 
 def takes_times(experiment: Experiment) -> bool:
-    """Whether a table, a figure, a published number or a claim names CPU times."""
+    """Return whether a table, a figure, a published number or a claim names CPU times."""
     return any(m.is_cpu_time for m in _measures(experiment))
 
 
@@ -68,18 +68,18 @@ class Contributions:
 
     @property
     def series(self) -> list[str]:
-        """Names of the series that the shares are made of."""
+        """Return names of the series that the shares are made of."""
         found = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
         return list(dict.fromkeys(name for name in found if name is not None))
 
     def of(self, label: str, steps: Sequence[int]) -> list[Measure]:
-        """Those of a filter, each at one step, of a scenario with these steps."""
+        """Return a filter's contributions, each at one step, for a scenario with these steps."""
         found = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
         return list(dict.fromkeys([*self.everywhere, *found]))
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
-    """What tables, figures and published files ask for."""
+    """Return the contributions that tables, figures and published files request."""
     asked = [asked.measure for asked in asked_by_parts(experiment.parts)]
     asked += experiment.published.expressions
     everywhere = {m.plain for m in asked if not m.is_many and series_of(m.plain) is not None}

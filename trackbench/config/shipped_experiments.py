@@ -26,19 +26,19 @@ class Shipped(NamedTuple):
 
 
 def folder() -> Path:
-    """Where the shipped experiments, their parts and the published numbers are."""
+    """Return the folder of the shipped experiments, their parts and the published numbers."""
     home = Path(str(files("trackbench")))
     inside = home / "experiments"
     return inside if inside.is_dir() else home.parent / "experiments"
 
 
 def names() -> list[str]:
-    """Every shipped experiment's name, sorted."""
+    """Return every shipped experiment's name, sorted."""
     return sorted(path.stem for path in folder().glob("[!_]*.yaml"))
 
 
 def listed() -> list[Shipped]:
-    """Every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
+    """Return every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     texts = {name: _file(name).read_text(encoding="utf-8") for name in names()}
@@ -49,7 +49,7 @@ def listed() -> list[Shipped]:
 
 
 def located(config: Path, say: Callable[[str], None]) -> Path:
-    """The file of a config: of that path, or else the shipped experiment of that name.
+    """Return the file of a config: of that path, or else the shipped experiment of that name.
 
     Raises UserError for a word that is neither; says so if it is both.
     """
@@ -64,7 +64,7 @@ def located(config: Path, say: Callable[[str], None]) -> Path:
 
 
 def named(name: str) -> Path:
-    """The file of the shipped experiment; raises UserError if there is none of this name."""
+    """Return the file of the shipped experiment; raises UserError if there is none of this name."""
     if name in names():
         return _file(name)
     from trackbench.config.build_dataclass import unknown
@@ -93,7 +93,7 @@ def copied(name: str, target: Path) -> list[Path]:
 
 
 def with_parts(file: Path, found: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """A YAML file and every file that it names, and that those name, whether it is there or not.
+    """Return a YAML file and every file that it names, and that those name, whether it is there or not.
 
     Raises UserError if one of them is no YAML.
     """
@@ -122,11 +122,11 @@ def _file(name: str) -> Path:
 
 
 def _title(text: str) -> str:
-    """The title, with the number of runs where it asks for it."""
+    """Return the title, with the number of runs where it asks for it."""
     return _line("title", text).replace("{runs}", _line("runs", text) or "100")
 
 
 def _line(key: str, text: str) -> str:
-    """The value of a key that stands on a line of its own."""
+    """Return the value of a key that stands on a line of its own."""
     found = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
     return found[1].strip("\"'") if found else ""

@@ -20,7 +20,7 @@ NOISE, PATH, RUNS, TIME = "noise", "noise and path", "recordings", "time"
 
 
 def training_point(source: Source, point: Point) -> Point | None:
-    """The point with the scenario that training simulates; None if its keys are mistaken."""
+    """Return the point with the scenario that training simulates; None if its keys are mistaken."""
     given = (source.data.get("tuning") or {}).get("scenario")
     if given is None:
         return point
@@ -40,13 +40,13 @@ def training_point(source: Source, point: Point) -> Point | None:
 
 
 def same_recordings(a: Point, b: Point) -> bool:
-    """Whether two points take their runs from the same recorded data."""
+    """Return whether two points take their runs from the same recorded data."""
     targets: list[Any] = [as_config(point.scenario).get("target") for point in (a, b)]
     return a.scenario.recorded_runs is not None and targets[0] == targets[1]
 
 
 def held_out(experiment: Experiment) -> str:
-    """What of the judged data training has not seen; the paths of two runs are compared."""
+    """Return the judged data outside training; the paths of two runs are compared."""
     judged, training = experiment.points[0], experiment.training
     assert training is not None
     if same_recordings(judged, training):
@@ -63,7 +63,7 @@ def held_out(experiment: Experiment) -> str:
 
 
 def training_cautions(experiment: Experiment) -> list[str]:
-    """A sentence on filters that are tuned on the very path that judges them."""
+    """Return a sentence on filters that are tuned on the very path that judges them."""
     if not experiment.tuned or held_out(experiment) != NOISE:
         return []
     return [

@@ -25,7 +25,7 @@ Chosen = Mapping[str, Any]
 
 
 def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
-    """Beside each filter that is tuned one with what was ``found``, or before that with its own keys.
+    """Add a tuned copy beside each tuned filter, with the ``found`` values or its own.
 
     An entry that stands there already, as in the config of a results folder, stays unless something
     is found. A table and a figure per filter say what tuning did.
@@ -46,7 +46,7 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
 
 
 def _check_own(source: Source, label: str) -> None:
-    """Blame an entry that has the tuned filter's label, but is not this filter with other values."""
+    """Reject an entry under the tuned filter's label that is another filter."""
     keys = _mapping(source, ("tune",))[label]
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
@@ -58,7 +58,7 @@ def _check_own(source: Source, label: str) -> None:
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
-    """A config of which this filter has other values; the rest is shared."""
+    """Return a config of which this filter has other values; the rest is shared."""
     data = {**source.data, "filters": {**source.data["filters"]}}
     data["filters"][label] = copy.deepcopy(data["filters"][label])
     own = Source(data, dict(source.marks), dict(source.key_marks))
@@ -82,13 +82,13 @@ def _is_entry(source: Source, label: str) -> bool:
 
 
 def _copy(source: Source, keys: Keys, to: Keys) -> None:
-    """The value with the positions of all that is in it."""
+    """Return a copy of the value with the positions of everything in it."""
     at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
     source.adopt_positions(to, source.subtree(keys, copied))
 
 
 def _order(source: Source, labels: Iterable[str]) -> None:
-    """Each tuned filter behind its own."""
+    """Return the order of labels: each tuned filter after its original."""
     filters = source.data["filters"]
     mine = {tuned_label(label): filters.pop(tuned_label(label)) for label in labels}
     out: dict[str, Any] = {}
@@ -113,7 +113,7 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
 
 
 def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> None:
-    """A table or figure of tuning, unless the config has it."""
+    """Add a table or figure of tuning unless the config has it."""
     parts = source.data.setdefault(group, {})
     if not isinstance(parts, dict) or part in parts.values():
         return
@@ -137,7 +137,7 @@ class Trial:
 
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
-    """The filter with these values; the reasons if there is none."""
+    """Return the filter with these values; the reasons if there is none."""
     changed = with_values(source, label, values)
     tracker: Any = build_kind("filters", changed, ("filters", label))
     assume = read_assumed(changed, label)
@@ -156,7 +156,7 @@ _MOST_KEYS = 5
 def with_defaults(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> Settings:
-    """Metric and runs written out, if anything is tuned by them."""
+    """Return the metric and runs written out, if anything is tuned by them."""
     if training is None:
         return settings
     tuning, scenario = settings.tuning, training.scenario
@@ -172,7 +172,7 @@ def with_defaults(
 def tuned_axes(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> dict[str, tuple[Axis, ...]]:
-    """The axes of the keys of each filter that is tuned and run."""
+    """Return the axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
     before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
@@ -232,7 +232,7 @@ def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
 
 
 def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """The axes, those of whole numbers found out by trying; both ends and every choice must do."""
+    """Return the tuning axes; integers are found by trying, and both ends and choices must be valid."""
     middle: dict[str, Any] = {axis.key: axis.at(0.5) for axis in axes}
     out = []
     for axis in axes:

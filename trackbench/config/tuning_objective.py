@@ -17,7 +17,7 @@ _TARGETS = {"one": 1.0, "zero": 0.0}
 
 
 class Score(NamedTuple):
-    """How many runs were lost, and of the others the metric and each run's influence (M,) on it.
+    """Number of lost runs, and the metric of the others with each run's influence (M,).
 
     Smaller is better.
     """
@@ -29,7 +29,7 @@ class Score(NamedTuple):
 
     @property
     def stderr(self) -> float:
-        """Standard error of the value."""
+        """Return the standard error of the value."""
         return mean(self.influences[~np.isnan(self.influences)]).stderr
 
 
@@ -41,16 +41,16 @@ class Objective(NamedTuple):
 
     @classmethod
     def of(cls, metric: str | Mapping[str, float], sizes: Mapping[str, int]) -> "Objective":
-        """As a config writes it."""
+        """Return the objective as a config writes it."""
         return cls({metric: 1.0} if isinstance(metric, str) else metric, sizes)
 
     @property
     def metrics(self) -> list[str]:
-        """Names of the values per run that it takes."""
+        """Return names of the values per run that it takes."""
         return [_per_run(_read(word)) for word in self.weights]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
-        """Of values (M,) by name, NaN where a run is lost."""
+        """Return the score of values (M,) by name, NaN for lost runs."""
         with np.errstate(all="ignore"):
             terms = [self._term(word, per_run) for word in self.weights]
             weights = list(self.weights.values())
@@ -60,7 +60,7 @@ class Objective(NamedTuple):
         return Score(int((per_run["lost"] != 0).sum()), value, influences)
 
     def _term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
-        """What is made small, and its influences: a value, less it, or its distance to a target."""
+        """Return the minimized value and its influences: a value, or its distance to a target."""
         m = _read(word)
         found, quantity = m.family
         x = per_run[_per_run(m)]
@@ -78,18 +78,18 @@ class Objective(NamedTuple):
 
 
 def as_expression(word: str) -> str:
-    """The term as tables write it."""
+    """Return the term as tables write it."""
     m = _read(word)
     return word if m.family[0].per_component else str(m)
 
 
 def objective_label(word: str) -> str:
-    """The term as it is added up: what is made large has a minus."""
+    """Return the term as it is added up: what is made large has a minus."""
     return f"-{word}" if _is_made_large(_read(word)) else word
 
 
 def _read(word: str) -> Measure:
-    """The term; of ANEES and of log scores the mean is meant."""
+    """Return the term; of ANEES and of log scores the mean is meant."""
     m = measured(word)
     plain = m.is_row and (m.family[0].per_component or m.family[0].is_score)
     return m._replace(statistic="mean") if plain else m
@@ -105,7 +105,7 @@ def _per_run(m: Measure) -> str:
 
 
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
-    """Terms that are no statistic over runs, and why."""
+    """Yield terms that are no statistic over runs, and why."""
     for word in [metric] if isinstance(metric, str) else metric or ():
         m = _read(word)
         if not m.is_over_runs:
@@ -119,7 +119,7 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
 
 
 def default_metric(scenario: Scenario) -> str:
-    """The rms of the scenario's first error; without a truth the predictive likelihood."""
+    """Return the rms of the scenario's first error; without a truth the predictive likelihood."""
     if not scenario.has_truth:
         return "log_score"
     nowhere = np.zeros((len(scenario.components), 1))

@@ -1,4 +1,4 @@
-"""What an experiment says of its tuning beside the keys: the metric, the runs, the budget."""
+"""Settings of tuning beside the keys: the metric, the runs, the budget."""
 
 import re
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ class Axis:
     choices: tuple[Any, ...] = ()
 
     def at(self, share: float) -> Any:
-        """The value at a share; beyond 0 and 1 that at the end."""
+        """Return the value at a share; beyond 0 and 1 that at the end."""
         share = min(max(share, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
@@ -76,7 +76,7 @@ class Axis:
         return round(value) if self.whole else value
 
     def share(self, value: Any) -> float | None:
-        """Where a value lies; None if it does not."""
+        """Return the place of a value on the axis; None if it is outside."""
         if self.choices:
             places = [i for i, choice in enumerate(self.choices) if choice == value]
             return (places[0] + 0.5) / len(self.choices) if places else None
@@ -89,14 +89,14 @@ class Axis:
 
     @property
     def grain(self) -> float:
-        """Shares that are nearer than this to each other may be the same value."""
+        """Return shares that are nearer than this to each other may be the same value."""
         if self.choices:
             return 1.0 / len(self.choices)
         return 1.0 / (self.high - self.low) if self.whole and not self.log else 0.0
 
 
 def read_axis(key: str, written: Any) -> Axis:
-    """The axis of a key; raises ValueError in words."""
+    """Return the axis of a key; raises ValueError in words."""
     if isinstance(written, list):
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")

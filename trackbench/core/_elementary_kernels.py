@@ -21,7 +21,7 @@ _MANTISSA = 52
 
 
 class Constants(NamedTuple):
-    """What the kernels take beside their tables."""
+    """Constants of the kernels beside their tables."""
 
     per_power: float
     step: float
@@ -36,7 +36,7 @@ class Constants(NamedTuple):
 
 @cache
 def constants() -> Constants:
-    """Made when they are first asked for, as the tables are."""
+    """Return the constants, computed at the first call like the tables."""
     log_2 = _elementary_tables.log_2_bits() / (1 << 160)
     step = log_2 / _elementary_tables.POWERS  # of the exponent from one entry to the next
     width = 1.0 / _elementary_tables.LOGS
@@ -59,7 +59,7 @@ def constants() -> Constants:
 
 
 def exp(x: Array, out: Array) -> None:
-    """``e^x``."""
+    """Write ``e^x`` to ``out``."""
     if np.minimum.reduce(x) >= _LOWEST and np.maximum.reduce(x) <= _HIGHEST:
         exp_of_moderate(x, out)
         return
@@ -69,7 +69,7 @@ def exp(x: Array, out: Array) -> None:
 
 
 def exp_of_moderate(x: Array, out: Array) -> None:
-    """``x = (n + f) step``: the power of two that n is, times the series of ``e^(f step)``."""
+    """Write ``e^x``: ``x = (n + f) step``, a tabulated power of two times a series."""
     known = constants()
     f = x * known.per_power
     rounded = f + _ROUND
@@ -93,7 +93,7 @@ def exp_of_moderate(x: Array, out: Array) -> None:
 
 
 def log(x: Array, out: Array) -> None:
-    """Natural logarithm."""
+    """Write the natural logarithm to ``out``."""
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
         return
@@ -108,7 +108,7 @@ def log(x: Array, out: Array) -> None:
 
 
 def _log_of_normal(x: Array, out: Array) -> None:
-    """``x = 2^e m`` with m from 3/4 to 3/2, and ``m = c (1 + r)`` with c the edge of its cell."""
+    """Write log x: ``x = 2^e m``, m in 3/4 to 3/2, and ``m = c (1 + r)``, c its cell's edge."""
     known = constants()
     at_edge, inverse = _elementary_tables.logarithms()
     cell = _MANTISSA + 1 - _elementary_tables.LOGS.bit_length()  # bits of a mantissa within a cell
@@ -133,7 +133,7 @@ def _log_of_normal(x: Array, out: Array) -> None:
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
-    """``a = n turn + r``, r reduced in three parts (Cody & Waite 1980), and the sum of two angles."""
+    """Write cosine and sine: ``a = n turn + r``, r reduced in three parts (Cody & Waite 1980)."""
     known = constants()
     if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
         with np.errstate(invalid="ignore"):  # of an infinite angle
@@ -165,7 +165,7 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
 
 
 def arctan2(y: Array, x: Array, out: Array) -> None:
-    """Angle of (x, y)."""
+    """Write the angle of (x, y) to ``out``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
         widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
@@ -181,7 +181,7 @@ def arctan2(y: Array, x: Array, out: Array) -> None:
 
 
 def _arctan_of_narrow(t: Array, out: Array) -> None:
-    """Gregory's series to the ninth power."""
+    """Write Gregory's series to the ninth power."""
     square = t * t
     series = square * (1.0 / 9.0)
     series -= 1.0 / 7.0
@@ -195,7 +195,7 @@ def _arctan_of_narrow(t: Array, out: Array) -> None:
 
 
 def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
-    """``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an eighth of the plane, then turned."""
+    """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it."""
     known = constants()
     ax, ay = np.abs(x), np.abs(y)
     large, small = np.maximum(ax, ay), np.minimum(ax, ay)

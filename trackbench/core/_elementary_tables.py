@@ -20,7 +20,7 @@ _ONE = 1 << _BITS
 
 @cache
 def powers_of_two() -> Array:
-    """``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
+    """Return ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
     step = 2 << _BITS
     for _ in range(POWERS.bit_length() - 1):
         step = isqrt(step << _BITS)
@@ -33,7 +33,7 @@ def powers_of_two() -> Array:
 
 @cache
 def logarithms() -> tuple[Array, Array]:
-    """``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
+    """Return ``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
 
     As of floats in their order: LOGS / 2 cells below one, and as many above it that are twice as wide.
     """
@@ -51,7 +51,7 @@ def logarithms() -> tuple[Array, Array]:
 
 @cache
 def circle() -> tuple[Array, Array]:
-    """Cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
+    """Return the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
     angle = 2 * pi_bits() // TURNS
     step_c, step_s = _series(angle, 0), _series(angle, 1)
     cosines, sines, c, s = [], [], _ONE, 0
@@ -67,7 +67,7 @@ def circle() -> tuple[Array, Array]:
 
 @cache
 def arctangents() -> Array:
-    """``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
+    """Return ``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
     entries = [0]
     for j in range(SLOPES):  # arctan b - arctan a = arctan((b - a) / (1 + a b))
         entries.append(entries[-1] + _arctan(SLOPES, SLOPES * SLOPES + j * (j + 1)))
@@ -76,18 +76,18 @@ def arctangents() -> Array:
 
 @cache
 def pi_bits() -> int:
-    """``pi 2^160`` (Machin 1706)."""
+    """Return ``pi 2^160`` (Machin 1706)."""
     return 4 * (4 * _arctan(1, 5) - _arctan(1, 239))
 
 
 @cache
 def log_2_bits() -> int:
-    """``log(2) 2^160``."""
+    """Return ``log(2) 2^160``."""
     return _log_ratio(4, 3) + _log_ratio(3, 2)
 
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
-    """``bits / divisor`` as a sum of floats of so many bits each, and one more for the rest."""
+    """Return ``bits / divisor`` as a sum of floats of so many bits each, and one more for the rest."""
     rest, out = bits // divisor, []
     for width in widths:
         drop = max(rest.bit_length() - width, 0)
@@ -98,7 +98,7 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
 
 
 def _log_ratio(b: int, a: int) -> int:
-    """``log(b / a) = 2 artanh((b - a) / (b + a))``."""
+    """Return ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
     term = ((b - a) << _BITS) // (b + a)
     square, total, n = term * term >> _BITS, 0, 1
     while term:
@@ -108,7 +108,7 @@ def _log_ratio(b: int, a: int) -> int:
 
 
 def _arctan(b: int, a: int) -> int:
-    """``arctan(b / a)``."""
+    """Return ``arctan(b / a)``."""
     term = (b << _BITS) // a
     square, total, n, sign = term * term >> _BITS, 0, 1, 1
     while term:
@@ -118,7 +118,7 @@ def _arctan(b: int, a: int) -> int:
 
 
 def _series(angle: int, first: int) -> int:
-    """Cosine (first = 0) or sine (1) of a small angle."""
+    """Return the cosine (first = 0) or sine (1) of a small angle."""
     term = angle if first else _ONE
     square, total, n = angle * angle >> _BITS, 0, first
     while term:

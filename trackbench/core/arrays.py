@@ -20,7 +20,7 @@ A = TypeVar("A", bound=np.ndarray[Any, Any])
 
 
 def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
-    """``a`` with axes of length one appended until it has ``batch_ndim`` batch axes.
+    """Return ``a`` with axes of length one appended until it has ``batch_ndim`` batch axes.
 
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
@@ -28,7 +28,7 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
 
 
 def with_axes_of(like: Array, a: Array) -> Array:
-    """``a`` with axes of length one appended until it has as many as ``like``, so that the two add."""
+    """Append axes of length one to ``a`` until it has as many as ``like``."""
     return with_trailing(a, like.ndim, leading=0)
 
 
@@ -63,7 +63,7 @@ def frozen(whole: T) -> T:
 
 
 def _frozen(whole: Any, done: dict[int, Any]) -> Any:
-    """``done`` has each part that is begun, by its identity: parts may refer to each other."""
+    """Return ``done`` has each part that is begun, by its identity: parts may refer to each other."""
     if id(whole) in done:
         return done[id(whole)][1]
     done[id(whole)] = whole, whole  # the first keeps the identity from being used again

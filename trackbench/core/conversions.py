@@ -26,20 +26,20 @@ class Polar(NamedTuple):
 
 
 def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Cartesian position (2, M) and covariance (2, 2, M); ``predicted`` serves `ducm` alone."""
+    """Return the Cartesian position (2, M) and covariance (2, 2, M); `ducm` uses ``predicted``."""
     if conversion == "ducm":
         return ducm(z, predicted)
     return {"ccm": ccm, "ucm": ucm, "mucm": mucm}[conversion](z)
 
 
 def ccm(z: Polar) -> Gaussian:
-    """Conventional conversion: z taken literally, first-order covariance (banana paper, eqs. 1-2)."""
+    """Return the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
     cross = np.square(z.r) * z.azimuth_variance
     return Gaussian(position(z.r, z.a), rotated(z.range_variance, cross, z.a))
 
 
 def ucm(z: Polar) -> Gaussian:
-    """Unbiased conversion: divided by the mean shrinkage of a noisy unit vector (Mo et al. 1998).
+    """Return the unbiased conversion, divided by the mean shrinkage (Mo et al. 1998).
 
     The covariance is that of the error given the measurement.
     """
@@ -51,7 +51,7 @@ def ucm(z: Polar) -> Gaussian:
 
 
 def mucm(z: Polar) -> Gaussian:
-    """Modified unbiased conversion: mean and covariance given the measurement (Duan et al. 2004)."""
+    """Return the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
     s, v = z.azimuth_variance, z.range_variance
     square, more = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
     radial = exp(-s) * (square * more + v * (1.0 + more))
@@ -60,7 +60,7 @@ def mucm(z: Polar) -> Gaussian:
 
 
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
+    """Return the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
 
     The mean of `ucm`, with the error's covariance averaged over the prediction, which does not know
     the measurement's error; over the measurement where that knows the azimuth no worse.
@@ -74,13 +74,13 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
 
 
 def position(r: Array, a: Array) -> Array:
-    """``r (cos a, sin a)`` (2, *batch)."""
+    """Return ``r (cos a, sin a)`` (2, *batch)."""
     c, s = cos_sin(a)
     return np.stack([r * c, r * s])
 
 
 def rotated(radial: Array | float, cross: Array | float, a: Array) -> Array:
-    """``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
+    """Return ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
     c, s = cos_sin(a)
     both = (cross - radial) * c * s
     return np.array(

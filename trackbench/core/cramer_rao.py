@@ -23,7 +23,7 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
 
 
 def largest_deviation(cov: Array) -> float:
-    """Largest standard deviation in any direction of a covariance (n, n); in space an upper bound."""
+    """Return the largest standard deviation in any direction of a covariance (n, n); in 3D a bound."""
     if len(cov) != 2:
         return float(np.sqrt(np.diagonal(cov).sum()))
     half = 0.5 * (cov[0, 0] - cov[1, 1])
@@ -32,7 +32,7 @@ def largest_deviation(cov: Array) -> float:
 
 
 def _inverse(P: Array) -> Array:
-    """Inverse through a unit diagonal: metres and metres per second differ by many decades."""
+    """Invert through a unit diagonal, because meters and meters per second differ by many decades."""
     scale = 1.0 / np.sqrt(np.diagonal(P))
     both = np.outer(scale, scale)
     return both * linalg.inverse(both * P)

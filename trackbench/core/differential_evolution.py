@@ -13,13 +13,13 @@ from trackbench.core.resampling import select
 
 
 def mutate(x: Array, F: float, rng: Streams) -> Array:
-    """``x_i + F (x_r1 - x_r2)``, r1 != r2 != i (hdepf paper, eq. 10)."""
+    """Return ``x_i + F (x_r1 - x_r2)``, r1 != r2 != i (hdepf paper, eq. 10)."""
     r1, r2 = distinct_pairs(x.shape[1], x.shape[2], rng)
     return x + F * (select(x, r1) - select(x, r2))
 
 
 def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
-    """Component by component the mutant's with probability CR, else x's (hdepf paper, eq. 11)."""
+    """Take each component from the mutant with probability CR, else from x (hdepf paper, eq. 11)."""
     return np.where(rng.random(x.shape) <= CR, mutant, x)
 
 
@@ -32,7 +32,7 @@ def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
-    """Flat indices r1, r2 (M, N), uniform over pairs with r1, r2 and i all different; N >= 3."""
+    """Return flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
     u = rng.random((2, runs, N))
     u[0] *= N - 1
     u[1] *= N - 2
@@ -47,6 +47,6 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
 
 @lru_cache(maxsize=8)
 def _rounds(runs: int, N: int) -> tuple[Index, Index]:
-    """Flat indices of each run's particles twice over (2 M N,), and where in them each stands (M, N)."""
+    """Return flat indices of each run's particles twice (2 M N,), and their places in it (M, N)."""
     i, run = np.arange(N), np.arange(runs)[:, None]
     return (run * N + np.concatenate([i, i])).ravel(), run * (2 * N) + i

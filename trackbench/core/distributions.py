@@ -26,25 +26,25 @@ class Distribution(Protocol):
 
     @property
     def mean(self) -> Array:
-        """Mean (n, *batch)."""
+        """Return the mean (n, *batch)."""
 
     @property
     def cov(self) -> Array:
-        """Covariance (n, n) or (n, n, *batch)."""
+        """Return the covariance (n, n) or (n, n, *batch)."""
 
     @property
     def loc(self) -> Array:
-        """The value without its noise (n, *batch); differs from the mean if the noise has one."""
+        """Return the value without its noise (n, *batch); differs from the mean if the noise has one."""
 
     @property
     def mode(self) -> Array:
-        """Where the density is highest (n, *batch)."""
+        """Return the point of highest density (n, *batch)."""
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """One draw per batch member, shape (n, *batch, *trailing)."""
+        """Return one draw per batch member, shape (n, *batch, *trailing)."""
 
     def log_prob(self, x: Array) -> Array:
-        """Log-density at x (n, ...); shape of the broadcast batch."""
+        """Return the log-density at x (n, ...); shape of the broadcast batch."""
 
 
 @runtime_checkable
@@ -52,11 +52,11 @@ class Covering(Protocol):
     """A distribution whose tails matter, with draws that cover them."""
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """N draws (n, M, N) and their log-weights (M, N)."""
+        """Return N draws (n, M, N) and their log-weights (M, N)."""
 
 
 def covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
-    """N draws (n, M, N) for a cloud and their log-weights (M, N).
+    """Return N draws (n, M, N) for a cloud and their log-weights (M, N).
 
     From what covers the prior's tails, if it has that; else its own samples.
     """
@@ -76,12 +76,12 @@ class Symmetric:
 
     @property
     def loc(self: _HasMean) -> Array:
-        """The mean."""
+        """Return the mean."""
         return self.mean
 
     @property
     def mode(self: _HasMean) -> Array:
-        """The mean."""
+        """Return the mean."""
         return self.mean
 
 
@@ -97,7 +97,7 @@ class Gaussian(Symmetric):
         return linalg.cholesky(self.cov)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """``mean + L e`` with e standard normal."""
+        """Return ``mean + L e`` with e standard normal."""
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
         root = self._root if np.isfinite(self._root).all() else linalg.root(self.cov)
@@ -108,18 +108,18 @@ class Gaussian(Symmetric):
         return x
 
     def log_prob(self, x: Array) -> Array:
-        """Log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
+        """Return the log-density, ``-(e' P^-1 e + log det P + n log 2 pi) / 2``."""
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
 
 
 def of_each_run(of: Distribution) -> Gaussian:
-    """The moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
+    """Return the moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
     n, runs = of.mean.shape
     return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
-    """Log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
+    """Return the log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     L = linalg.cholesky(cov) if root is None else root
     halves = linalg.whitened(_SQRT_2 * L, e)
     total = halves[0]  # of squares, e' P^-1 e / 2
@@ -153,17 +153,17 @@ class Gamma:
 
     @property
     def peak(self) -> float:
-        """Where the density is highest: (shape - 1) / rate, or zero."""
+        """Return the value of highest density: (shape - 1) / rate, or zero."""
         return max(self.shape - 1.0, 0.0) / self.rate
 
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
-        """Variates of the given size."""
+        """Return variates of the given size."""
         x: Array = rng.standard_gamma(self.shape, size)
         x *= 1.0 / self.rate
         return x
 
     def density(self, v: Array) -> Array:
-        """Density at v: zero for v <= 0, or its formula continued there if ``smooth``."""
+        """Return the density at v: zero for v <= 0, or its formula continued there if ``smooth``."""
         base = v if self.smooth else np.maximum(v, 0.0)
         tilted = base * -self.rate
         tilted += self._log_norm
@@ -173,11 +173,11 @@ class Gamma:
 
     @property
     def smooth(self) -> bool:
-        """Whether the density's formula goes on smoothly below zero: an integer shape."""
+        """Return whether the density's formula continues smoothly below zero: an integer shape."""
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:
-        """Log-density at v, -inf for v <= 0."""
+        """Return the log-density at v, -inf for v <= 0."""
         inside = np.maximum(v, _SMALLEST)
         inside = elementary.log(inside, out=inside)
         inside *= self.shape - 1.0
@@ -187,7 +187,7 @@ class Gamma:
 
     @cached_property
     def _log_norm(self) -> float:
-        """``log(rate^shape / Gamma(shape))``."""
+        """Return ``log(rate^shape / Gamma(shape))``."""
         return float(self.shape * elementary.log(self.rate)) - elementary.log_gamma(self.shape)
 
 
@@ -200,32 +200,32 @@ class Shifted:
 
     @property
     def mean(self) -> Array:
-        """``loc`` plus the noise's mean."""
+        """Return ``loc`` plus the noise's mean."""
         return self.loc + self.noise.expectation
 
     @property
     def mode(self) -> Array:
-        """``loc`` plus the noise's most probable value."""
+        """Return ``loc`` plus the noise's most probable value."""
         return self.loc + self.noise.peak
 
     @property
     def cov(self) -> Array:
-        """The noise's variance (1, 1)."""
+        """Return the noise's variance (1, 1)."""
         return np.array([[self.noise.variance]])
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """``loc`` plus a fresh variate per batch member."""
+        """Return ``loc`` plus a fresh variate per batch member."""
         shape = self.loc.shape + trailing
         x = self.noise.draw(rng, shape)
         x += with_trailing(self.loc, len(shape) - 1)
         return x
 
     def prob(self, x: Array) -> Array:
-        """Density of the noise's formula at ``x - loc``, continued below zero where it is smooth."""
+        """Return the noise's density at ``x - loc``, continued below zero if smooth."""
         return self.noise.density(x[0] - self.loc[0])
 
     def log_prob(self, x: Array) -> Array:
-        """Log-density of the noise at ``x - loc``."""
+        """Return the log-density of the noise at ``x - loc``."""
         return self.noise.log_density(x[0] - self.loc[0])
 
 
@@ -237,17 +237,17 @@ class PointMass(Symmetric):
 
     @property
     def cov(self) -> Array:
-        """Zero (n, n)."""
+        """Return the zero (n, n)."""
         n = self.mean.shape[0]
         return np.zeros((n, n))
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """The value, repeated along the trailing axes."""
+        """Return the value, repeated along the trailing axes."""
         shape = self.mean.shape + trailing
         return np.broadcast_to(with_trailing(self.mean, len(shape) - 1), shape).copy()
 
     def log_prob(self, x: Array) -> Array:
-        """Zero at the value and -inf elsewhere."""
+        """Return the zero at the value and -inf elsewhere."""
         return np.where((x == self.mean).all(axis=0), 0.0, -np.inf)
 
 
@@ -256,7 +256,7 @@ _EDGE = 2.0**-52
 
 
 def covering_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
-    """Draws x (M, N), ascending, and log-weights (M, N) under which they are N(0, 1).
+    """Return the draws x (M, N), ascending, and log-weights (M, N) under which they are N(0, 1).
 
     Importance sampling from a logistic of twice the deviation, a draw from each of N strata of equal
     probability. Beyond four deviations are 800 times as many draws as N(0, 1) has, within one 0.6 times

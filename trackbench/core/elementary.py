@@ -25,22 +25,22 @@ _PIECE = 8192
 
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
-    """``e^x``; zero below -708. ``out`` may be x itself."""
+    """Return ``e^x``; zero below -708. ``out`` may be x itself."""
     return _piecewise(_elementary_kernels.exp, x, out)
 
 
 def exp_of_moderate(x: Array) -> Array:
-    """`exp` in place for a contiguous x from -708 to 709, or NaN, which is not looked at beforehand."""
+    """Compute `exp` in place for a contiguous x that is NaN or in [-708, 709], unchecked."""
     return _piecewise(_elementary_kernels.exp_of_moderate, x, x)
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
-    """Natural logarithm. ``out`` may be x itself."""
+    """Return the natural logarithm. ``out`` may be x itself."""
     return _piecewise(_elementary_kernels.log, x, out)
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
-    """Cosine and sine of angles, rad."""
+    """Return the cosine and sine of angles, rad."""
     if isinstance(a, float):
         return _cos_sin_of_number(a)
     a = np.asarray(a, dtype=float)
@@ -53,7 +53,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
 
 
 def arctan2(y: Array, x: Array) -> Array:
-    """Angle of the point (x, y) in [-pi, pi], for y and x of one shape; arctan2(+-0, -0) is +-0."""
+    """Return the angle of (x, y) in [-pi, pi]; y and x have one shape; arctan2(+-0, -0) is +-0."""
     y, x = np.asarray(y, dtype=float), np.asarray(x, dtype=float)
     flat_y, flat_x = (np.ascontiguousarray(a).reshape(-1) for a in (y, x))
     out = np.empty(flat_y.shape)
@@ -64,7 +64,7 @@ def arctan2(y: Array, x: Array) -> Array:
 
 
 def expm1(x: ArrayLike) -> Array:
-    """``e^x - 1`` without the loss of digits near zero."""
+    """Return ``e^x - 1`` without the loss of digits near zero."""
     x = np.asarray(x, dtype=float)
     small = np.clip(x, -0.5, 0.5)
     series = np.ones_like(small)
@@ -74,12 +74,12 @@ def expm1(x: ArrayLike) -> Array:
 
 
 def sinh(x: ArrayLike) -> Array:
-    """Hyperbolic sine."""
+    """Return the hyperbolic sine."""
     return 0.5 * (expm1(x) - expm1(-np.asarray(x, dtype=float)))
 
 
 def logaddexp(a: Array, b: ArrayLike) -> Array:
-    """``log(e^a + e^b)``."""
+    """Return ``log(e^a + e^b)``."""
     top, low = np.maximum(a, b), np.minimum(a, b)
     with np.errstate(invalid="ignore"):
         less = np.where(top == low, 0.0, low - top)  # two infinities of one sign are equal
@@ -87,7 +87,7 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 
 def power(x: ArrayLike, y: float) -> Array:
-    """``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
+    """Return ``x^y`` for x >= 0; a whole y of up to 16 by multiplication."""
     x = np.asarray(x, dtype=float)
     if y == int(y) and 0 <= y <= 16:
         product = x if y else np.ones_like(x)
@@ -99,7 +99,7 @@ def power(x: ArrayLike, y: float) -> Array:
 
 
 def log_gamma(x: float) -> float:
-    """Logarithm of the gamma function for x > 0: Stirling's series from 10 on, below it by recursion."""
+    """Return log Gamma(x) for x > 0: Stirling's series, with recursion below 10."""
     below = 1.0
     while x < 10.0:
         below *= x

@@ -13,7 +13,7 @@ from trackbench.core.elementary import log
 
 @lru_cache(maxsize=256)
 def tail(eta: float, gamma: float) -> float:
-    """P(rho > eta) in the long run, ``sum_j A_j exp(-eta / (2 gamma^j))``.
+    """Return P(rho > eta) in the long run, ``sum_j A_j exp(-eta / (2 gamma^j))``.
 
     ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate and are as large as
     ``exp(2 / (1 - gamma))``, so the sum is done in so many decimal digits that nothing cancels.
@@ -37,7 +37,7 @@ def tail(eta: float, gamma: float) -> float:
 
 @lru_cache(maxsize=256)
 def threshold(alpha: float, gamma: float) -> float:
-    """The eta with ``tail(eta, gamma) = alpha``, by bisection on the logarithm."""
+    """Return the eta with ``tail(eta, gamma) = alpha``, by bisection on the logarithm."""
     low, high = 0.0, 2.0 / (1.0 - gamma)
     while tail(high, gamma) > alpha:
         low, high = high, 2.0 * high
@@ -48,12 +48,12 @@ def threshold(alpha: float, gamma: float) -> float:
 
 
 def significance_threshold(alpha: float) -> float:
-    """The eta that a chi-square variable of two degrees of freedom exceeds with probability alpha."""
+    """Return the value that a chi-square variable of two degrees exceeds with probability alpha."""
     return -2.0 * float(log(alpha))
 
 
 def _euler_product(g: Decimal, smallest: Decimal) -> Decimal:
-    """``prod_{i >= 1} (1 - g^i)``."""
+    """Return ``prod_{i >= 1} (1 - g^i)``."""
     product, power = Decimal(1), g
     while power > smallest:
         product *= 1 - power

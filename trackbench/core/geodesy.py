@@ -23,7 +23,7 @@ class Geodetic(NamedTuple):
 
 
 def earth_centred(place: Geodetic) -> Array:
-    """Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
+    """Return Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
     (c, s), (east, north) = cos_sin(place.latitude), cos_sin(place.longitude)
     across = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)
     flat = (across + place.height) * c
@@ -32,7 +32,7 @@ def earth_centred(place: Geodetic) -> Array:
 
 
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
-    """Positions (3, R), m, in the plane that touches the ellipsoid below the origin (same, 2.5.2)."""
+    """Return positions (3, R), m, in the plane tangent below the origin (Groves 2013, 2.5.2)."""
     at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
     dx, dy, dz = earth_centred(places) - earth_centred(at)
     (c, s), (cl, sl) = cos_sin(at.latitude), cos_sin(at.longitude)

@@ -42,7 +42,7 @@ class Hypotheses(NamedTuple):
     def advanced(
         self, k: int, F: Array, g: Array, posterior: Gaussian, innovation: Innovation, R: Array
     ) -> "Hypotheses":
-        """After step k of the quiescent filter, whose posterior and innovation are given."""
+        """Return the after step k of the quiescent filter, whose posterior and innovation are given."""
         F_, g_ = F[:, :, None, None, None], g[:, None, None, None]
         response = F_[:, 0] * self.response[0] + F_[:, 1] * self.response[1] + g_
         psi, S, nu = response[0], innovation.S[0, 0], innovation.nu[0]
@@ -60,17 +60,17 @@ class Hypotheses(NamedTuple):
         )
 
     def begun(self, k: int) -> "Hypotheses":
-        """With ``since`` set, if step k is the first."""
+        """Return hypotheses with ``since`` set, if step k is the first."""
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
     def opened(self, k: int) -> "Hypotheses":
-        """With the onset after step k in the place of the oldest; writes into arrays just made."""
+        """Replace the oldest onset by the onset after step k; writes into arrays just made."""
         for array in (self.response, self.information, self.score):
             array[..., k % self.width, :] = 0.0
         return self
 
     def restarted(self, where: Mask, k: int) -> "Hypotheses":
-        """With nothing known of the chosen runs, whose filters begin anew at step k."""
+        """Clear the chosen runs, whose filters restart at step k."""
         if not where.any():
             return self
         return Hypotheses(
@@ -81,22 +81,22 @@ class Hypotheses(NamedTuple):
         )
 
     def significance(self) -> Array:
-        """zeta (W, M), zero where there is no information yet."""
+        """Return zeta (W, M), zero where there is no information yet."""
         known = self.information > 0.0
         L = np.where(known, 1.0, 0.0) / np.where(known, self.information, 1.0)
         return total(np.square(self.score) * L, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
-        """The step t (M,) whose onset stands in each run's slot, seen from step k."""
+        """Return the step t (M,) whose onset stands in each run's slot, seen from step k."""
         age = (k - 1 - slot) % self.width + 1
         return np.maximum(k - age, self.since)
 
     def slot_of(self, age: int, k: int) -> Index:
-        """The slot (M,) of the onset so many steps before k, or since the restart."""
+        """Return the slot (M,) of the onset so many steps before k, or since the restart."""
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def chosen(self, slot: Index, runs: Index) -> "Input":
-        """Response and estimated input of the runs in ``runs`` (m,), each at its slot (m,)."""
+        """Return response and estimated input of ``runs`` (m,), each at its slot (m,)."""
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
 
@@ -109,12 +109,12 @@ class Input(NamedTuple):
     variance: Array
 
     def corrected(self, state: Gaussian) -> Gaussian:
-        """``N(x + M u, P + M L M')``: the quiescent state with the input's effect added."""
+        """Return ``N(x + M u, P + M L M')``: the quiescent state with the input's effect added."""
         M, L = self.response, self.variance
         return Gaussian(state.mean + M * self.u, state.cov + M[:, None] * L * M[None])
 
     def augmented(self, state: Gaussian) -> Gaussian:
-        """``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input as a third component."""
+        """Return ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input is a component."""
         moved, (M, u, L) = self.corrected(state), self
         ML = np.broadcast_to(M * L, moved.cov[:, 0].shape)
         cov = np.concatenate(
@@ -127,7 +127,7 @@ class Input(NamedTuple):
 
 
 def hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
-    """Nothing known yet; ``axes`` is how many have a covariance of their own (1 or 2)."""
+    """Return empty hypotheses; ``axes`` is the number with their own covariance (1 or 2)."""
     return Hypotheses(
         np.zeros((2, axes, window, runs)),
         np.zeros((axes, window, runs)),

@@ -26,7 +26,7 @@ class Innovation(NamedTuple):
 
     @property
     def nis(self) -> Array:
-        """Normalised innovation squared, nu' S^-1 nu (*batch); expected n_z.
+        """Return the normalised innovation squared, nu' S^-1 nu (*batch); expected n_z.
 
         Of the components that were measured; NaN where nothing was.
         """
@@ -37,7 +37,7 @@ class Innovation(NamedTuple):
         return np.where(missing.all(axis=0), np.nan, nis)
 
     def judged(self) -> tuple[Array, Array]:
-        """NIS (*batch) and the square root of det S, from one factor."""
+        """Return NIS (*batch) and the square root of det S, from one factor."""
         L, missing = linalg.cholesky(self.S), np.isnan(self.nu)
         rows = linalg.whitened(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
         nis, scale = rows[0] * rows[0], L[0, 0]
@@ -47,7 +47,7 @@ class Innovation(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """log N(nu; 0, S) (*batch) of what was measured, as a density of the measurement itself.
+        """Return log N(nu; 0, S) (*batch) of what was measured, as a density of the measurement itself.
 
         NaN where nothing was measured.
         """
@@ -65,7 +65,7 @@ Updated: TypeAlias = tuple[Gaussian, Innovation]
 
 
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
-    """``N(F m, F P F' + Q)``; ``mean`` replaces F m for a nonlinear motion.
+    """Return ``N(F m, F P F' + Q)``; ``mean`` replaces F m for a nonlinear motion.
 
     F and Q are (n, n) or (n, n, *batch).
     """
@@ -75,7 +75,7 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
 
 @once
 def _predicted_cov(F: Array, P: Array, Q: Array) -> Array:
-    """``F P F' + Q``."""
+    """Return ``F P F' + Q``."""
     FPF = linalg.sandwich(F, P)
     return FPF + with_axes_of(FPF, Q)
 
@@ -99,7 +99,7 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 
 
 def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
-    """H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
+    """Return H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
 
     Matrices that are alike in all runs stay one matrix.
     """
@@ -111,7 +111,7 @@ def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
 
 
 def cov_of_measured(R: Array, missing: Mask) -> Array:
-    """R without the rows and columns of what is missing (n_z, *batch).
+    """Return R without the rows and columns of what is missing (n_z, *batch).
 
     A missing component has a variance of one, whatever its unit: nothing comes of it.
     """
@@ -122,14 +122,14 @@ def cov_of_measured(R: Array, missing: Mask) -> Array:
 
 
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask) -> Array:
-    """log N(nu; 0, cov) (*batch) without what is missing (n_z, *batch), of which cov is as above."""
+    """Return log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov)
     value += 0.5 * LOG_2PI * missing.sum(axis=0)
     return value
 
 
 def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
-    """``m + K nu`` with the covariance of any gain K (n, n_z[, *batch]); no gain where nu is missing."""
+    """Return ``m + K nu`` with the covariance for any gain K; missing nu changes nothing."""
     unknown = np.isnan(nu)
     if unknown.any():
         missing = unknown.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
@@ -146,7 +146,7 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 
 @once
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """``S = H P H' + R`` and ``K = P H' S^-1``."""
+    """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
     HP = linalg.matmul(H, P)
     S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
     S = S + with_axes_of(S, R)
@@ -155,6 +155,6 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
 
 @once
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
-    """``(I - K H) P (I - K H)' + K R K'``."""
+    """Return ``(I - K H) P (I - K H)' + K R K'``."""
     IKH = linalg.identity_minus(linalg.matmul(K, H))
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, with_axes_of(K, R))

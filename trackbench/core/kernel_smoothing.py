@@ -27,7 +27,7 @@ class Mode(NamedTuple):
 
 
 def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
-    """Optimal bandwidth for N particles, () or (M,), in n dimensions.
+    """Return the optimal bandwidth for N particles, () or (M,), in n dimensions.
 
     Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
     unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
@@ -42,12 +42,12 @@ def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
 
 
 def _unit_ball(n: int) -> float:
-    """Volume of the ball of radius one in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    """Return the volume of the ball of radius one in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
     return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
-    """Draws (n, *batch) from the standard kernel.
+    """Return draws (n, *batch) from the standard kernel.
 
     An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
     dimensions (each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1);
@@ -65,7 +65,7 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
 
 
 def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
-    """``x + scale h A e`` for a cloud x (n, M, N), with ``A A'`` the cloud's covariance (n, n, M).
+    """Return ``x + scale h A e`` for particles x (n, M, N); ``A A'`` is their covariance.
 
     A cloud without spread in some direction (its covariance is singular) is left as it is.
     """
@@ -75,7 +75,7 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 def jitter_each(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
-    """`jitter` of a cloud of one or several modes, each by its own particles' number and spread."""
+    """Return `jitter` for one or several modes, each with its own number and spread."""
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
@@ -89,7 +89,7 @@ def jitter_each(
 
 
 def _bandwidth_of(mode: Mode, n: int, N: int, kernel: Kernel) -> Array:
-    """By the number of a mode's own particles, () or (M,)."""
+    """Return the bandwidth for a mode's number of particles, () or (M,)."""
     if mode.share is None:
         return _bandwidth_of_all(n, N, kernel)
     return bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
@@ -101,6 +101,6 @@ def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
 
 
 def _spread(cov: Array) -> Array:
-    """Cholesky's factor (n, n, M), zero where there is none."""
+    """Return the Cholesky's factor (n, n, M), zero where there is none."""
     A = linalg.cholesky(cov)
     return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)

@@ -17,14 +17,14 @@ _SINGULAR = 1e-14  # share of its variance below which a pivot is rounding
 
 
 def matvec(A: Array, x: Array) -> Array:
-    """``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
+    """Return ``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
     if A.ndim == 2:
         return _constant_product(A, x)
     return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
 
 
 def lower_product(L: Array, x: Array) -> Array:
-    """``L x`` for a lower triangle per run L (n, n, M) and its whole cloud x (n, M, N)."""
+    """Return ``L x`` for a lower triangle per run L (n, n, M) and its whole cloud x (n, M, N)."""
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)
@@ -34,7 +34,7 @@ def lower_product(L: Array, x: Array) -> Array:
 
 
 def matmul(A: Array, B: Array) -> Array:
-    """``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
+    """Return ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if A.ndim == 2 and B.ndim == 2:
         return np.add.reduce(A[:, :, None] * B, axis=1)  # in order: few terms
     if A.ndim == 2:
@@ -45,30 +45,30 @@ def matmul(A: Array, B: Array) -> Array:
 
 
 def transpose(A: Array) -> Array:
-    """``A'``: the first two axes swapped (a view)."""
+    """Return ``A'``: the first two axes swapped (a view)."""
     return A.swapaxes(0, 1)
 
 
 def sandwich(F: Array, P: Array) -> Array:
-    """``F P F'`` for symmetric P, exactly symmetric."""
+    """Return ``F P F'`` for symmetric P, exactly symmetric."""
     FP = matmul(F, P)
     return symmetrised(matmul(F, transpose(FP)))
 
 
 def symmetrised(P: Array) -> Array:
-    """``(P + P') / 2``."""
+    """Return ``(P + P') / 2``."""
     if len(P) == 1:
         return P
     return 0.5 * (P + transpose(P))
 
 
 def outer(a: Array, b: Array) -> Array:
-    """``a b'`` for vectors (n, *batch) and (m, *batch)."""
+    """Return ``a b'`` for vectors (n, *batch) and (m, *batch)."""
     return np.asarray(a[:, None] * b[None, :])
 
 
 def identity_minus(A: Array) -> Array:
-    """``I - A`` for square A."""
+    """Return ``I - A`` for square A."""
     out = -A
     for i in range(A.shape[0]):
         out[i, i] += 1.0
@@ -76,7 +76,7 @@ def identity_minus(A: Array) -> Array:
 
 
 def diagonal(A: Array) -> Array:
-    """The diagonal as a vector (n, *batch)."""
+    """Return the diagonal as a vector (n, *batch)."""
     return np.stack([A[i, i] for i in range(A.shape[0])])
 
 
@@ -107,7 +107,7 @@ def root(P: Array) -> Array:
 
 
 def _factor(P: Array, tolerance: float) -> Array:
-    """Cholesky's factor; a pivot within that share of its variance, or without one, has no column."""
+    """Return the Cholesky factor; a pivot below this share of its variance has a zero column."""
     if P.ndim == 2:
         return _factor_of_one(P, tolerance)
     n = P.shape[0]
@@ -129,7 +129,7 @@ def _factor(P: Array, tolerance: float) -> Array:
 
 
 def _factor_of_one(P: Array, tolerance: float) -> Array:
-    """The same of a constant matrix, in Python's numbers: a tenth of the time."""
+    """Return the factor of a constant matrix, computed in Python's floats in a tenth of the time."""
     rows, n = P.tolist(), len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
@@ -146,24 +146,24 @@ def _factor_of_one(P: Array, tolerance: float) -> Array:
 
 
 def _rest_of_one(value: float, a: list[float], b: list[float], n: int) -> float:
-    """``value`` less the first n products, in order (from Python 3.12 on, `sum` has another one)."""
+    """Return ``value`` minus the first n products, in order (`sum` differs from Python 3.12 on)."""
     for i in range(n):
         value -= a[i] * b[i]
     return value
 
 
 def is_singular(P: Array) -> bool:
-    """Whether a covariance (n, n) leaves a direction without spread."""
+    """Return whether a covariance (n, n) leaves a direction without spread."""
     return bool((np.diagonal(_factor(P, _SINGULAR)) == 0.0).any())
 
 
 def solve_lower(L: Array, b: Array) -> Array:
-    """``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
+    """Return ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
     return b * (1.0 / L[0]) if len(L) == 1 else np.array(whitened(L, b))
 
 
 def whitened(L: Array, b: Array) -> list[Array]:
-    """The rows of `solve_lower`, new arrays each."""
+    """Return the rows of `solve_lower`, new arrays each."""
     rows: list[Array] = []
     for i in range(L.shape[0]):
         rest = b[i]
@@ -175,7 +175,7 @@ def whitened(L: Array, b: Array) -> list[Array]:
 
 
 def inverse(S: Array) -> Array:
-    """``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
+    """Return ``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
     if S.shape[0] == 1:
         return np.asarray(1.0 / S)
     if S.shape[0] == 2:
@@ -189,7 +189,7 @@ def inverse(S: Array) -> Array:
 
 
 def _inverse_of_two(S: Array) -> Array:
-    """By Schur's complement of the first variance, which keeps the digits that a determinant loses."""
+    """Invert by Schur's complement of the first variance, which keeps more digits."""
     a, b = S[0, 0], S[1, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = b / a
@@ -200,7 +200,7 @@ def _inverse_of_two(S: Array) -> Array:
 
 
 def mahalanobis(e: Array, P: Array) -> Array:
-    """``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
+    """Return ``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
     if len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     return _sum_of([row * row for row in whitened(cholesky(P), e)])

@@ -19,7 +19,7 @@ def independence_moves(
     steps: int,
     rng: Streams,
 ) -> Array:
-    """``x`` (n, M, N) after so many steps with proposals that do not depend on it.
+    """Return ``x`` (n, M, N) after so many steps with proposals that do not depend on it.
 
     ``log_ratio`` (M, N) is the logarithm of target over proposal density, up to a constant of each
     particle: a draw is accepted with the quotient of its ratio and that of x (Tierney 1994, independence

@@ -16,7 +16,7 @@ Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
-    """Model weights (r, M) one step on, and the mixing weights (r, r, M): [i, j] of i given j."""
+    """Return model weights (r, M) one step on, and the mixing weights (r, r, M): [i, j] of i given j."""
     joint = transition[:, :, None] * weights[:, None]
     after = total(joint, axis=0)
     # A model that cannot be reached mixes nothing; its own estimate goes on.
@@ -27,7 +27,7 @@ def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
 
 
 def updated_weights(predicted: Array, nis: Array, scale: Array) -> Array:
-    """Weights (r, M) after Gaussian likelihoods ``exp(-nis / 2) / scale`` of the models, (r, M) each.
+    """Return weights (r, M) after Gaussian likelihoods ``exp(-nis / 2) / scale`` (r, M).
 
     The prediction where all are zero.
     """
@@ -38,7 +38,7 @@ def updated_weights(predicted: Array, nis: Array, scale: Array) -> Array:
 
 
 def log_mixture(weights: Array, log_densities: Array) -> Array:
-    """Logarithm (M,) of the mixture of densities with weights (r, M), from their logarithms (r, M)."""
+    """Return the log (M,) of a mixture of densities with weights (r, M), from their logs (r, M)."""
     with np.errstate(divide="ignore"):
         terms = elementary.log(weights) + log_densities
     value = terms[0]
@@ -48,7 +48,7 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
 
 
 def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
-    """Mean (n, M) and covariance (n, n, M) of the mixture with weights (r, M)."""
+    """Return the mean (n, M) and covariance (n, n, M) of the mixture with weights (r, M)."""
     terms = list(zip(weights, states, strict=True))
     mean = np.asarray(sum(w * s.mean for w, s in terms))
     cov = np.zeros((len(mean), *mean.shape))
@@ -59,7 +59,7 @@ def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
 
 
 def padded(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
-    """A state (n, M) as one of another model's components, to mix with it.
+    """Return a state (n, M) as one of another model's components, to mix with it.
 
     What it does not have comes from the other's own mean and covariance (unbiased: Yuan, Bar-Shalom et
     al. 2012), or is zero, which draws it to zero; what the other does not have is left out.
@@ -81,6 +81,6 @@ def padded(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> G
 
 @cache
 def common(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
-    """Where the components stand that two models have in common."""
+    """Return the positions of the components that two models share."""
     names = [name for name in like if name in of]
     return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)

@@ -17,13 +17,13 @@ _HALF_A_BIT = 2.0**-55
 
 
 def normal_density(z: ArrayLike) -> Array:
-    """``exp(-z^2 / 2) / sqrt(2 pi)``."""
+    """Return ``exp(-z^2 / 2) / sqrt(2 pi)``."""
     z = np.asarray(z, dtype=float)
     return exp(-0.5 * (z * z)) * _norm()
 
 
 def normal_cdf(z: ArrayLike) -> Array:
-    """Probability that a standard normal is below z; NaN where z is.
+    """Return the probability that a standard normal is below z; NaN where z is.
 
     ``1/2 + density(z) (z + z^3 / 3 + z^5 / (3 5) + ...)`` (Marsaglia 2004, J. Statist. Softw. 11(4)).
     """
@@ -41,7 +41,7 @@ def normal_cdf(z: ArrayLike) -> Array:
 
 
 def chi_square_cdf(x: ArrayLike, n: int) -> Array:
-    """Probability that a chi-square of n degrees of freedom is below x >= 0, which may be infinite.
+    """Return the chi-square distribution function of n degrees of freedom at x >= 0, maybe infinite.
 
     By its finite sum (Abramowitz & Stegun 1964, eqs. 26.4.4 and 26.4.5).
     """

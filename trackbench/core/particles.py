@@ -30,15 +30,15 @@ class Particles(NamedTuple):
 
     @property
     def mean(self) -> Array:
-        """Weighted mean (n, M)."""
+        """Return the weighted mean (n, M)."""
         return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Weighted means (M,) of functions g of the cloud, each (M, N)."""
+        """Return weighted means (M,) of functions g of the cloud, each (M, N)."""
         return {name: dot(self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
-        """Weighted mean and covariance (about the mean: positions of 1e6 m keep their digits)."""
+        """Return weighted mean and covariance, computed about the mean to keep digits."""
         products = self.x * self.w  # written over: memory at hand is fast
         mean = total(products)
         e = self.x - mean[..., None]
@@ -52,14 +52,14 @@ class Particles(NamedTuple):
 
 
 class Mass(NamedTuple):
-    """What unnormalised weights sum to, ``exp(top) * scale`` (M,): a logarithm for whoever asks."""
+    """Sum of unnormalized weights, ``exp(top) * scale`` (M,), with its logarithm."""
 
     top: Array
     scale: Array
 
     @property
     def log(self) -> Array:
-        """Logarithm of the sum (M,), -inf of a dead run."""
+        """Return the logarithm of the sum (M,), -inf of a dead run."""
         return self.top + elementary.log(self.scale)
 
 
@@ -72,10 +72,10 @@ class Weights(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What tells the likelihood of a measurement that a cloud's unnormalised weights estimate.
+    """Estimate of a measurement's likelihood from a particle set's unnormalized weights.
 
-    ``carried`` are the N particles' log-weights (M, N) from before, up to a constant, or 0.0 for equal
-    ones; ``scale`` (M,) is what the new weights were left out to be divided by.
+    ``carried`` are the N particles' log-weights (M, N) before the update, up to a constant, or 0.0 for
+    equal ones; ``scale`` (M,) is a factor that the new weights omit.
     """
 
     mass: Mass
@@ -85,7 +85,7 @@ class Evidence(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Logarithm (M,) of the mean unnormalised weight (Doucet & Johansen 2009, section 4.1)."""
+        """Return the log of the mean unnormalized weight (M,) (Doucet & Johansen 2009, section 4.1)."""
         if isinstance(self.carried, float):
             before = elementary.log(float(self.N))
         else:
@@ -94,12 +94,12 @@ class Evidence(NamedTuple):
 
 
 def uniform(runs: int, N: int) -> Array:
-    """Equal weights (M, N), as a read-only view of one number."""
+    """Return equal weights (M, N), as a read-only view of one number."""
     return np.broadcast_to(np.float64(1.0 / N), (runs, N))
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
-    """A log-likelihood as a program with another arithmetic would have seen it.
+    """Return a log-likelihood as a program with another arithmetic would have seen it.
 
     ``log``: as it is. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
     the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
@@ -112,7 +112,7 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
 
 
 def normalise(log_w: Array) -> Weights:
-    """Weights from log-weights (M, N), by max-subtraction.
+    """Return weights from log-weights (M, N), by max-subtraction.
 
     A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
     +inf among them becomes NaN as a whole: it has left the numbers, and its estimate must say so.
@@ -132,24 +132,24 @@ def normalise(log_w: Array) -> Weights:
 
 @cache
 def _clipped() -> float:
-    """The weight of a clipped exponent; not made by the import, which needs no table of exp() yet."""
+    """Return the weight of a clipped exponent, computed at the first call."""
     return float(elementary.exp(CLIP))
 
 
 def _row_maxima(a: Array) -> Array:
-    """Largest entry of each row (M,); numpy reduces short rows one by one, six times as slowly."""
+    """Return the largest entry of each row (M,), six times as fast as numpy for short rows."""
     if a.shape[-1] < _SHORT:
         return np.asarray(np.ascontiguousarray(a.T).max(axis=0))
     return np.asarray(a.max(axis=-1))
 
 
 def effective_sample_size(w: Array) -> Array:
-    """1 / sum w^2 (M,), between 1 and N."""
+    """Return 1 / sum w^2 (M,), between 1 and N."""
     return np.asarray(1.0 / dot(w, w))
 
 
 def effective_share(w: Array) -> Array:
-    """Effective sample size (M,) as a share of the N particles."""
+    """Return the effective sample size (M,) as a share of the N particles."""
     return effective_sample_size(w) / w.shape[-1]
 
 

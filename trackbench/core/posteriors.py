@@ -35,16 +35,16 @@ class Posterior(Protocol):
     """A distribution of the state that is asked at the truth x (n, M)."""
 
     def below(self, x: Array) -> Array:
-        """Probability (n, M) below each component of x."""
+        """Return the probability (n, M) below each component of x."""
 
     def within(self, x: Array) -> Array:
-        """Probability (M,) of states nearer to the mean than x."""
+        """Return the probability (M,) of states nearer to the mean than x."""
 
     def crps(self, x: Array) -> Array:
-        """Continuous ranked probability score (n, M) of each component."""
+        """Return the continuous ranked probability score (n, M) of each component."""
 
     def log_excess(self, x: Array) -> Array | None:
-        """Log NEES (M,) less its mean if x is one more draw; None: that of Gaussian errors."""
+        """Return log NEES (M,) less its mean if x is one more draw; None: that of Gaussian errors."""
         return None
 
     @property
@@ -53,7 +53,7 @@ class Posterior(Protocol):
         return 0
 
     def uniform(self, probability: Array) -> Array:
-        """Uniform value of a probability: itself, or for r / N the middle of the rank's place."""
+        """Return the PIT of a probability; for a rank r / N the middle of its interval."""
         if not self.places:
             return probability
         return ((self.places - 1) * probability + 0.5) / float(self.places)
@@ -66,17 +66,17 @@ class NormalPosterior(Posterior):
     found: Gaussian
 
     def below(self, x: Array) -> Array:
-        """By the normal distribution function."""
+        """Return the normal distribution function at x."""
         error, sd = self._error(x)
         return normal_cdf(_ratio(error, sd))
 
     def within(self, x: Array) -> Array:
-        """By the chi-square distribution function of the normalised error squared."""
+        """Return the chi-square distribution function of the normalized error squared."""
         n = len(x)
         return chi_square_cdf(distance(x - self.found.mean[:n], self.found.cov[:n, :n]), n)
 
     def crps(self, x: Array) -> Array:
-        """In closed form (Gneiting & Raftery 2007, section 4.2)."""
+        """Return the CRPS in closed form (Gneiting & Raftery 2007, section 4.2)."""
         error, sd = self._error(x)
         z = _ratio(error, sd)
         spread = sd * (2.0 * normal_density(z) - 1.0 / _ROOT_PI)
@@ -95,18 +95,18 @@ class CloudPosterior(Posterior):
     cloud: Particles
 
     def below(self, x: Array) -> Array:
-        """Weight of the particles below, and half of that at x."""
+        """Return the weight of the particles below, and half of that at x."""
         cloud, at = self._beside(x)
         return _known(dot(self.cloud.w, (cloud < at) + 0.5 * (cloud == at)), x)
 
     def within(self, x: Array) -> Array:
-        """Weight of the particles nearer than x, each by the moments of all others and x."""
+        """Return the weight of the particles nearer than x, each by the moments of all others and x."""
         own, each = self._distances(x)
         weight = dot(self.cloud.w, (each < own[:, None]).astype(float))
         return _known(np.where(own == np.inf, 1.0, weight), own)  # beyond a cloud without spread
 
     def log_excess(self, x: Array) -> Array:
-        """Log NEES of x less the particles' mean, each by the moments of all others and x.
+        """Return log NEES of x less the particles' mean, each by the moments of all others and x.
 
         For equal draws from a Gaussian that mean is ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``,
         since the NEES is (N + 1) times a ratio of chi-squares of n and N - n (Hotelling 1931).
@@ -115,7 +115,7 @@ class CloudPosterior(Posterior):
         return np.where(own == np.inf, own, log(own) - dot(self.cloud.w, log(each)))
 
     def _distances(self, x: Array) -> tuple[Array, Array]:
-        """Squared Mahalanobis distances of x (M,) and of each particle (M, N), each from all others.
+        """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
 
         So x and N equal particles that are draws from one distribution are exchangeable.
         """
@@ -138,7 +138,7 @@ class CloudPosterior(Posterior):
             return own, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
 
     def crps(self, x: Array) -> Array:
-        """``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (the same, eq. 21).
+        """Return ``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (the same, eq. 21).
 
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
         (Ferro 2014). The second term is the integral of ``F (1 - F)``, F the weight up to each particle
@@ -157,7 +157,7 @@ class CloudPosterior(Posterior):
 
     @property
     def places(self) -> int:
-        """One more than there are particles."""
+        """Return one more than there are particles."""
         return self.cloud.w.shape[-1] + 1
 
 
@@ -168,35 +168,35 @@ class LinePosterior(Posterior):
     panels: quadrature.Posterior
 
     def below(self, x: Array) -> Array:
-        """The density's integral up to x, by its interpolating polynomials."""
+        """Return the density's integral up to x, by its interpolating polynomials."""
         return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
-        """Its integral over the interval about the mean that ends at x."""
+        """Return the density's integral over the interval about the mean that ends at x."""
         mean = quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
         inside = quadrature.mass_below(self.panels, mean + reach)
         return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
-        """``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
+        """Return ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
         far = quadrature.distance_from(self.panels, x[0])
         return (far - quadrature.half_distance_within(self.panels))[None]
 
 
 def distance(e: Array, P: Array) -> Array:
-    """``e' P^-1 e`` (*batch); infinite where P leaves no room for an error that is known."""
+    """Return ``e' P^-1 e`` (*batch); infinite where P leaves no room for an error that is known."""
     found = linalg.mahalanobis(e, P)
     known = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
     return np.where(np.isnan(found) & known, np.inf, found)
 
 
 def _known(weight: Array, of: Array) -> Array:
-    """A weight up to one, which all sum to but for rounding; NaN where that which it is of is."""
+    """Return a weight up to one, which all sum to but for rounding; NaN where that which it is of is."""
     return np.where(np.isnan(of), np.nan, np.minimum(weight, 1.0))
 
 
 def _ratio(error: Array, sd: Array) -> Array:
-    """Error over standard deviation; infinite for one without a standard deviation, 0 for none."""
+    """Return error over standard deviation; infinite without a deviation, 0 without an error."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(error == 0.0, 0.0, error / sd)

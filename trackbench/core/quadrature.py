@@ -39,17 +39,17 @@ class Panel(NamedTuple):
 
     @property
     def half(self) -> Array:
-        """Half the panel's width (M,)."""
+        """Return half the panel's width (M,)."""
         return 0.5 * (self.high - self.low)
 
     @property
     def is_point(self) -> bool:
-        """Whether this is all mass at one known value."""
+        """Return whether this is all mass at one known value."""
         return len(self.x) == 1
 
     @property
     def mass(self) -> Array:
-        """Probability at each node (n, M)."""
+        """Return the probability at each node (n, M)."""
         if self.is_point:
             return self.density
         return np.asarray(self.half * _rule(len(self.x)).weights[:, None] * self.density)
@@ -60,12 +60,12 @@ Transition = Callable[[Array, Array], Array]
 
 
 def known(x: Array) -> Posterior:
-    """All mass at x (1, M): a panel of one node and no width."""
+    """Return all mass at x (1, M): a panel of one node and no width."""
     return (Panel(x[0], x[0], x, np.ones_like(x)),)
 
 
 def moments(posterior: Posterior) -> Gaussian:
-    """Mean (1, M) and variance (1, 1, M)."""
+    """Return the mean (1, M) and variance (1, 1, M)."""
     x = np.concatenate([panel.x for panel in posterior])
     p = np.concatenate([panel.mass for panel in posterior])
     mean = total(p * x, axis=0)
@@ -73,7 +73,7 @@ def moments(posterior: Posterior) -> Gaussian:
 
 
 def hull(posterior: Posterior) -> Interval:
-    """The smallest interval (M,), (M,) that holds every panel that is not empty."""
+    """Return the smallest interval (M,), (M,) that holds every panel that is not empty."""
     there = [(panel.half > 0.0) | panel.is_point for panel in posterior]
     low = [np.where(m, p.low, np.inf) for m, p in zip(there, posterior, strict=True)]
     high = [np.where(m, p.high, -np.inf) for m, p in zip(there, posterior, strict=True)]
@@ -81,7 +81,7 @@ def hull(posterior: Posterior) -> Interval:
 
 
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
-    """Panels of n nodes over each interval cut to the support, with density one.
+    """Return panels of n nodes over each interval cut to the support, with density one.
 
     A panel that is empty for some runs has no width there; one empty for all is left out.
     """
@@ -105,7 +105,7 @@ def condition(
     origins: Callable[[Array], Interval],
     likelihood: Callable[[Array], Array],
 ) -> Posterior:
-    """Posterior on new panels: likelihood times the prior pushed through the transition.
+    """Return the posterior on new panels: likelihood times the prior pushed through the transition.
 
     ``transition(x, x_new)`` is p(x_new | x) for x (n, 1, M) and x_new (J, M), as a formula that goes
     on smoothly beyond ``origins(x_new)``, the interval of x from which x_new can be reached;
@@ -122,7 +122,7 @@ def condition(
 
 
 def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
-    """Integral of the transition density over one panel of the prior, at x_new (J, M)."""
+    """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x, x_new) * panel.density)
     n = len(panel.x)
@@ -141,17 +141,17 @@ def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interva
 
 
 def mass_below(posterior: Posterior, x: Array) -> Array:
-    """Probability (M,) below x (M,), by each panel's interpolating polynomial."""
+    """Return the probability (M,) below x (M,), by each panel's interpolating polynomial."""
     return np.asarray(sum(_up_to(panel, x, panel.density) for panel in posterior))
 
 
 def distance_from(posterior: Posterior, x: Array) -> Array:
-    """``E|X - x|`` (M,) for x (M,)."""
+    """Return ``E|X - x|`` (M,) for x (M,)."""
     return np.asarray(sum(_distance_in(panel, x) for panel in posterior))
 
 
 def half_distance_within(posterior: Posterior) -> Array:
-    """``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap.
+    """Return ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap.
 
     In one panel of mass m the integral of ``F (m - F)``, F what is below; of two that of their means.
     """
@@ -176,7 +176,7 @@ def _half_distance_in(panel: Panel) -> Array:
 
 
 def _up_to(panel: Panel, x: Array, values: Array) -> Array:
-    """Integral (M,) of values (n, M) at a panel's nodes up to x (M,)."""
+    """Return the integral (M,) of values (n, M) at a panel's nodes up to x (M,)."""
     if panel.is_point:
         return np.where(panel.low < x, values[0], 0.0)
     weights = weights_up_to(_within(panel, x), len(panel.x))
@@ -184,13 +184,13 @@ def _up_to(panel: Panel, x: Array, values: Array) -> Array:
 
 
 def _within(panel: Panel, x: Array) -> Array:
-    """Where x lies in a panel, from -1 to 1, or at which end of it; NaN in one without width."""
+    """Return the place of x in a panel, from -1 to 1; its nearer end outside, NaN without width."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:
-    """Weights (*t.shape, n) of the n-point rule for the integral from -1 to t.
+    """Return weights (*t.shape, n) of the n-point rule for the integral from -1 to t.
 
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
     and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.

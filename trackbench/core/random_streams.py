@@ -43,7 +43,7 @@ class RunStreams:
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """N(0, 1) variates."""
+        """Return N(0, 1) variates."""
         return self._take(
             ("normal", 0.0),
             lambda: box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK))),
@@ -51,11 +51,11 @@ class RunStreams:
         )
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Uniform variates in [0, 1)."""
+        """Return uniform variates in [0, 1)."""
         return self._take(("uniform", 0.0), lambda: self._columns(lambda g: g.random(_CHUNK)), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        """Return Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
         if is_erlang(shape):
             return erlang(self.random((int(shape), *size)))
         return self._take(
@@ -65,13 +65,13 @@ class RunStreams:
         )
 
     def _columns(self, draw: Callable[[Generator], NDArray[D]]) -> NDArray[D]:
-        """A chunk of every run (_CHUNK, M)."""
+        """Return a chunk of every run (_CHUNK, M)."""
         return np.stack([draw(g) for g in self._generators], axis=1)
 
     def _take(
         self, kind: tuple[str, float], more: Callable[[], Array], size: tuple[int, ...]
     ) -> Array:
-        """The next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
+        """Return the next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
         runs = len(self._generators)
         if size[-1] != runs:
             raise ValueError(f"the last axis of {size} must be the {runs} runs")
@@ -101,15 +101,15 @@ class SomeRuns:
         ]
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """N(0, 1) variates."""
+        """Return N(0, 1) variates."""
         return self._each(lambda g, shape: g.standard_normal(shape), size)
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Uniform variates in [0, 1)."""
+        """Return uniform variates in [0, 1)."""
         return self._each(lambda g, shape: g.random(shape), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Gamma(shape, rate 1) variates."""
+        """Return Gamma(shape, rate 1) variates."""
         return self._each(lambda g, each: g.standard_gamma(shape, each), size)
 
     def _each(
@@ -126,16 +126,16 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 
 
 def block_stream(seed: int, block: int) -> Generator:
-    """The stream of a filter's noise in one block, the same for every filter of that width."""
+    """Yield the stream of a filter's noise in one block, the same for every filter of that width."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
 
 
 def aside_stream(seed: int, block: int) -> Generator:
-    """The stream of steps that a filter is asked to take and that are not its own."""
+    """Yield the stream of steps that a filter is asked to take and that are not its own."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 
 def _sequence(seed: int, number: int, kind: int, training: int) -> SeedSequence:
-    """Of a run or block and its kind; of a negative one the kind is that of training."""
+    """Return the seed sequence of a run or block; negative numbers are training runs."""
     key = (kind, number) if number >= 0 else (training, -1 - number)
     return SeedSequence(seed, spawn_key=key)

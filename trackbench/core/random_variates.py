@@ -42,7 +42,7 @@ class NoiseGenerator(Generator):
         return type(self), (self.bit_generator,)
 
     def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """N(0, 1) variates; numpy's own if they are of another type."""
+        """Return N(0, 1) variates; numpy's own if they are of another type."""
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
@@ -54,7 +54,7 @@ class NoiseGenerator(Generator):
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        """Return Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
         whole, count = int(shape), prod(_shape(size))
@@ -69,19 +69,19 @@ class NoiseGenerator(Generator):
         return out.reshape(_shape(size))[()]
 
     def _looked_up(self, table: Singles, words: int) -> Singles:
-        """Four entries of the table for each word."""
+        """Return four entries of the table for each word."""
         index = self.bit_generator.random_raw(words).view(np.uint16)
         drawn: Singles = table.take(index, mode="clip")
         return drawn
 
 
 def is_erlang(shape: Any) -> bool:
-    """Whether a gamma variate of this shape is drawn as a sum of exponentials."""
+    """Return whether a gamma variate of this shape is drawn as a sum of exponentials."""
     return isinstance(shape, int | float) and shape in range(1, ERLANG + 1)
 
 
 def box_muller(words: Words) -> Array:
-    """N(0, 1) variates (n, M) from 64-bit words (n, M), n even (Box & Muller 1958)."""
+    """Return N(0, 1) variates (n, M) from 64-bit words (n, M), n even (Box & Muller 1958)."""
     half = len(words) // 2
     r = np.sqrt(-2.0 * elementary.log(_open_unit(words[:half])))
     c, s = elementary.cos_sin(2.0 * np.pi * _open_unit(words[half:]))
@@ -89,7 +89,7 @@ def box_muller(words: Words) -> Array:
 
 
 def erlang(u: Array) -> Array:
-    """Gamma(n, rate 1) variates (...) from uniform ones (n, ...) in [0, 1)."""
+    """Return Gamma(n, rate 1) variates (...) from uniform ones (n, ...) in [0, 1)."""
     product = 1.0 - u[0]  # in (0, 1]: its logarithm is finite
     for more in u[1:]:
         product *= 1.0 - more
@@ -98,7 +98,7 @@ def erlang(u: Array) -> Array:
 
 @cache
 def halved_normals() -> Singles:
-    """Half of the normal's quantiles at the middles of 2^16 cells of equal probability.
+    """Return half of the normal's quantiles at the middles of 2^16 cells of equal probability.
 
     The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that the
     C library's last bit does not show.
@@ -112,19 +112,19 @@ def halved_normals() -> Singles:
 
 @cache
 def exponentials() -> Singles:
-    """Means of a standard exponential over 2^16 cells of equal probability."""
+    """Return means of a standard exponential over 2^16 cells of equal probability."""
     u = np.arange(1, _CELLS + 1) / _CELLS
     primitive = np.concatenate([[0.0], u - u * elementary.log(u)])  # of -log u
     return _table(np.diff(primitive) * _CELLS)
 
 
 def _table(entries: Array) -> Singles:
-    """In float32, so that it takes half of the cache."""
+    """Return a table in float32, which takes half of the cache."""
     return fixed(entries.astype(np.float32))
 
 
 def _hadamard(t: Singles, out: Array) -> None:
-    """``(1/2) H t`` of quarters of t, with its half already in the table."""
+    """Write ``(1/2) H t`` of quarters of t; the table contains the half."""
     a, b, c, d = t.reshape(4, -1)
     first, second, third, fourth = out.reshape(4, -1)
     up, down = a + b, a - b
@@ -137,7 +137,7 @@ def _hadamard(t: Singles, out: Array) -> None:
 
 
 def _open_unit(words: Words) -> Array:
-    """Numbers strictly between zero and one, on a lattice of 2^52."""
+    """Return the numbers strictly between zero and one, on a lattice of 2^52."""
     return ((words >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
 
 

@@ -27,7 +27,7 @@ Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 def ancestors(
     w: Array, rng: Streams, scheme: Scheme = "systematic", size: int | None = None
 ) -> Index:
-    """Flat indices (M, size) into the runs' particles laid end to end (row m: m N ... m N + N - 1).
+    """Return flat indices (M, size) of ancestors: row m refers to m N ... m N + N - 1.
 
     ``size`` is the number of offspring, N unless given.
     """
@@ -43,13 +43,13 @@ def ancestors(
 
 
 def select(values: NDArray[D], index: Index) -> NDArray[D]:
-    """``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
+    """Return ``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
     flat = values.reshape(*values.shape[:-2], -1)
     return flat.take(index, axis=-1)
 
 
 def systematic(w: Array, rng: Streams, size: int) -> Index:
-    """One uniform per run: offspring i is the number of j with C_{i-1} < (j + u) / size <= C_i.
+    """Return one uniform per run: offspring i is the number of j with C_{i-1} < (j + u) / size <= C_i.
 
     That is ``floor(size C_i + 1 - u)`` less the same for i - 1, in fixed-point integers:
     their cumulative sum over all runs laid end to end is one pass, four times as fast as float sums row
@@ -60,7 +60,7 @@ def systematic(w: Array, rng: Streams, size: int) -> Index:
 
 
 def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
-    """Offspring (M, N) up to each particle, of all runs laid end to end."""
+    """Return the offspring (M, N) up to each particle, of all runs laid end to end."""
     runs, N = w.shape
     bits = min(_BITS, 63 - (runs * size).bit_length())  # the sum over all runs fits 63
     one = float(1 << bits)
@@ -79,7 +79,7 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:
-    """One uniform per stratum ((j + u_j) / size)."""
+    """Return one uniform per stratum ((j + u_j) / size)."""
     u = rng.random((len(w), size))
     position = size * _cumulative(w)
     stratum = np.minimum(position.astype(np.intp), size - 1)
@@ -88,13 +88,13 @@ def stratified(w: Array, rng: Streams, size: int) -> Index:
 
 
 def multinomial(w: Array, rng: Streams, size: int) -> Index:
-    """``size`` independent draws per run."""
+    """Return ``size`` independent draws per run."""
     shape = (len(w), size)
     return _tally(_cumulative(w), rng.random(shape), np.ones(shape, dtype=np.bool_))
 
 
 def residual(w: Array, rng: Streams, size: int) -> Index:
-    """``floor(size w)`` copies for certain, the rest multinomial (Liu & Chen 1998)."""
+    """Return ``floor(size w)`` copies for certain, the rest multinomial (Liu & Chen 1998)."""
     runs, N = w.shape
     expected = size * np.where(np.isfinite(w), w, 1.0 / N)
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
@@ -113,7 +113,7 @@ SCHEMES: dict[Scheme, Callable[[Array, Streams, int], Index]] = {
 
 
 def _cumulative(w: Array) -> Array:
-    """Cumulative weights that end at one; uniform where a run's weights are not finite."""
+    """Return cumulative weights that end at one; uniform where a run's weights are not finite."""
     cdf = np.cumsum(w, axis=-1)
     lost = ~np.isfinite(cdf[:, -1])
     if lost.any():
@@ -123,14 +123,14 @@ def _cumulative(w: Array) -> Array:
 
 
 def _counts(edges: Array, size: int) -> Index:
-    """Counts from the number of draws at or below each cumulative weight (M, N)."""
+    """Return counts from the number of draws at or below each cumulative weight (M, N)."""
     below = np.minimum(edges, size).astype(np.intp)
     below[:, -1] = size
     return np.diff(below, axis=-1, prepend=0)
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
-    """How many of the draws u (M, size) that are ``drawn`` fall to each particle."""
+    """Count how many of the ``drawn`` draws u (M, size) select each particle."""
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]
     # The runs' cumulative weights laid end to end are one sorted array: one search serves all.

@@ -28,12 +28,12 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """``sum_j a_j b_j`` over the last axis."""
+    """Return ``sum_j a_j b_j`` over the last axis."""
     return total(a * b)
 
 
 def product(A: Array, B: Array) -> Array:
-    """``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), n <= 128, to some 45 bits of the largest.
+    """Return ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), n <= 128, to some 45 bits.
 
     Each factor is the sum of two with 23 bits (Ozaki et al. 2012). Their products are whole numbers that
     a sum of 128 holds exactly, so that BLAS may add them in any order.
@@ -49,12 +49,12 @@ def product(A: Array, B: Array) -> Array:
 
 
 def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Mean over the first axis or the last, which is not empty."""
+    """Return the mean over the first axis or the last, which is not empty."""
     return total(a, axis) / a.shape[axis]
 
 
 def _by_blocks(rows: Array, block: int) -> Array:
-    """Sums (r, block) over every so many elements of each of r rows."""
+    """Return sums (r, block) over every so many elements of each of r rows."""
     n = rows.shape[1]
     whole = n - n % block
     sums = np.add.reduce(rows[:, :whole].reshape(len(rows), -1, block), axis=1)
@@ -64,7 +64,7 @@ def _by_blocks(rows: Array, block: int) -> Array:
 
 
 def _halves(a: Array) -> tuple[Array, Array]:
-    """The leading 23 bits of each number, counted from the largest one's, and the next 23."""
+    """Return the leading 23 bits of each number, counted from the largest one's, and the next 23."""
     _, exponent = frexp(max(a.max(), -a.min()))
     out, rest = [], a
     for bits in (23, 46):

@@ -21,10 +21,10 @@ from trackbench.core.distributions import Gaussian
 
 
 class PointRule(Protocol):
-    """How points and weights are chosen for a Gaussian."""
+    """Rule for the points and weights of a Gaussian."""
 
     def points(self, mean: Array, cov: Array) -> "SigmaPoints":
-        """Points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        """Return points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Unscented:
     kappa: float
 
     def points(self, mean: Array, cov: Array) -> "SigmaPoints":
-        """Sigma points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        """Return sigma points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
         n = mean.shape[0]
         spread = self.alpha * self.alpha * (n + self.kappa)  # n + lambda
         centre = 1.0 - n / spread  # lambda / (n + lambda)
@@ -65,7 +65,7 @@ class GaussHermite:
 
     @cached_property
     def nodes(self) -> list[tuple[float, float]]:
-        """Nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
+        """Return nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
         n = self.order
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
@@ -81,7 +81,7 @@ class GaussHermite:
 
 
 def _hermite(n: int, x: float) -> float:
-    """He_n(x), by its recursion."""
+    """Return he_n(x), by its recursion."""
     before, now = 0.0, 1.0
     for k in range(n):
         before, now = now, x * now - k * before
@@ -89,7 +89,7 @@ def _hermite(n: int, x: float) -> float:
 
 
 def _hermite_roots(n: int) -> list[float]:
-    """Roots of He_n, by bisection between those of He_{n-1}."""
+    """Return roots of He_n, by bisection between those of He_{n-1}."""
     if n == 0:
         return []
     edge = 2.0 * sqrt(n)
@@ -117,15 +117,15 @@ class SigmaPoints(NamedTuple):
     cov_weights: Array
 
     def mean(self, values: Array) -> Array:
-        """Weighted mean of transformed points (m, P, *batch); shape (m, *batch)."""
+        """Return the weighted mean of transformed points (m, P, *batch); shape (m, *batch)."""
         return _weighted(self.weights, values)
 
     def cross(self, a: Array, b: Array) -> Array:
-        """Weighted sum of ``a b'`` over the points, for deviations a and b from their means."""
+        """Return the weighted sum of ``a b'`` over the points, for deviations a and b."""
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
     def moments(self, values: Array) -> Gaussian:
-        """Mean and covariance of transformed points."""
+        """Return the mean and covariance of transformed points."""
         mean = self.mean(values)
         deviation = values - mean[:, None]
         return Gaussian(mean, self.cross(deviation, deviation))

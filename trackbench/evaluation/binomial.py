@@ -1,21 +1,21 @@
-"""Exact tests and intervals of the probability of an event that some of so many runs have had."""
+"""Clopper-Pearson limits of shares of runs."""
 
 from typing import NamedTuple
 
 
 class Events(NamedTuple):
-    """How far the share of runs with an event may be off, times a factor that is not negative."""
+    """Limits of the share of runs with an event, times a nonnegative factor."""
 
     events: int
     runs: int
     factor: float = 1.0
 
     def below(self, z: float) -> float:
-        """How far below it its limit lies at z standard deviations."""
+        """Return the distance from the share down to its limit at z standard deviations."""
         return self.factor * (self.events / self.runs - self._limits(z)[0])
 
     def above(self, z: float) -> float:
-        """How far above it."""
+        """Return the distance from the share up to its limit at z standard deviations."""
         return self.factor * (self._limits(z)[1] - self.events / self.runs)
 
     def _limits(self, z: float) -> tuple[float, float]:
@@ -25,12 +25,12 @@ class Events(NamedTuple):
 
 
 def interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
+    """Return the confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
     return _limits(events, runs, 0.5 * (1.0 - level))
 
 
 def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
-    """Probabilities by which so many events or more, and so many or less, have that probability."""
+    """Return the probabilities at which the tails of so many events have this probability."""
     from scipy.special import betaincinv
 
     low = betaincinv(events, runs - events + 1, tail) if events else 0.0
@@ -39,19 +39,19 @@ def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
 
 
 def stderr(events: int, runs: int) -> float:
-    """Standard error of which a normal interval is as wide as `interval`: of no event, too, not zero."""
+    """Return the standard error with which a normal interval is as wide as `interval`."""
     return stderr_of(*interval(events, runs))
 
 
 def stderr_of(low: float, high: float) -> float:
-    """Standard error of which a normal 95 % interval is as wide."""
+    """Return the standard error of which a normal 95 % interval is as wide."""
     from scipy.special import ndtri
 
     return (high - low) / (2.0 * float(ndtri(0.975)))
 
 
 def z(events: int, runs: int, probability: float) -> float:
-    """Normal deviate of the exact tail of so many events or more, or less; zero if there is no evidence.
+    """Return the normal deviate of the exact tail of so many events; zero without evidence.
 
     It is beyond the normal quantile of a level where `interval` excludes the probability. Infinite for
     an impossible outcome: an event in all runs is refuted by one without it.

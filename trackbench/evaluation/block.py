@@ -21,7 +21,7 @@ Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 @dataclass(frozen=True)
 class BlockTask:
-    """What to compute: runs ``index * width`` onwards, ``used`` of the block's ``width``.
+    """Task of a block: runs ``index * width`` onwards, ``runs_used`` of the block's ``width``.
 
     A block of negative index holds training runs, from run -1 down: -1 the first ``width`` of them.
     Only numbers per run are kept of it.
@@ -53,7 +53,7 @@ class BlockTask:
 
     @property
     def assumed_scenario(self) -> Scenario:
-        """The scenario with the model that the filter assumes."""
+        """Return the scenario with the model that the filter assumes."""
         return self.scenario if self.assume is None else self.scenario.with_assumptions(self.assume)
 
     @property
@@ -63,12 +63,12 @@ class BlockTask:
 
     @property
     def data(self) -> Simulation:
-        """The whole block's data."""
+        """Return the whole block's data."""
         return simulate(self.scenario.without_scoring, self.seed, self.first_run, self.width)
 
     @property
     def filtering_key(self) -> "BlockTask":
-        """Equal for all tasks of which the filter makes the same estimates."""
+        """Return the equal for all tasks of which the filter makes the same estimates."""
         alone = BlockTask(
             self.scenario.without_scoring, self.filter, self.seed, self.index, self.width, 0
         )
@@ -81,7 +81,7 @@ class BlockTask:
 
     @property
     def reference_task(self) -> "BlockTask":
-        """The reference's own task."""
+        """Return the reference's own task."""
         assert self.reference is not None
         told: tuple[Kind, ...] = ("score",) if "evidence" in self.predictive_metrics else ()
         return replace(
@@ -89,7 +89,7 @@ class BlockTask:
         )
 
     def runs_with_tracks_among(self, used: int) -> int:
-        """How many of the block's first ``used`` runs are shown with their whole tracks."""
+        """Count the block's first ``used`` runs whose whole tracks are stored."""
         return 0 if self.index < 0 else max(0, min(self.runs_with_tracks - self.first_run, used))
 
 
@@ -115,7 +115,7 @@ class BlockResult(NamedTuple):
 
 @lru_cache(maxsize=2)
 def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """The block's data; cached, because every filter of a block sees the same, and read-only."""
+    """Return the block's data; cached, because every filter of a block sees the same, and read-only."""
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
     return frozen(scenario.simulate(rng, width))

@@ -19,7 +19,7 @@ def run_block(task: BlockTask) -> BlockResult:
 
 
 def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
-    """The block reduced over the runs that are used, and over all of its width.
+    """Return the block reduced over the runs that are used, and over all of its width.
 
     The second costs next to nothing, and is what a later batch of more runs needs.
     """
@@ -47,7 +47,7 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
 
 def _stayed_finite(mean: Array) -> Mask:
-    """Which runs (M,) have every component at every step that the filter estimates in any run."""
+    """Return the runs (M,) with finite components at every step that any run estimates."""
     there = np.isfinite(mean)
     estimated = there.any(axis=(1, 2))  # a converted measurement, say, has no velocity
     return np.asarray(there[estimated].all(axis=(0, 1)) & estimated.any())

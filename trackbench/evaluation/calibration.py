@@ -35,7 +35,7 @@ _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Names of all series that may be asked for; ``exact``: there is a reference's likelihood."""
+    """Return names of all series that may be asked for; ``exact``: there is a reference's likelihood."""
     quantities = (*components, _NEES)
     out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
     out += [f"crps_{c}" for c in components]
@@ -44,7 +44,7 @@ def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
 
 
 def bars(quantity: str) -> list[str]:
-    """Metrics of the share of steps at which a quantity's rank is in each tenth."""
+    """Return metrics of the share of steps at which a quantity's rank is in each tenth."""
     return [f"rank_{quantity}_{b}" for b in range(1, TENTHS + 1)]
 
 
@@ -61,7 +61,7 @@ class Calibration:
         self._excess: list[Array | None] = []
 
     def add(self, state: Any, found: Gaussian, truth: Array) -> None:
-        """The next step's state, estimate of the truth's components, and truth (n_x, M)."""
+        """Add a step's state, estimate of the truth's components, and truth (n_x, M)."""
         if not self._wanted:
             return
         posterior = self._tracker.posterior(state) or NormalPosterior(found)
@@ -76,7 +76,7 @@ class Calibration:
             self._note("crps", self._components, posterior.crps(truth))
 
     def series(self, nees: Array) -> dict[str, Array]:
-        """Values (T + 1, M) by the name of their series; ``nees`` is that of the whole state."""
+        """Return values (T + 1, M) by the name of their series; ``nees`` is that of the whole state."""
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = [(name, row) for name, row in rows.items() if name.startswith("pit_")]
         if "calibration" in self._wanted:
@@ -94,7 +94,7 @@ class Calibration:
 
 
 def evidence(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
-    """Ratio (T + 1, M) of likelihoods of all measurements so far, from both filters' series of each.
+    """Return the ratio (T + 1, M) of both filters' likelihoods of all measurements so far.
 
     A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
     section 7.4.2); what weighs or moves particles otherwise is not. Nothing if either has no likelihood.
@@ -108,7 +108,7 @@ def evidence(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, 
 
 
 def noncredibility(nees: Array, n: int) -> Array:
-    """``10 log10 NEES`` less its mean for Gaussian errors of n components; positive: too certain."""
+    """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident."""
     digamma = -_EULER - (2.0 * float(log(2.0)) if n % 2 else 0.0)
     for i in range(n % 2 or 2, n, 2):
         digamma += 2.0 / i

@@ -24,13 +24,13 @@ class ConsistencySeries:
         self._series: dict[str, list[Array]] = {name: [] for name in ("nees", *self._parts)}
 
     def add(self, mean: Array, cov: Array, truth: Array) -> None:
-        """The next step's estimate and truth (n_x, M); of the covariance a copy is kept."""
+        """Add a step's estimate and truth (n_x, M); the covariance is copied."""
         self._waiting.append((mean, np.array(cov, dtype=np.float64), truth))
         if len(self._waiting) == self._steps_at_a_time:
             self._reduce()
 
     def series(self) -> dict[str, Array]:
-        """Values (T, M) by the name of their series, after the last step."""
+        """Return values (T, M) by the name of their series, after the last step."""
         if self._waiting:
             self._reduce()
         return {name: np.concatenate(rows) for name, rows in self._series.items()}
@@ -46,7 +46,7 @@ class ConsistencySeries:
 
 
 def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
-    """S estimates (n, M) as one (n, S, M); a covariance that the runs share stays one."""
+    """Return S estimates (n, M) as one (n, S, M); a covariance that the runs share stays one."""
     mean = np.stack(means, axis=1)
     if len(covs) == 1 and covs[0].ndim == 2:
         return Gaussian(mean, covs[0])
@@ -58,7 +58,7 @@ def _side_by_side(means: Sequence[Array], covs: Sequence[Array]) -> Gaussian:
 def observed(
     scenario: Scenario, tracker: Filter[State], state: State, truth: Array
 ) -> dict[str, Array]:
-    """Errors (M,) of the observables at one step by the name of their series; truth is (n_x, M)."""
+    """Return errors (M,) of the observables at one step by series; truth is (n_x, M)."""
     out: dict[str, Array] = {}
     exact = scenario.observables(truth) if has_expectations(tracker) else {}
     if not exact:
@@ -71,7 +71,7 @@ def observed(
 
 
 def normalised_error(found: Gaussian, truth: Array) -> Array:
-    """Normalised estimation error squared (*batch).
+    """Return the normalised estimation error squared (*batch).
 
     Infinite where the covariance is singular, as a collapsed cloud's is up to rounding.
     """

@@ -29,31 +29,31 @@ _FARTHEST, _CLOSE = 1024.0, 1e-10  # of a z, and relative
 
 
 class Limits(Protocol):
-    """How far a number may be off."""
+    """Limits of a number."""
 
     def below(self, z: float) -> float:
-        """How far below the number its limit lies at z standard deviations."""
+        """Return the distance from the number down to its limit at z standard deviations."""
 
     def above(self, z: float) -> float:
-        """How far above it."""
+        """Return the distance up to the upper limit."""
 
 
 class Sides(NamedTuple):
-    """What the limits of a difference are made of: both numbers', and their correlation."""
+    """Limits of a difference: both numbers' limits, and their correlation."""
 
     first: Limits
     second: Limits
     correlation: float = 0.0
 
     def below(self, z: float, other: float = 0.0) -> float:
-        """How far below the difference its limit lies at z standard deviations.
+        """Return the distance from the difference down to its limit at z standard deviations.
 
         ``other`` is an independent normal standard error that the hypothesis has itself.
         """
         return self._together(self.first.below(z), self.second.above(z), z * other)
 
     def above(self, z: float, other: float = 0.0) -> float:
-        """How far above it."""
+        """Return the distance up to the upper limit."""
         return self._together(self.first.above(z), self.second.below(z), z * other)
 
     def _together(self, a: float, b: float, other: float) -> float:
@@ -64,14 +64,14 @@ class Sides(NamedTuple):
 
 
 def of_variances(first: Array, second: Array) -> Sides | None:
-    """From the influences (M,) of each run, NaN where it has none; None if a side has no error."""
+    """Return limits from runs' influences (M,), NaN for missing; None without a standard error."""
     if not all((np.nan_to_num(x) != 0.0).any() for x in (first, second, first - second)):
         return None
     return Sides(spread(first), spread(second), correlation(first, second))
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Of two numbers by their influences (M,), NaN where a run has none; zero if one has no spread."""
+    """Return the correlation of two numbers from their influences (M,); zero without spread."""
     there = ~np.isnan(a - b)
     a, b = a[there], b[there]
     scale = sqrt(float(total(a * a)) * float(total(b * b)))
@@ -80,7 +80,7 @@ def correlation(a: Array, b: Array) -> float:
 
 @np.errstate(all="ignore")
 def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> float:
-    """z of the hypothesis that the difference is zero: the limits at so many deviations end there."""
+    """Return z of the hypothesis of no difference: the deviations at which a limit is zero."""
     if value == 0.0 or not abs(value) < inf:
         return value
     reach, distance = sides.below if value > 0.0 else sides.above, abs(value)
@@ -99,6 +99,6 @@ def studentised_difference(value: float, sides: Sides, other: float = 0.0) -> fl
 def interval_of_difference(
     value: float, sides: Sides, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Confidence interval of the difference: all that `studentised_difference` does not exclude."""
+    """Return the confidence interval: all differences that `studentised_difference` accepts."""
     z = deviations(level)
     return value - sides.below(z, other), value + sides.above(z, other)

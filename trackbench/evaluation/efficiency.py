@@ -1,4 +1,4 @@
-"""How near a filter comes to the exact posterior mean, with the cross term as a control variate.
+"""Distance of a filter from the exact posterior mean, with the cross term as a control variate.
 
 The error of the exact mean ``m`` is orthogonal to all that is made of the measurements and of noise of
 its own: with the estimate ``e`` of a truth ``x``, ``E|e - x|^2 = E|m - x|^2 + E|e - m|^2`` (Anderson and
@@ -28,13 +28,13 @@ class Jackknifed(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """Value and standard error."""
+        """Return the value and standard error."""
         return Estimate(self.value, mean(self.influences).stderr)
 
 
 @np.errstate(all="ignore")
 def efficiency(floor: Array, distance: Array) -> Jackknifed:
-    """``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
+    """Return ``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
 
     F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
     root is by the delta method.
@@ -44,18 +44,18 @@ def efficiency(floor: Array, distance: Array) -> Jackknifed:
 
 @np.errstate(all="ignore")
 def plain_efficiency(floor: Array, error: Array) -> Jackknifed:
-    """``F / E`` without the control variate, of the RMSE of the exact mean and of the filter (M,)."""
+    """Return ``F / E``, the RMSE of the exact mean over the filter's (M,), uncontrolled."""
     return _root(np.square(floor), np.square(error))
 
 
 def cross_share(floor: Array, error: Array, distance: Array) -> Jackknifed:
-    """The cross term over the mean square error: zero but for noise if the reference is exact."""
+    """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
     squares = np.square(error)
     return _ratio(squares - np.square(floor) - np.square(distance), squares)
 
 
 def runs_saved(plain: Jackknifed, controlled: Jackknifed) -> Jackknifed:
-    """Runs that are needed without the control variate for each with it, at equal standard errors.
+    """Return how many times as many runs the plain ratio needs for the same standard error.
 
     Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
     M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.

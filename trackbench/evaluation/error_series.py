@@ -33,14 +33,14 @@ class StepSums(NamedTuple):
     number: Array
 
     def plus(self, other: "StepSums") -> "StepSums":
-        """The sums over both sets of runs."""
+        """Return the sums over both sets of runs."""
         return StepSums(*(a + b for a, b in zip(self, other, strict=True)))
 
 
 def series(
     scenario: Scenario, truth: Array, mean: Array, nees: Array, exact: Array | None
 ) -> dict[str, Array]:
-    """Every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M).
+    """Return every series of a block; truth, mean and the reference's mean are (n_x, T + 1, M).
 
     Recorded data without a truth have no errors; where the truth has a gap, so have they.
     """
@@ -61,7 +61,7 @@ def series(
 def per_run_metrics(
     scenario: Scenario, values: dict[str, Array], counts: Collection[str], finite: Mask
 ) -> dict[str, Array]:
-    """Numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
+    """Return numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
 
     ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
     says whose estimates stayed within the numbers. Raises ValueError if a name would be given twice.
@@ -85,7 +85,7 @@ def per_run_metrics(
 def over_steps(
     values: dict[str, Array], mask: Mask, counts: Collection[str]
 ) -> Iterator[tuple[str, Array]]:
-    """Each metric's name and numbers per run (M,) over the steps of one window."""
+    """Yield each metric's name and numbers per run (M,) over the steps of one window."""
     for series, rows in values.items():
         for metric, name in metrics_of(series, counts):
             if metric.over_steps:
@@ -94,7 +94,7 @@ def over_steps(
 
 
 def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str, Array]]:
-    """Sums over the steps and all measured components, over their number and over those of lag 0."""
+    """Yield sums over steps and components, over their number and over those of lag 0."""
     if "innovations" not in values:
         return
     nis = _sum((values["anis"] * values["innovations"])[mask])
@@ -107,7 +107,7 @@ def _of_innovations(values: dict[str, Array], mask: Mask) -> Iterator[tuple[str,
 
 
 def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Array:
-    """Why each run (M,) is lost: 0 it is not, 1 not finite, 2 error beyond ``lost_beyond``."""
+    """Return why each run (M,) is lost: 0 not lost, 1 not finite, 2 error beyond ``lost_beyond``."""
     errors = [rows for name, rows in values.items() if _OF_TRUTH.match(name)]
     if not errors:
         return np.where(finite, FOUND, NOT_FINITE)
@@ -120,7 +120,7 @@ def lost_runs(scenario: Scenario, values: dict[str, Array], finite: Mask) -> Arr
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
-    """Sums over the runs that are not lost and whose value exists."""
+    """Return sums over the runs that are not lost and whose value exists."""
     counted: Mask = (lost == FOUND) & ~np.isnan(rows)
     kept = np.where(counted, rows, 0.0)
     return StepSums(total(kept), total(np.square(kept)), counted.sum(axis=1).astype(float))
@@ -128,14 +128,14 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 
 @cache
 def _gate(n_x: int) -> float:
-    """The chi-square value that is exceeded with probability 1e-6."""
+    """Return the chi-square value that is exceeded with probability 1e-6."""
     from scipy.special import chdtri
 
     return float(chdtri(n_x, 1e-6))
 
 
 def _mean(rows: Array) -> Array:
-    """Mean over steps of the values that exist; NaN where none does."""
+    """Return the mean over steps of the values that exist; NaN where none does."""
     there = ~np.isnan(rows)  # an infinite NEES of a collapsed cloud counts
     return np.asarray(total(np.where(there, rows, 0.0), axis=0) / there.sum(axis=0))
 

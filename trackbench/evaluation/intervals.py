@@ -34,17 +34,17 @@ class Spread(NamedTuple):
     freedom: float
 
     def below(self, z: float) -> float:
-        """How far below the number the hypothesis lies that is z standard deviations off."""
+        """Return the distance down to the hypothesis at z standard deviations."""
         return self.stderr * _inverse(t_of_normal(z, self.freedom), self.skewness)
 
     def above(self, z: float) -> float:
-        """How far above it."""
+        """Return the distance up to the hypothesis at z standard deviations."""
         return -self.below(-z)
 
 
 @np.errstate(all="ignore")
 def studentised(value: float, influences: Array, other: float = 0.0) -> float:
-    """z of the hypothesis that the number is zero: standard normal, if it is, in spite of skewness.
+    """Return z of the hypothesis that the number is zero, corrected for skewness.
 
     ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
     error: for fewer than two runs, and for 0 / 0.
@@ -57,21 +57,21 @@ def studentised(value: float, influences: Array, other: float = 0.0) -> float:
 
 
 def two_sided(z: float) -> float:
-    """p-value of a z that is standard normal."""
+    """Return p-value of a z that is standard normal."""
     from scipy.special import ndtr
 
     return float(2.0 * ndtr(-abs(z)))
 
 
 def p_value(z: float, runs: int) -> float:
-    """Two-sided, from Student's t with ``runs - 1`` degrees of freedom."""
+    """Return two-sided, from Student's t with ``runs - 1`` degrees of freedom."""
     from scipy.special import stdtr
 
     return float(2.0 * stdtr(max(runs - 1, 1), -abs(z)))
 
 
 def holm(p: Array) -> Array:
-    """p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
+    """Return p-values (n,) adjusted for n tests (Holm 1979), in the given order; NaN is no test."""
     adjusted = np.full(len(p), np.nan)
     order = np.argsort(p)[: int((~np.isnan(p)).sum())]
     stepped = p[order] * np.arange(len(order), 0, -1)
@@ -80,12 +80,12 @@ def holm(p: Array) -> Array:
 
 
 def quantile(level: float, freedom: float) -> float:
-    """Half the width, in standard errors, of a two-sided interval by Student's t."""
+    """Return half the width, in standard errors, of a two-sided interval by Student's t."""
     return t_of_normal(deviations(level), freedom)
 
 
 def deviations(level: float) -> float:
-    """Half the width, in standard deviations, of a two-sided normal interval."""
+    """Return half the width, in standard deviations, of a two-sided normal interval."""
     from scipy.special import ndtri
 
     return float(ndtri(0.5 + level / 2.0))
@@ -95,13 +95,13 @@ def deviations(level: float) -> float:
 def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Confidence interval of the number: all hypotheses that `studentised` does not exclude."""
+    """Return the confidence interval: all values that `studentised` accepts."""
     found, z = spread(influences, other), deviations(level)
     return value - found.below(z), value + found.above(z)
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
-    """Where the ANEES of a consistent filter lies: ``chi2(n_x M) / (n_x M)``, expected value 1.
+    """Return the 95 % band of a consistent filter's ANEES: ``chi2(n_x M) / (n_x M)``, mean 1.
 
     Bar-Shalom, Li and Kirubarajan 2001, section 5.4; valid at one step, where runs are independent.
     """
@@ -114,7 +114,7 @@ def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float
 
 @np.errstate(all="ignore")
 def normal_of_t(t: float, freedom: float) -> float:
-    """The z with the tail probability of Student's t (Wallace 1959, Ann. Math. Statist. 30, 1124).
+    """Return the normal z with Student's tail probability (Wallace 1959, Ann. Math. Stat. 30, 1124).
 
     Right to 1 % of z from four degrees of freedom on; and unlike distribution functions never infinite.
     """
@@ -126,7 +126,7 @@ def normal_of_t(t: float, freedom: float) -> float:
 
 @np.errstate(all="ignore")
 def t_of_normal(z: float, freedom: float) -> float:
-    """Inverse of `normal_of_t`."""
+    """Return the inverse of `normal_of_t`."""
     if not freedom < np.inf or not abs(z) < np.inf:
         return z
     scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
@@ -134,7 +134,7 @@ def t_of_normal(z: float, freedom: float) -> float:
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
-    """Of the mean of the influences; what is normal beside them dilutes skewness and kurtosis."""
+    """Return the spread of the influences' mean; an added normal part dilutes skewness and kurtosis."""
     x = influences[~np.isnan(influences)]
     M = len(x)
     if M < 2:
@@ -154,7 +154,7 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
 
 
 def _inverse(y: float, a: float) -> float:
-    """The T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
+    """Return the T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
     if abs(a) < 1e-6:
         return y
     cube = 1.0 + a * (y - a / 6.0)

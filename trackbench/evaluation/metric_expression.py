@@ -1,4 +1,4 @@
-"""How it is written what is measured, read once.
+"""Expressions of measured numbers, such as ``mean(rmse_position)[turn]``, and their parser.
 
 =============================  ==================================================================
 ``mean(rmse[turns])``          a statistic over the runs of a metric, here over a window of steps
@@ -43,13 +43,13 @@ class Steps(NamedTuple):
         return f"@{self.first}" + (f"..{self.last}" if self.last else "")
 
     def among(self, steps: Iterable[int]) -> list[int]:
-        """Those of the given steps that are meant."""
+        """Return the steps that the expression selects among the given ones."""
         end = float("inf") if self.last == "last" else int(self.last)
         return [k for k in steps if int(self.first) <= k <= end]
 
 
 class Measure(NamedTuple):
-    """What is measured: of which metric and filter, over which runs and steps, beside which filter."""
+    """Parsed expression: metric, filter, runs, steps, and the filter it is compared with."""
 
     metric: str
     """``rmse_position``; a row of a file, or a filter's key"""
@@ -64,28 +64,28 @@ class Measure(NamedTuple):
     """label of the filter that it is of, once that is known"""
 
     def __str__(self) -> str:
-        """As it is written, without the filter."""
+        """Return the expression without its filter."""
         text = f"{self.statistic}({self.name})" if self.statistic else self.name
         return f"{self.relation}({text}, {self.other})" if self.relation else text
 
     @property
     def name(self) -> str:
-        """The metric over its window or at its step, as per_run.csv has it."""
+        """Return the metric over its window or at its step, as per_run.csv has it."""
         return in_window(self.metric, self.window) + str(self.steps or "")
 
     @property
     def plain(self) -> "Measure":
-        """What is taken of each filter, where two are related."""
+        """Return the expression of one filter, from a comparison of two."""
         return self._replace(relation="", other="")
 
     @property
     def family(self) -> tuple[Metric, str]:
-        """What its metric means, and the quantity."""
+        """Return the metric's meaning and its quantity."""
         return metric_of(self.metric)
 
     @property
     def base(self) -> str:
-        """The metric without statistic, window and step, as the keys that keep metrics name it."""
+        """Return the metric without statistic, window and step."""
         found, quantity = self.family
         if found.name == "rank":  # a bar of a histogram: kept with what it is of
             return joined("pit", quantity.rpartition("_")[0])
@@ -93,70 +93,70 @@ class Measure(NamedTuple):
 
     @property
     def is_row(self) -> bool:
-        """Whether it is what a file calls so: no statistic of it, and not at a step."""
+        """Return whether it is what a file calls so: no statistic of it, and not at a step."""
         return not (self.statistic or self.steps or self.relation)
 
     @property
     def is_error(self) -> bool:
-        """Whether it is an error that a truth tells."""
+        """Return whether it is an error that a truth tells."""
         found, quantity = self.family
         return found.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
 
     @property
     def is_cpu_time(self) -> bool:
-        """Whether it is a time, which another execution measures again."""
+        """Return whether it is a time, which another execution measures again."""
         return self.metric == "cpu_s_per_run"
 
     @property
     def is_efficiency(self) -> bool:
-        """Whether it is made of a filter's runs and the reference's."""
+        """Return whether it is made of a filter's runs and the reference's."""
         return self.family[0].name == "efficiency" and self.is_row
 
     def made_of(self) -> tuple["Measure", "Measure"]:
-        """What an efficiency is made of: the RMSE of the reference, the filter's distance to it."""
+        """Return the parts of an efficiency: the reference's RMSE, the filter's difference from it."""
         quantity = self.family[1]
         rmse, distance = (joined(name, quantity) for name in ("rmse", "distance"))
         return self._replace(metric=rmse), self._replace(metric=distance)
 
     @property
     def is_over_runs(self) -> bool:
-        """Whether it is a statistic of numbers that each run has."""
+        """Return whether it is a statistic of numbers that each run has."""
         return self.statistic in STATISTICS and not self.relation
 
     @property
     def is_share(self) -> bool:
-        """Whether it is the share of runs that have an event."""
+        """Return whether it is the share of runs that have an event."""
         return self.is_over_runs and self.statistic == "mean" and self.family[0].is_event
 
     @property
     def step(self) -> int | None:
-        """The number of its step, if it is at one that has a number."""
+        """Return the number of its step, if it is at one that has a number."""
         if self.steps is None or self.steps.last or self.steps.first == "last":
             return None
         return int(self.steps.first)
 
     @property
     def is_many(self) -> bool:
-        """Whether it is of several steps."""
+        """Return whether it is of several steps."""
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":
-        """The same of a filter."""
+        """Return the expression for a filter."""
         return self._replace(filter=label)
 
     def beside(self, relation: Literal["gain", "ratio", "minus"], other: str) -> "Measure":
-        """The same related to that of another filter."""
+        """Return the expression relative to another filter."""
         return self._replace(relation=relation, other=other)
 
     def at_each(self, steps: Iterable[int]) -> list["Measure"]:
-        """At each of the steps that there are, if it is of several; else itself."""
+        """Return an expression for each of its steps; itself if it has one."""
         if self.steps is None or not self.is_many:
             return [self]
         return [self._replace(steps=Steps(str(k))) for k in self.steps.among(steps)]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        """A word in the config."""
+        """Return a word in the config."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_after_validator_function(
@@ -166,7 +166,7 @@ class Measure(NamedTuple):
 
 @cache
 def measure(text: str) -> Measure:
-    """What is written; raises ValueError."""
+    """Parse an expression; raises ValueError."""
     found = _GRAMMAR.fullmatch(text)
     if found is None:
         raise ValueError(
@@ -184,7 +184,7 @@ def measure(text: str) -> Measure:
 
 
 def measured(name: str) -> Measure:
-    """What a name in a file says; what nothing can be read from is a metric of that name."""
+    """Parse a name in a file; an unreadable one becomes a metric of that name."""
     try:
         return measure(name)
     except ValueError:
@@ -206,7 +206,7 @@ Comparison = Annotated[Measure, "comparison"]
 
 
 def role_of(hint: Any) -> str:
-    """What a key of one of these types may name: a file's metric, an expression, a comparison."""
+    """Return the role of a key's type: a file's metric, an expression, a comparison."""
     own: tuple[Any, ...] = getattr(hint, "__metadata__", ())
     return next(
         chain((m for m in own if m in _ROLES), filter(None, map(role_of, get_args(hint)))), ""

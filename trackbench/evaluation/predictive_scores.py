@@ -1,4 +1,4 @@
-"""How well a filter foretells measurements: what can be said of it without a truth.
+"""Predictive scores: how well a filter predicts measurements, without a truth.
 
 Series (T + 1, M) beside those of `metrics`, for whoever asks for them:
 
@@ -39,13 +39,13 @@ _SCORE = "log_likelihood"
 
 
 def held_out(measurements: Array, every: int) -> Mask:
-    """Which measurements (T, M) are held back: in each run every so many-th of those there are."""
+    """Return which measurements (T, M) are held out: every n-th existing one of each run."""
     there = ~np.isnan(measurements).all(axis=0)
     return np.asarray(there & (np.cumsum(there, axis=0) % every == 0))
 
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
-    """Names of all series that may be asked for; ``scores``: the filter tells its log-likelihood."""
+    """Return names of all predictive series; ``scores``: the filter has a log-likelihood."""
     out = [_SCORE] if scores else []
     out += ["anis", "innovations", *(f"autocovariance_{lag}" for lag in range(1, LAGS + 1))]
     heads = ["predicted"] + (["held"] if hold_out else [])
@@ -87,17 +87,17 @@ class PredictionScorer:
 
     @property
     def disabled(self) -> bool:
-        """Whether nothing is to be told."""
+        """Return whether nothing is to be told."""
         return not self._wanted and self._held is None
 
     def snapshot(self, state: Any) -> Any:
-        """The state as it is now: objects of one run change with each step."""
+        """Return the state as it is now: objects of one run change with each step."""
         if not self._tracker.loops_over_runs:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
     def add(self, told: Step, i: int) -> None:
-        """The step that was given measurement i."""
+        """Add the step that used measurement i."""
         z = self.visible[:, i]
         if "score" in self._wanted:
             self._note(self._scores(told.after, _measured(z)))
@@ -109,7 +109,7 @@ class PredictionScorer:
             self._held_back(told, np.where(self._held[i], self._all[:, i], np.nan))
 
     def series(self) -> dict[str, Array]:
-        """Values (T + 1, M) by the name of their series; of the first state there are none."""
+        """Return values (T + 1, M) by the name of their series; of the first state there are none."""
         return {name: after_first(np.stack(values)) for name, values in self._rows.items()}
 
     def _aside(self, told: Step, z: Array) -> tuple[Any, Gaussian]:
@@ -138,7 +138,7 @@ class PredictionScorer:
         self._past = np.where(missing, self._past, moved)
 
     def _held_back(self, told: Step, z: Array) -> None:
-        """Of the runs whose measurement is held back the estimate is the prediction."""
+        """Score held-out measurements: without them the estimate is the prediction."""
         measured = _measured(z)
         nu = z  # of nothing there is no error
         if measured.any():
@@ -161,12 +161,12 @@ class PredictionScorer:
 
 
 def after_first(rows: Array) -> Array:
-    """Series (T + 1, M) of values (T, M) that the first state has none of: NaN before them."""
+    """Return the series (T + 1, M) of values (T, M), NaN for the first state."""
     return np.vstack([np.full_like(rows[:1], np.nan), rows])
 
 
 def _measured(z: Array) -> Mask:
-    """Where (M,) there is a measurement, or a component of one."""
+    """Return the runs (M,) with a measurement, or a component of one."""
     return np.asarray(~np.isnan(z).all(axis=0))
 
 

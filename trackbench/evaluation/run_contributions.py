@@ -30,7 +30,7 @@ def series_of(m: Measure) -> str | None:
 
 
 def statistic_of(m: Measure) -> str | None:
-    """The statistic over runs of its shares that a measure is; None if it has no shares."""
+    """Return the statistic over runs of its shares that a measure is; None if it has no shares."""
     if series_of(m) is None:
         return None
     return "mean" if m.statistic else m.family[0].over_runs or "mean"
@@ -43,7 +43,7 @@ def with_shares(
     steps: Sequence[int],
     sizes: Mapping[str, int],
 ) -> FilterResult:
-    """The result with a metric per run for each measure whose series was kept.
+    """Return the result with a metric per run for each measure whose series was kept.
 
     ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
     many components each NEES has.
@@ -80,7 +80,7 @@ def _share(
 
 @np.errstate(all="ignore")
 def time_mean_shares(squared: Array, found: Mask) -> Array:
-    """Shares (M,) of ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M), NaN where there is none.
+    """Return runs' contributions (M,) to ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M).
 
     A run's share is ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``: their mean is the value. Runs
     that are not ``found`` (M,) have none; a run without an error at a step has no influence there.

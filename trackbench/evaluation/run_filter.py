@@ -1,4 +1,4 @@
-"""A filter's way through its block: every step timed, its estimates checked and held to the truth."""
+"""Run one filter over one block of runs: time each step, validate the estimates, compute errors."""
 
 import time
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ class FilterOutput(NamedTuple):
 
 @lru_cache(maxsize=2)
 def run_filter_cached(task: BlockTask, covariances: int) -> FilterOutput:
-    """A filter's way through its block, read-only; cached for tasks that only score it otherwise.
+    """Return a filter's way through its block, read-only; cached for tasks that only score it otherwise.
 
     And for those of other filters that have it as their reference.
     """
@@ -99,14 +99,14 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:
-    """The prior of the state that a filter assumes, which may have more components than the truth."""
+    """Return the prior of the filter's state, which may have extra components."""
     if len(model.motion.components) <= len(data.truth):
         return data.prior
     return frozen(extended(data.prior, extra_std(model.motion)))
 
 
 class _Recorder:
-    """What is kept, step by step: copies, since the filter may go on writing to its own."""
+    """Recorder of copies, step by step, since the filter may write to its own arrays."""
 
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
         self._task, self._data, self._covariances = task, data, covariances
@@ -121,11 +121,11 @@ class _Recorder:
         self._judged = Calibration(tracker, scenario.components, wanted)
 
     def note(self, diagnostics: dict[str, Array]) -> None:
-        """What the filter says of a step."""
+        """Record the diagnostics of a step."""
         self._noted.append(checked_numbers("diagnostic", diagnostics, self._task.width))
 
     def add(self, state: Any, found: Gaussian) -> None:
-        """The next step's state and estimate; of the estimate the truth's components are judged."""
+        """Record a step's state and estimate; score the truth's components of the estimate."""
         check_estimate(found, self._sizes, self._task.width)
         (n, _), truth = self._sizes, self._data.truth[:, len(self._means)]
         if len(found.mean) > n:
@@ -139,7 +139,7 @@ class _Recorder:
             self._covs.append(of_each_run(found).cov[..., : self._covariances].copy())
 
     def filtered(self, told: dict[str, Array], cpu_s: float) -> FilterOutput:
-        """All of it, with what the filter told of measurements."""
+        """Return the output, with the predictive series."""
         errors = self._consistency.series()
         errors |= self._judged.series(errors["nees"])
         if not self._data.prior.cov.any():

@@ -41,7 +41,7 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Unbiased variance; standard error by leaving out one run at a time (its influences)."""
+    """Return the unbiased variance; standard error by leaving out one run at a time (its influences)."""
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
@@ -51,7 +51,7 @@ def variance(x: Array) -> Estimate:
 
 @_quietly
 def rms(x: Array) -> Estimate:
-    """Root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
+    """Return the root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
     return Estimate(value, squares.stderr / (2.0 * value) if value > 0 else 0.0)
@@ -59,7 +59,7 @@ def rms(x: Array) -> Estimate:
 
 @_quietly
 def median(x: Array) -> Estimate:
-    """Median; standard error from its 95 % rank interval over 2 * 1.96 (Woodruff 1952)."""
+    """Return the median; standard error from its 95 % rank interval over 2 * 1.96 (Woodruff 1952)."""
     M = len(x)
     if M < 2:
         return Estimate(_mean(x), np.nan)
@@ -70,14 +70,14 @@ def median(x: Array) -> Estimate:
 
 
 def _quantiles(x: Array, shares: list[float]) -> list[float]:
-    """Quantiles of numbers some of which may be infinite: between two infinities lies infinity."""
+    """Return quantiles; between two infinities lies infinity."""
     found = np.quantile(x, shares)
     return [float(q) for q in np.where(np.isnan(found), x.max(), found)]
 
 
 @_quietly
 def deviation(x: Array) -> Estimate:
-    """Standard deviation (of divisor M) of a step's errors over runs, as per_step.csv has it."""
+    """Return the standard deviation (divisor M) of a step's errors over runs."""
     stderr = mean(influence("std", x)).stderr if len(x) > 1 else np.nan
     return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
 
@@ -98,13 +98,13 @@ def _of_deviation(x: Array) -> Array:
 
 
 def _of_variance(x: Array) -> Array:
-    """As if the run were left out, mean and divisor with it (the delete-one jackknife)."""
+    """Return jackknife values: the variance without each run."""
     squares, M = np.square(x - _mean(x)), len(x)
     return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
 
 
 def _of_median(x: Array) -> Array:
-    """The sign of each run's deviation over twice the density, which the standard error tells."""
+    """Return the sign of each run's deviation over twice the density, which the standard error tells."""
     value, stderr = median(x)
     return np.sign(x - value) * stderr * np.sqrt(len(x))
 
@@ -119,7 +119,7 @@ class Statistic(NamedTuple):
     """of the metric's unit, which the statistic has"""
 
     def __call__(self, x: Array) -> Estimate:
-        """Value and standard error of values per run (M,)."""
+        """Return the value and standard error of values per run (M,)."""
         return self.estimate(x)
 
 
@@ -137,7 +137,7 @@ OVER_RUNS = STATISTICS | {
 
 @_quietly
 def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
-    """Mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
+    """Return the mean and standard error from sums, sums of squares and numbers of values, each (n,)."""
     value = total / count
     spread = np.maximum(squares - count * np.square(value), 0.0) / (count - 1)
     return Estimates(value, np.where(count < 2, np.nan, np.sqrt(spread / count)))
@@ -145,14 +145,14 @@ def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
 
 @_quietly
 def rooted(estimates: Estimates) -> Estimates:
-    """Square roots of estimates; delta method."""
+    """Return square roots of estimates; delta method."""
     value, stderr = np.sqrt(estimates.value), estimates.stderr
     return Estimates(value, np.where(value > 0, stderr / (2.0 * value), stderr))
 
 
 @_quietly
 def influence(name: str, x: Array) -> Array:
-    """How much each run moves a statistic: centred values (M,) whose mean's error is the statistic's.
+    """Return each run's influence on a statistic: centered values (M,) whose mean has its error.
 
     So the standard error of any smooth combination of statistics on common runs is that of the mean of
     the same combination of influences (the infinitesimal jackknife).
@@ -164,7 +164,7 @@ def influence(name: str, x: Array) -> Array:
 
 @_quietly
 def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
-    """How much each run moves ``a / b``, by the influences (M,) on both, NaN where it has none.
+    """Return each run's influence on ``a / b`` from the influences (M,) on both, NaN if missing.
 
     With each run left out of both in turn, not by the delta method: a run that moves ``b`` a lot does
     not move the ratio in proportion.
@@ -175,31 +175,31 @@ def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
 
 
 def _left_out(value: float, without: Array) -> Array:
-    """Centred influences from a number and what it is without each run (the delete-one jackknife)."""
+    """Return centered influences from a number and its values without each run (jackknife)."""
     there = ~np.isnan(without)
     moved = (int(there.sum()) - 1.0) * (value - without)
     return np.asarray(moved - _mean(moved[there]))
 
 
 def without_rounding(a: Array, b: Array) -> Array:
-    """``a - b`` over common runs; what is rounding in a and b is no difference."""
+    """Return ``a - b`` over common runs; what is rounding in a and b is no difference."""
     return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
 
 
 def paired_difference(a: Array, b: Array) -> Estimate:
-    """Mean of ``a - b`` over common runs."""
+    """Return the mean of ``a - b`` over common runs."""
     return mean(without_rounding(a, b))
 
 
 @_quietly
 def z_score(estimate: Estimate) -> float:
-    """Value over standard error; NaN where both are zero (filters that never differ)."""
+    """Return the value over standard error; NaN where both are zero (filters that never differ)."""
     return float(np.divide(estimate.value, estimate.stderr))
 
 
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
-    """Confidence interval of a statistic over runs, from the influences of the runs (`intervals`).
+    """Return the confidence interval of a statistic from the runs' influences (`intervals`).
 
     Medians: the exact rank interval, which needs no random numbers, so that equal data give equal
     bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
@@ -212,7 +212,7 @@ def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
 
 
 def _rank_interval(x: Array, level: float) -> tuple[float, float]:
-    """From the k-th smallest to the k-th largest value; NaN for too few (Conover 1999, section 3.2).
+    """Return the k-th smallest and k-th largest value; NaN for too few (Conover 1999, section 3.2).
 
     scipy's ``quantile_test`` gives the same, half a second of imports later.
     """

@@ -1,4 +1,4 @@
-"""How many runs are enough: the standard errors that are wanted, and when they are looked at.
+"""Stopping rule: requested standard errors, and the numbers of runs at which they are checked.
 
 The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): what is looked
 at is how exact a number is, never what it says. Runs whose rare far ones have not been drawn look exact.
@@ -27,13 +27,13 @@ class PrecisionTarget(NamedTuple):
 
     @classmethod
     def read(cls, metric: str, error: float | str) -> "PrecisionTarget":
-        """``1%`` or a number."""
+        """Return ``1%`` or a number."""
         if isinstance(error, str):
             return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
         return cls(metric, float(error), relative=False)
 
     def share(self, row: SummaryRow) -> float:
-        """The standard error as a share of what is wanted; NaN where there is none."""
+        """Return the standard error as a share of what is wanted; NaN where there is none."""
         most = self.error * abs(row.value) if self.relative else self.error
         stderr = row.stderr
         if (
@@ -52,12 +52,12 @@ class PrecisionCheck(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """Whether it is as exact as wanted; a number that no run is left for never will be."""
+        """Return whether it is as exact as wanted; a number that no run is left for never will be."""
         return self.share <= 1.0 or self.row.runs == 0
 
 
 def checkpoints(least: int, most: int) -> Iterator[int]:
-    """Numbers of runs at which the errors are looked at: half as many again each time."""
+    """Yield numbers of runs at which the errors are looked at: half as many again each time."""
     runs = min(least, most)
     while runs < most:
         yield runs
@@ -79,7 +79,7 @@ def check_precision(
     windows: Mapping[str, Mask],
     runs: int | None = None,
 ) -> list[PrecisionCheck]:
-    """The numbers of one filter that are wanted, after its first ``runs`` runs."""
+    """Return the numbers of one filter that are wanted, after its first ``runs`` runs."""
     names = {w.metric for w in wanted}
     parts = {_values(name) for name in names} | {_values("lost")}
     per_run: dict[str, Array] = {
@@ -97,6 +97,6 @@ def check_precision(
 
 
 def _values(metric: str) -> tuple[str, str]:
-    """What per_run.csv has of a number of the summary: metric and window."""
+    """Return the values of per_run.csv behind a number of the summary: metric and window."""
     m = measured(metric)
     return m.base, m.window

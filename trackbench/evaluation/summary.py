@@ -45,7 +45,7 @@ class StepRow(NamedTuple):
 def summary_rows(
     result: FilterResult, sizes: Mapping[str, int], windows: Mapping[str, Mask]
 ) -> Iterator[SummaryRow]:
-    """``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
+    """Yield ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
 
     ``sizes`` is the number of components by the name of each NEES. ``time-mean(rmse)`` is the mean over
     a window's steps of the RMSE over runs. Its standard error is that of the runs' shares, where there
@@ -69,7 +69,7 @@ def summary_rows(
 
 
 def per_component(of: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
-    """Rows that are the mean of a metric per run divided by a number of components, and the number."""
+    """Yield rows: mean of a metric per run over a number of components, and that number."""
     for metric, name in metrics_of(of.metric) if of.steps is None else ():
         if metric.per_component:
             yield in_window(name, of.window), sizes[of.family[1]]
@@ -95,7 +95,7 @@ def _time_means(
 
 
 def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRow]:
-    """``rmse`` (hdepf eq. 16), ``bias`` and ``std`` (adaptive-kf eqs. 13, 14), means of the rest."""
+    """Yield ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means."""
     for name, sums in result.steps.items():
         there = np.flatnonzero(sums.number)
         columns = [
@@ -113,7 +113,7 @@ def step_rows(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepRo
 
 
 def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> Iterator[SummaryRow]:
-    """A scenario's lower bounds on every RMSE (T + 1,), over each window as `summary_rows` has them."""
+    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window."""
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
             metric = in_window(joined("rmse", quantity), window)
@@ -125,7 +125,7 @@ def bound_summary(bounds: Mapping[str, Array], windows: Mapping[str, Mask]) -> I
 
 
 def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
-    """A scenario's lower bounds at every step, as `step_rows` has the RMSE."""
+    """Yield a scenario's lower bounds at every step, as `step_rows` has the RMSE."""
     for quantity, bound in bounds.items():
         for i, value in enumerate(bound.tolist()):
             yield StepRow(i, joined("rmse", quantity), value, float("nan"), 0)
@@ -134,7 +134,7 @@ def bound_steps(bounds: Mapping[str, Array]) -> Iterator[StepRow]:
 def _step_metrics(
     name: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
-    """The metrics of one series at every step (T + 1,), NaN where no run has a value."""
+    """Yield the metrics of one series at every step (T + 1,), NaN where no run has a value."""
     average = mean_from_sums(*sums)
     for metric, full in metrics_of(name):
         n = sizes[metric_of(name)[1]] if metric.per_component else 1
@@ -147,7 +147,7 @@ def _step_metrics(
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
-    """Standard deviations over runs; their standard errors as of normal values."""
+    """Return standard deviations over runs; their standard errors as of normal values."""
     with np.errstate(all="ignore"):
         std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
         return Estimates(std, std / np.sqrt(2.0 * number))

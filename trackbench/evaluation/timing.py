@@ -98,7 +98,7 @@ class _Sample:
         self._seconds: list[float] = []
 
     def _passed(self) -> tuple[list[_Step], float]:
-        """Go through the block, again if that is quick; the kept steps, and CPU seconds of a step."""
+        """Run the block, twice if quick; return the recorded steps and CPU seconds per step."""
         T, spent = len(self._steps), np.empty(0)
         for _ in range(_AGAIN):
             kept, seconds = self._through_block()
@@ -139,7 +139,7 @@ class _Sample:
         return state
 
     def _copy(self, state: Any) -> Any:
-        """The state as it is now: objects of one run change with each step."""
+        """Return the state as it is now: objects of one run change with each step."""
         if not self._task.filter.loops_over_runs:
             return state
         return deepcopy(state, {id(self._model): self._model})
@@ -174,7 +174,7 @@ class _Sample:
 
 
 def _shares(counts: Array, T: int) -> Array:
-    """Parts (T,) of a run by the operations (2, steps) of each step; all alike if none are known."""
+    """Return the share (T,) of each step in a run's time by its operations (2, steps)."""
     shares, of_step = np.full(T, 1.0 / T), counts.sum(axis=0)
     if of_step.all():
         shares[: len(of_step)] *= of_step / of_step.mean()
@@ -182,7 +182,7 @@ def _shares(counts: Array, T: int) -> Array:
 
 
 def operations(task: BlockTask) -> Array:
-    """Likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
+    """Return likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
     tracker, model = task.filter, frozen(task.assumed_scenario.model)
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
     rng, found = block_stream(task.seed, 0), []

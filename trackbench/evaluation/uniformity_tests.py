@@ -57,7 +57,7 @@ def at_step(pit: Array) -> Histogram:
 
 
 def over_steps(shares: Array) -> Histogram:
-    """Of each run's shares (TENTHS, M) of its steps: Hotelling's T^2 of their means (1931).
+    """Test runs' shares (TENTHS, M) of steps: Hotelling's T^2 of their means (1931).
 
     NaN, as of lost runs, is left out; the distance is that at the tenths' edges. Ranks of fewer than ten
     places get no test.
@@ -98,7 +98,7 @@ def _are_middles(pit: Array, sizes: Index) -> Mask:
 
 
 def kolmogorov(pit: Array, places: int = 0) -> float:
-    """Largest difference between the distribution function of values (M,) and the uniform one.
+    """Return the largest distance of the distribution of values (M,) from the uniform one.
 
     For ranks it is taken at the ends of their places. Its p-value is then an upper bound (Conover 1972).
     """
@@ -112,12 +112,12 @@ def kolmogorov(pit: Array, places: int = 0) -> float:
 
 
 def _cells(pit: Array, cells: int) -> Index:
-    """Which of so many equal parts of (0, 1) each value (M,) is in."""
+    """Return the index of the equal part of (0, 1) that contains each value (M,)."""
     return np.clip(pit * cells, 0, cells - 1).astype(int)
 
 
 def kolmogorov_band(M: int, level: float = 0.95) -> float:
-    """What the distance of M uniform values exceeds with probability 1 - level (Stephens 1970)."""
+    """Return the distance that M uniform values exceed with probability 1 - level (Stephens 1970)."""
     from scipy.special import kolmogi
 
     root = np.sqrt(M)
@@ -125,7 +125,7 @@ def kolmogorov_band(M: int, level: float = 0.95) -> float:
 
 
 def kolmogorov_p(distance: float, M: int) -> float:
-    """Probability that the distance of M uniform values is larger (Stephens 1970, JRSS B 32)."""
+    """Return the probability of a larger distance of M uniform values (Stephens 1970, JRSS B 32)."""
     from scipy.special import kolmogorov as beyond
 
     root = np.sqrt(M)

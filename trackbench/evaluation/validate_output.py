@@ -1,4 +1,4 @@
-"""What filters and scenarios give back, held to shape and names before numpy broadcasts it."""
+"""Validation of returned arrays: shapes and names, before numpy broadcasts them."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -24,7 +24,7 @@ _METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
 
 @contextmanager
 def explain_read_only_errors() -> Iterator[None]:
-    """Say of numpy's error about a read-only array what the author of a filter has to know."""
+    """Explain numpy's error about a read-only array to the author of a filter."""
     try:
         yield
     except ValueError as error:
@@ -61,7 +61,7 @@ def check_axes(first: Gaussian, start: Array) -> None:
 
 
 def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Array]:
-    """Copies of real numbers per run (M,) by name; raises ValueError for anything else."""
+    """Return copies of real numbers per run (M,) by name; raises ValueError for anything else."""
     if not isinstance(given, dict):
         text = f"{what}s are a {type(given).__name__}, not a mapping"
         raise WrongReturnError(_METHODS[what], text)
@@ -74,7 +74,7 @@ def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Ar
 
 
 def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:
-    """The same of a scenario's own metrics, and of their names: ``delay_s``, ``delay_s[leg 1]``."""
+    """Validate a scenario's run metrics and their names: ``delay_s``, ``delay_s[leg 1]``."""
     found = checked_numbers("metric", given, runs)
     for name in found:
         if not _METRIC.fullmatch(name):
@@ -95,7 +95,7 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def _is_real(given: Any, *shapes: tuple[int, ...]) -> bool:
-    """Whether it is an array of real numbers, and none that hides some of them behind a mask."""
+    """Return whether it is an array of real numbers, and none that hides some of them behind a mask."""
     return type(given) is np.ndarray and given.dtype.kind in "fiub" and given.shape in shapes
 
 

@@ -1,1 +1,1 @@
-"""Plan of blocks, their keys, and the processes that compute them."""
+"""Execution: split an experiment into blocks of runs, key them, and compute them in processes."""

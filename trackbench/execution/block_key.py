@@ -1,4 +1,6 @@
-"""What a block's numbers depend on, as one digest: the key under which it is kept."""
+"""Digest of everything that a block's numbers depend on: the key under which the cache stores
+it.
+"""
 
 import hashlib
 import inspect
@@ -18,7 +20,7 @@ from trackbench.extension_points import Part, walk_parts
 
 
 def block_key(task: BlockTask, used: int) -> str:
-    """Key of a block reduced to its first ``used`` runs."""
+    """Return the key of a block reduced to its first ``used`` runs."""
     shown = task.runs_with_tracks_among(used)
     facts = [
         _part(task.scenario),
@@ -35,7 +37,9 @@ def block_key(task: BlockTask, used: int) -> str:
 
 @lru_cache(maxsize=1000)
 def _part(part: Any) -> list[Any]:
-    """A filter's or scenario's keys, the content of its data files, and code from elsewhere."""
+    """Return the config keys of a filter or scenario, digests of its data files and of plugin
+    code.
+    """
     parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
     code = [digest for inner in parts for digest in _foreign_code(type(inner))]
     read: dict[str, str] = {}
@@ -52,7 +56,7 @@ def _content_digest(path: str) -> str:
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:
-    """Digests of the code of classes that are not this package's own."""
+    """Yield digests of the code of classes from outside this package."""
     for base in cls.__mro__:
         name = base.__module__
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
@@ -64,7 +68,7 @@ def _foreign_code(cls: type[Any]) -> Iterator[str]:
 
 @cache
 def _package_digest(name: str) -> str:
-    """Digest of an installed package's source, or of a module's."""
+    """Return the digest of an installed package's source, or of a module's."""
     try:
         file = Path(inspect.getsourcefile(sys.modules[name]) or "")
     except TypeError:  # typed into an interpreter: equal to nothing that was ever kept

@@ -1,9 +1,10 @@
-"""Finished blocks on disk: what is there need not be computed again.
+"""Cache of finished blocks on disk.
 
-``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory holds
-``blocks/<code>/<key>.block``: content-addressed, so two runs that write the same block write the same
-bytes, and checksummed, so a damaged one is computed again and never used. ``figures/`` beside it holds
-figures that were drawn, ``times/`` CPU times that were measured.
+``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory contains
+``blocks/<code>/<key>.block``. Blocks are content-addressed: two runs that write the same block write
+the same bytes. They have a checksum: a damaged block is computed again. ``figures/`` beside it
+caches
+drawn figures, ``times/`` measured CPU times.
 """
 
 import os
@@ -23,28 +24,28 @@ _CODE_DIGITS = 12
 
 
 def cache_folder() -> Path:
-    """Where blocks are kept."""
+    """Return the folder of the cache."""
     return Path(os.environ.get("TRACKBENCH_CACHE") or ".trackbench")
 
 
 def figure_folder() -> Path:
-    """Where figures are kept that were drawn; they go whenever blocks are cleared."""
+    """Return the folder of cached figures, which is deleted when blocks are cleared."""
     return cache_folder() / "figures"
 
 
 def times_folder() -> Path:
-    """Where measured CPU times are kept; they go whenever blocks are cleared."""
+    """Return the folder of measured CPU times, which is deleted when blocks are cleared."""
     return cache_folder() / "times"
 
 
 @dataclass(frozen=True)
 class BlockStore:
-    """Blocks of this version of the code under one folder."""
+    """Store of the blocks that this version of the code computed, under one folder."""
 
     root: Path
 
     def get(self, task: BlockTask) -> BlockResult | None:
-        """The task's block if it is there and whole."""
+        """Return the task's block, or None if it is missing or damaged."""
         key = block_key(task, task.runs_used)
         try:
             content = self._file(key).read_bytes()
@@ -53,11 +54,11 @@ class BlockStore:
         return decode(content, key)
 
     def has_file(self, task: BlockTask) -> bool:
-        """Whether there is a file for the task, good or damaged."""
+        """Return whether a file exists for the task, good or damaged."""
         return self._file(block_key(task, task.runs_used)).is_file()
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
-        """Keep a block, by the number of its runs that are used; raises WriteError."""
+        """Store a block for each number of its runs that is used; raises WriteError."""
         for used, result in results.items():
             key = block_key(task, used)
             file = self._file(key)
@@ -65,7 +66,7 @@ class BlockStore:
             write_bytes(file, encode(result, key))
 
     def prepare(self) -> None:
-        """Make the folder, out of version control's sight; raises WriteError."""
+        """Create the folder with a .gitignore; raises WriteError."""
         ensure_folder(self.root)
         if not (self.root / ".gitignore").exists():
             write_text(self.root / ".gitignore", "*\n")
@@ -82,13 +83,15 @@ class FolderSize(NamedTuple):
 
     @classmethod
     def of(cls, folders: Iterable[Path]) -> "FolderSize":
-        """What some folders hold."""
+        """Count the files of some folders."""
         files = [path for folder in folders for path in folder.rglob("*.*") if path.is_file()]
         return cls(len(files), sum(path.stat().st_size for path in files))
 
 
 class CacheSize(NamedTuple):
-    """What a cache folder holds: blocks of this version of the code and of others, and figures."""
+    """Size of a cache folder: blocks of this version of the code, of other versions, and
+    figures.
+    """
 
     blocks: FolderSize
     old_blocks: FolderSize
@@ -96,14 +99,14 @@ class CacheSize(NamedTuple):
 
 
 def cache_size(root: Path) -> CacheSize:
-    """What a cache folder holds."""
+    """Return the size of a cache folder."""
     now = code_digest()[:_CODE_DIGITS]
     mine, others = ([f for f in _versions(root) if (f.name == now) is own] for own in (True, False))
     return CacheSize(FolderSize.of(mine), FolderSize.of(others), FolderSize.of([root / "figures"]))
 
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
-    """Remove every block, or only those that other versions of the code made."""
+    """Delete all blocks, or with ``old_only`` those of other versions of the code."""
     for name in ("figures", "times"):
         shutil.rmtree(root / name, ignore_errors=True)
     for folder in _versions(root):

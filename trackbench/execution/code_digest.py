@@ -1,4 +1,4 @@
-"""The code that makes a block's numbers, as one digest: what a worker is asked to have, too."""
+"""Digest of the code that makes a block's numbers; a worker must have the same."""
 
 import hashlib
 import platform
@@ -43,7 +43,9 @@ NO_PART_OF_BLOCKS = {
 
 @cache
 def code_digest() -> str:
-    """Digest of the package's own source that makes a block's numbers, and of what it runs on."""
+    """Return the digest of the source files that make a block's numbers, Python and library
+    versions.
+    """
     home = Path(trackbench.__file__).parent
     platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
     digest = hashlib.sha256(repr(platform_).encode())

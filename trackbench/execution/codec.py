@@ -1,7 +1,7 @@
-"""A block's results as bytes and back, exactly: a JSON header, raw float64, a checksum.
+"""Exact file format of a block's results: a JSON header, raw float64, a checksum.
 
 Layout: magic, SHA-256 of all that follows, length of the header (8 bytes), header, arrays. Reading
-constructs nothing but numbers, so a block from a stranger cannot run code.
+constructs only numbers, so a block from a stranger cannot run code.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ _LENGTH = struct.Struct("<Q")
 
 
 def encode(result: BlockResult, key: str) -> bytes:
-    """The file of a block; ``key`` is written into it, so that a renamed file is not believed."""
+    """Return the file of a block; it contains ``key``, so that a renamed file is rejected."""
     arrays = dict(_arrays(result))
     header = {
         "key": key,
@@ -39,7 +39,9 @@ def encode(result: BlockResult, key: str) -> bytes:
 
 
 def decode(content: bytes, key: str) -> BlockResult | None:
-    """The block again; None if it is damaged, cut short, of another format or of another key."""
+    """Return the block, or None if it is damaged, truncated, of another format or of another
+    key.
+    """
     start = len(_MAGIC) + _HASH
     body = content[start:]
     if content[: len(_MAGIC)] != _MAGIC:

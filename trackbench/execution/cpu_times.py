@@ -1,4 +1,4 @@
-"""Measured CPU times of an experiment's filters: taken after its blocks, and kept beside them."""
+"""Measured CPU times of an experiment's filters, cached beside its blocks."""
 
 import hashlib
 import json
@@ -21,17 +21,17 @@ from trackbench.plugins.interrupts import guarded
 
 
 class Times(NamedTuple):
-    """What was measured of each filter at each point, and why others have no times, by filter."""
+    """Measured times by grid point and filter, and by filter the reason why others have none."""
 
     measured: Mapping[Key, Measured]
     failed: Mapping[str, str]
 
 
 def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
-    """Times of the filters, if anything in the config or of what is published names them.
+    """Measure the filters' CPU times if the config or a published row uses them.
 
-    They are measured in this process, and again only if code, machine or a filter changed, or if
-    ``fresh``.
+    They are measured in this process. Cached times are reused unless code, machine or a filter
+    changed, or ``fresh``.
     """
     if not takes_times(experiment):
         return Times({}, {})

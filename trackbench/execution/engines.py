@@ -1,4 +1,4 @@
-"""Where blocks are computed: an engine is a ``concurrent.futures.Executor``, nothing home-made."""
+"""Engines that compute blocks; each is a ``concurrent.futures.Executor``."""
 
 import os
 import re
@@ -21,7 +21,7 @@ _ADDRESS = re.compile(r"((tcp|tls|wss?)://)?(\[[^\s\]]+\]|[^\s:/]+):[0-9]{1,5}")
 
 
 class SerialExecutor(Executor):
-    """Computes at once, in this process."""
+    """Executor that computes at once, in this process."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run the function now."""
@@ -34,18 +34,18 @@ class SerialExecutor(Executor):
 
 
 def cpu_count() -> int:
-    """Processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def begin(name: str, workers: int | None, *modules: str) -> None:
-    """Begin early with what the engine's processes need, these modules as well, if it has any."""
+    """Start the engine's helper process early and let it import these modules."""
     if name == "processes" and (workers or cpu_count()) > 1:
         process_pool.start_forkserver(*modules)
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
-    """How to open an engine; raises UserError if it is not installed or cannot be reached."""
+    """Return a function that opens the engine; raises UserError if it is missing or unreachable."""
     if name == "dask":
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
@@ -60,7 +60,9 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
 
 @contextmanager
 def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
-    """The cluster of a scheduler's address, or one of so many local processes."""
+    """Connect to the Dask scheduler at an address, or start a local cluster of ``workers``
+    processes.
+    """
     try:
         from distributed import Client
     except ImportError:

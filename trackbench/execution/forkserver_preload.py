@@ -1,4 +1,4 @@
-"""What the process that workers are forked from imports and works out, so that none of them has to."""
+"""Imports and digests made once in the fork server, so that its workers inherit them."""
 
 import scipy.special  # noqa: F401  # which kinds import when they need it
 

@@ -1,8 +1,8 @@
-"""What a machine makes of the same inputs, bit for bit, as digests: where they are equal, so are blocks.
+"""Digests of what a machine's arithmetic returns for fixed inputs; equal digests mean equal blocks.
 
-Blocks of the package's own filters are made of its own arithmetic, which is the same wherever floating
-point is IEEE 754's (docs/design.md). Code of one's own may take any function of numpy; these depend on
-the processor, on the kernels of BLAS and LAPACK, on the C library and on numpy's version.
+The package's own filters use its own arithmetic, which is identical wherever floating point follows
+IEEE 754. Plugins may call any function of numpy; these depend on the processor, on the
+kernels of BLAS and LAPACK, on the C library and on numpy's version.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from trackbench.scenarios.base import Scenario
 
 @cache
 def own() -> str:
-    """Digest of what the package's own arithmetic gives here."""
+    """Return the digest of the package's own arithmetic on this machine."""
     x, y = _inputs()
     square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
     stream = block_stream(1, 0)
@@ -52,7 +52,7 @@ def own() -> str:
 
 @cache
 def numpys() -> str:
-    """Digest of what numpy's functions give here that a filter of one's own may take."""
+    """Return the digest of the numpy functions that a plugin may call, on this machine."""
     x, y = _inputs()
     square = x[:4096].reshape(64, 64)
     positive = square @ square.T + np.eye(64)
@@ -66,9 +66,9 @@ def numpys() -> str:
 
 
 def hangs_on_numpys(*parts: Any) -> bool:
-    """Whether what scenarios and filters compute is made with numpy's functions, too.
+    """Return whether scenarios or filters compute with numpy's functions.
 
-    So it is with code of one's own, and with gamma noise of a shape that is drawn by numpy.
+    Plugins do, and so does gamma noise of a shape that numpy draws.
     """
     return any(not _is_of_our_arithmetic(inner) for part in parts for inner in walk_parts(part))
 
@@ -86,7 +86,7 @@ def _is_of_our_arithmetic(part: Any) -> bool:
 
 
 def _inputs() -> tuple[Array, Array]:
-    """Numbers (8192,) twice, between zero and one and never either."""
+    """Return two fixed arrays (8192,) of numbers inside (0, 1)."""
     n = np.arange(8192, dtype=np.uint64)
     words = (n * np.uint64(k) % np.uint64(2**32) for k in (2654435761, 2246822519))
     x, y = ((w.astype(float) + 0.5) / 2.0**32 for w in words)

@@ -1,4 +1,4 @@
-"""What an experiment will compute: blocks of runs, each a task that stands alone."""
+"""Plan of an experiment: blocks of runs, each an independent task."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ Key: TypeAlias = tuple[int, str]
 
 @dataclass(frozen=True)
 class Plan:
-    """Tasks by point and filter label, in block order; equal tasks are computed once."""
+    """Tasks by grid point and filter label, in block order; equal tasks are computed once."""
 
     tasks: dict[Key, list[BlockTask]]
     plugins: tuple[Plugin, ...] = ()
@@ -46,14 +46,16 @@ class Plan:
 
     @cached_property
     def unique(self) -> list[BlockTask]:
-        """Every different task, all filters of a block together so that its data are shared."""
+        """Return every distinct task; filters of the same block stand together and share its
+        data.
+        """
         return sorted(
             dict.fromkeys(t for tasks in self.tasks.values() for t in tasks),
             key=lambda task: task.index,
         )
 
     def first(self, runs: int) -> "Plan":
-        """The same blocks, of which only so many runs are used."""
+        """Return the plan reduced to its first ``runs`` runs, with the same blocks."""
         tasks = {
             key: [
                 replace(task, runs_used=min(task.runs_used, runs - task.first_run))
@@ -66,7 +68,7 @@ class Plan:
 
 
 def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
-    """Cut every filter's runs into blocks of its width; ``looks`` are numbers of runs to stop at."""
+    """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
     settings = experiment.settings
     shown = settings.runs if save_tracks else min(experiment.shown_runs, settings.runs)
     kept, told = _kept_series(experiment), requested_predictions(experiment)
@@ -100,7 +102,9 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
 
 
 def _kept_series(experiment: Experiment) -> tuple[str, ...]:
-    """Series kept of every run and step: for medians, and for the runs' shares of averages over time."""
+    """Return the series stored per run and step: for medians and for runs' shares of time
+    averages.
+    """
     return tuple(
         dict.fromkeys([*experiment.settings.medians, *requested_contributions(experiment).series])
     )
@@ -116,10 +120,13 @@ def _width(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
-    """Runs per block: about 32 000 particles, so that numpy's calls cost little, at most 500.
+    """Return the number of runs per block.
 
-    Ten of a filter whose runs are looped over: more at once would gain nothing.
-    Fewer of long tracks, which a block holds whole, step by step, and of clouds that are boosted.
+    About 32 000 particles, so that the cost of numpy's calls is small, at most 500 runs. Filters
+    that
+    loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because
+    a
+    block is in memory as a whole.
     """
     N, boosted = tracker.particle_count, tracker.max_particle_count
     widest = _ONE_BY_ONE if tracker.loops_over_runs else _WIDEST
@@ -128,9 +135,10 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False) -> int:
-    """Bytes that the workers' largest blocks and what is made of their results take, rather too many.
+    """Return an upper estimate of the bytes that the workers' largest blocks and their results
+    take.
 
-    Raises UserError, at the filter that is to blame, if the machine does not have them.
+    Raises UserError at the responsible filter if the machine has less memory.
     """
     settings = experiment.settings
     there = memory()
@@ -154,7 +162,7 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> str:
-    """One line on what is about to be done."""
+    """Return one line that announces the run."""
     settings = experiment.settings
     steps = max(len(p.scenario.steps) - 1 for p in experiment.points)
     most, tuning = "up to " if settings.until else "", settings.tuning
@@ -173,7 +181,7 @@ def announced(experiment: Experiment, plan: Plan, workers: int, needed: int) -> 
 
 
 def cautions(points: Iterable[Point]) -> list[str]:
-    """What scenarios and filters say that is no mistake but should be known, each once."""
+    """Return the cautions of scenarios and filters, each once with the labels of its filters."""
     said: dict[str, dict[str, None]] = {}
     for point in points:
         said |= {text: {} for text in point.scenario.cautions}
@@ -191,7 +199,7 @@ def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
 
 
 def _read_bytes(experiment: Experiment) -> int:
-    """All values per run and step, which tables and figures are made from, and a piece of their file."""
+    """Return the bytes of all values per run and step that tables and figures read."""
     settings, point = experiment.settings, experiment.points[0]
     metrics = sum(
         max_metrics_per_run(settings, point.scenario, label, tracker)
@@ -208,7 +216,7 @@ def _read_bytes(experiment: Experiment) -> int:
 
 
 def _merged_bytes(experiment: Experiment, point: Point, series: int, save_tracks: bool) -> int:
-    """One filter's values per run and kept series; tracks of all filters, if they are asked for."""
+    """Return the bytes of one filter's merged values and of the stored tracks of all filters."""
     settings, steps = experiment.settings, len(point.scenario.steps)
     n_x = len(point.scenario.components)
     per_run = 60 + series * steps

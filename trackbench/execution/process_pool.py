@@ -1,4 +1,4 @@
-"""Worker processes of this machine: begun before they are needed, and gone with who began them."""
+"""Worker processes of this machine; they start early and end with their parent."""
 
 import multiprocessing
 import os
@@ -19,9 +19,9 @@ T = TypeVar("T")
 
 
 def start_forkserver(*modules: str) -> None:
-    """Start the process that workers are forked from; it imports the modules they need meanwhile.
+    """Start the process that workers are forked from and let it import these modules.
 
-    The first call decides on the modules. Where a system has no such process (Windows) nothing happens.
+    The first call decides on the modules. Systems without a fork server (Windows) skip this.
     """
     for name in _BLAS:  # blocks are what runs side by side
         os.environ.setdefault(name, "1")
@@ -39,7 +39,7 @@ def start_forkserver(*modules: str) -> None:
 def pool(
     workers: int, begun: Callable[..., None] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """So many processes, which first call ``begun``; after an error none of them is waited for."""
+    """Open a pool of processes that first call ``begun``; an error terminates them at once."""
     start_forkserver()
     first = (begun, *arguments)
     processes = _Pool(workers, _context(), _start, first)
@@ -55,10 +55,12 @@ def pool(
 
 
 class _Pool(ProcessPoolExecutor):
-    """One whose processes are all known to it: Ctrl-C waits until one that is being started is."""
+    """Process pool that knows all its processes: Ctrl-C waits until a starting one is
+    registered.
+    """
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call; raises BrokenProcessPool also where a process is killed as it starts."""
+        """Submit a call; raises BrokenProcessPool also if a process is killed while it starts."""
         try:
             with postponed():
                 return super().submit(fn, *args, **kwargs)
@@ -67,13 +69,13 @@ class _Pool(ProcessPoolExecutor):
 
 
 def is_worker_bootstrapping() -> bool:
-    """Whether this is a worker that still imports the script it was asked for by."""
+    """Return whether this process is a worker that still imports its parent's script."""
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 
 @contextmanager
 def _block_sigint() -> Iterator[None]:
-    """What is started meanwhile leaves Ctrl-C to this process, which hears of it afterwards."""
+    """Block Ctrl-C for processes started meanwhile; this process receives it afterwards."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
@@ -90,7 +92,7 @@ def _context() -> Any:
 
 
 def _start(begun: Callable[..., None] | None = None, *arguments: Any) -> None:
-    """Leave Ctrl-C to the parent, and end when the parent is gone, even by kill -9."""
+    """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()

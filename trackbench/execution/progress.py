@@ -1,4 +1,4 @@
-"""The progress bar: of a terminal or of a notebook, and none where nobody looks."""
+"""Progress bar for terminals and notebooks; hidden where stderr is a file or a pipe."""
 
 import sys
 from importlib.util import find_spec
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
-    """A bar of so many units, ``keys`` as tqdm has them."""
+    """Return a progress bar of ``total`` units; ``keys`` are tqdm's."""
     if not wanted:
         hidden: bool | None = True
     else:  # None: silent when stderr is no terminal
@@ -15,7 +15,7 @@ def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
 
 
 def _kind() -> Any:
-    """A notebook's own bar where it can show one."""
+    """Return the bar's class: the notebook's where it can be shown."""
     import tqdm
 
     if not (_in_notebook() and find_spec("ipywidgets")):
@@ -26,5 +26,5 @@ def _kind() -> Any:
 
 
 def _in_notebook() -> bool:
-    """Whether a kernel runs this, whose stderr is no terminal and is looked at all the same."""
+    """Return whether an IPython kernel runs this process."""
     return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

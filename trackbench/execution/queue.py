@@ -1,4 +1,4 @@
-"""Blocks that wait and blocks that run: in order, each once; a dead worker's are run again."""
+"""Queue of blocks: each runs once, in order; blocks of a dead worker run again."""
 
 import pickle
 from collections import Counter, deque
@@ -30,7 +30,7 @@ Found: TypeAlias = dict[int, BlockResult] | Exception
 
 
 class Queue:
-    """Tasks of one or several plans. After a worker's death tasks are run one at a time."""
+    """Tasks of one or several plans. After a worker's death tasks run one at a time."""
 
     def __init__(self, workers: int) -> None:
         self.failed: dict[tuple[Any, ...], str] = {}
@@ -41,13 +41,13 @@ class Queue:
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, task: BlockTask, plugins: tuple[Plugin, ...]) -> None:
-        """Let the task wait behind the others, unless an equal one does."""
+        """Append the task unless an equal one is queued."""
         if task not in self._plugins:
             self._plugins[task] = plugins
             self._waiting.append(task)
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, Found]]:
-        """Tasks as they finish."""
+        """Yield tasks with their results as they finish."""
         while self._waiting:
             try:
                 with open_engine() as executor:
@@ -56,7 +56,9 @@ class Queue:
                 yield from self._after_death()
 
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
-        """Remember why the task's filter fails; returns it and its other blocks, now left out."""
+        """Record why the task's filter failed; return the task and the filter's other blocks,
+        now dropped.
+        """
         lost = algorithm(task)
         last = task.first_run + (task.runs_used - 1) * (1 if task.index >= 0 else -1)
         runs = f"runs {task.first_run} to {last}"
@@ -81,7 +83,7 @@ class Queue:
                 yield self._running.pop(future), result
 
     def _limit(self) -> int:
-        """How many may run at once: one when it may be deadly."""
+        """Return how many tasks may run at once: one while a task is suspected to kill workers."""
         suspect = self._waiting and self.deaths[self._waiting[0]]
         suspect = suspect or any(self.deaths[task] for task in self._running.values())
         return 1 if suspect else _AHEAD * self._workers
@@ -101,12 +103,12 @@ class Queue:
 
 
 def algorithm(task: BlockTask) -> tuple[Any, ...]:
-    """What fails together: a filter on a scenario."""
+    """Return the parts of a task that fail together: a filter on a scenario."""
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
 def _result(future: Future[dict[int, BlockResult]]) -> Found:
-    """What the task gave or why it failed; raises if not the task failed but the engine."""
+    """Return the task's result or its error; raises if the engine failed."""
     try:
         return future.result()
     except BrokenExecutor:

@@ -1,4 +1,4 @@
-"""Run plans: compute the blocks that are not kept yet, keep each, go on when one filter fails."""
+"""Run plans: compute missing blocks, store each, and continue if one filter fails."""
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -19,7 +19,7 @@ from trackbench.execution.queue import Found, Queue, algorithm
 
 @dataclass
 class Outcome:
-    """What was computed and reused, what failed and why, wall time; the results are in the store."""
+    """Outcome of a plan: counts of blocks, failures, wall time; the results are in the store."""
 
     plan: Plan
     store: BlockStore
@@ -35,9 +35,10 @@ class Outcome:
     """what it goes on for, if its runs end by precision: the number that is farthest from it"""
 
     def results(self) -> Iterator[tuple[Key, FilterResult]]:
-        """Each filter's merged results, one after the other, so that one is in memory at a time.
+        """Yield each filter's merged results, so that one filter is in memory at a time.
 
-        Blocks always come from their bytes, whether they were computed now or by an earlier run.
+        Blocks are always decoded from their bytes, whether this run or an earlier one computed
+        them.
         """
         for key, tasks in self.plan.tasks.items():
             if key not in self.failures:
@@ -64,11 +65,12 @@ def execute(
     progress: bool = True,
     more: More = lambda i, outcome: None,
 ) -> Generator[Outcome]:
-    """Compute and keep every block of the plans that is not kept yet; ``fresh`` computes them all.
+    """Compute and store every missing block of the plans; ``fresh`` computes all blocks.
 
-    An outcome per plan, in their order, each as soon as its blocks are there: while the caller is
-    busy with it, the workers go on with the next one's. A filter that raises is reported and its
-    other blocks are left out; the others go on. Close the iterator to stop the workers.
+    Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the
+    workers
+    compute the next plan. If a filter raises, its other blocks are dropped and the other filters
+    continue. Close the iterator to stop the workers.
     """
     store.prepare()
     outcomes = [Outcome(plan, store) for plan in plans]
@@ -98,14 +100,14 @@ def execute(
 
 
 def _enqueue(outcome: Outcome, queue: Queue, tasks: Iterable[BlockTask]) -> None:
-    """Let blocks of the plan that are not kept wait."""
+    """Queue missing blocks of the plan."""
     for task in tasks:
         queue.add(task, outcome.plan.plugins)
         outcome.missing.add(task)
 
 
 def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
-    """Go on with more runs; what was computed a moment ago is not computed again."""
+    """Continue with more runs; blocks computed a moment ago are not computed again."""
     before = set(outcome.plan.unique)
     outcome.plan = bigger
     new = (task for task in bigger.unique if task not in before)
@@ -115,7 +117,7 @@ def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
-    """Why filters of the plan failed."""
+    """Return why filters of the plan failed."""
     reasons = {key: queue.failed.get(algorithm(tasks[0])) for key, tasks in plan.tasks.items()}
     return {key: why for key, why in reasons.items() if why is not None}
 
@@ -132,7 +134,7 @@ def _missing(outcome: Outcome, fresh: bool) -> Iterator[BlockTask]:
 def _record_result(
     outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, found: Found
 ) -> None:
-    """Keep a finished block for all that miss it, or give up its filter."""
+    """Store a finished block for all plans that wait for it, or give up its filter."""
     if isinstance(found, Exception):
         gone = queue.give_up(task, found)
     else:

@@ -1,4 +1,4 @@
-"""Experiments that run until their numbers are as exact as asked (`until`)."""
+"""Experiments that run until their numbers are as precise as `until` requests."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,12 +17,12 @@ from trackbench.execution.runner import Outcome
 
 
 def with_runs(experiment: Experiment, runs: int) -> Experiment:
-    """The same with so many runs."""
+    """Return the experiment with another number of runs."""
     return replace(experiment, settings=replace(experiment.settings, runs=runs))
 
 
 def first_batch(experiment: Experiment) -> Experiment:
-    """With as many runs as there are at the first look; all of them if nothing is asked for."""
+    """Return the experiment with the runs of the first checkpoint; all runs without `until`."""
     settings = experiment.settings
     if not settings.until:
         return experiment
@@ -30,9 +30,11 @@ def first_batch(experiment: Experiment) -> Experiment:
 
 
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> Experiment | None:
-    """Return it with the runs of the next look; None after two good ones in a row, or the last.
+    """Return the experiment with the runs of the next checkpoint.
 
-    The outcome says how far the number is that is farthest from it.
+    Returns None after two good checkpoints in a row, or after the last. Writes the least precise
+    number
+    into the outcome, for the progress bar.
     """
     settings = experiment.settings
     stops = list(checkpoints(settings.min_runs, most))
@@ -54,7 +56,7 @@ def _finite_share(found: PrecisionCheck) -> float:
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
-    """Generate the numbers that were not exact enough after so many runs, by default all."""
+    """Yield the numbers that are not precise enough after ``runs`` runs, by default all."""
     asked = [PrecisionTarget.read(*item) for item in experiment.settings.until.items()]
     for key, result in outcome.results():
         scenario = experiment.points[key[0]].scenario
@@ -64,7 +66,7 @@ def imprecise(
 
 
 def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
-    """Why the runs ended, if anything was asked of them."""
+    """Yield why the runs ended, if the config has `until`."""
     if not experiment.settings.until:
         return
     runs, left = experiment.settings.runs, list(imprecise(experiment, outcome))

@@ -1,4 +1,4 @@
-"""What runs in a worker process: one block, from bytes to its results."""
+"""Code that runs in a worker process: compute one block from its pickled task."""
 
 import pickle
 from functools import cache
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Environment(NamedTuple):
-    """Digests of what a block's numbers stand on: code, own arithmetic, numpy's arithmetic."""
+    """Digests of what a block's numbers depend on: code, own arithmetic, numpy's arithmetic."""
 
     code: str
     own: str
@@ -25,16 +25,16 @@ class Environment(NamedTuple):
 
 @cache
 def environment_digests() -> Environment:
-    """That of this process."""
+    """Return the digests of this process."""
     return Environment(code_digest(), machine_fingerprint.own(), machine_fingerprint.numpys())
 
 
 def compute(
     task: bytes, plugins: "tuple[Plugin, ...]", expected: Environment
 ) -> dict[int, BlockResult]:
-    """Run the pickled block task, its plugins loaded first; results by number of runs used.
+    """Load the plugins, run the pickled block task, return results by number of runs used.
 
-    Raises RuntimeError where its numbers might not be those of the process that asks for them.
+    Raises RuntimeError if its numbers could differ from those of the requesting process.
     """
     here = environment_digests()
     if here.code != expected.code:

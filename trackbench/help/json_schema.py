@@ -1,4 +1,4 @@
-"""The JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
+"""JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors
 
 
 def schema() -> dict[str, Any]:
-    """Draft 2020-12 schema: the top level, and every registered kind with its keys."""
+    """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
     top = described(Settings).json_schema(ref_template="#/$defs/{model}")
     definitions: dict[str, Any] = top.pop("$defs", {})
     for group in _GROUPS:
@@ -50,7 +50,7 @@ _ELSEWHERE: list[dict[str, Any]] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
-    """The definition of one kind, and of the types its keys refer to."""
+    """Return the definition of one kind and of the types that its keys refer to."""
     name = f"{group}.{kind}"
     own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
@@ -103,7 +103,7 @@ def _without_required(schema: Any) -> Any:
 
 
 def _replace(properties: dict[str, Any], key: str, by: dict[str, Any]) -> None:
-    """Another schema for a key, under the key's own description."""
+    """Replace a key's schema and keep its description."""
     description = properties.get(key, {}).get("description")
     properties[key] = by | ({"description": description} if description else {})
 

@@ -1,6 +1,6 @@
-"""What a config may name, for people: kinds, their parameters, defaults and sources.
+"""Names that a config may use: kinds, their keys, defaults and sources.
 
-A listing reads docstrings and imports nothing of what it lists.
+A listing reads docstrings without importing what it lists.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
 
 
 def listing(groups: Sequence[str]) -> str:
-    """Kinds of each group with the first line of their documentation."""
+    """Return the kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
         found = documentation(cast(Group, group))
@@ -26,7 +26,7 @@ def listing(groups: Sequence[str]) -> str:
 
 
 def experiments() -> str:
-    """The shipped experiments under the papers that they reproduce, with what they take."""
+    """Return the shipped experiments grouped by paper, with their run times."""
     from itertools import groupby
 
     from trackbench.config.shipped_experiments import listed
@@ -41,7 +41,7 @@ def experiments() -> str:
 
 
 def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """The listing as data: a row per kind, and one per shipped experiment."""
+    """Yield a row per kind and per shipped experiment."""
     from trackbench.config.shipped_experiments import listed
 
     for group in groups:
@@ -63,7 +63,9 @@ def _time(seconds: float | None) -> str:
 
 
 def description(kind: str) -> str:
-    """A kind's documentation and keys, a metric's, or a group's hooks; raises UserError for no such."""
+    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError if
+    unknown.
+    """
     if kind in GROUPS:
         return _hooks_of(kind)
     texts = [_described(kind, group, cls) for group, cls in _found(kind)]
@@ -72,7 +74,7 @@ def description(kind: str) -> str:
 
 
 def entries(kind: str) -> Iterator[dict[str, Any]]:
-    """The same as data: one for each group that has such a kind, or one for each hook of a group."""
+    """Yield the description as data: one per group with such a kind, or one per hook of a group."""
     if kind in GROUPS:
         for hook in hooks(base_of(kind)):
             yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
@@ -92,14 +94,14 @@ def entries(kind: str) -> Iterator[dict[str, Any]]:
 
 
 def experiment_keys() -> list[dict[str, str]]:
-    """Key, default and text of the top level of an experiment's file."""
+    """Return key, default and text of the top level of an experiment file."""
     from trackbench.config.experiment import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
 
 def assume_keys() -> list[dict[str, str]]:
-    """The same of what every filter may assume."""
+    """Return key, default and text of what every filter may assume."""
     from trackbench.models.assumed_sensor import Assume
 
     return _as_data(list(_key_rows(Assume, "assume.")))
@@ -110,7 +112,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 
 def _found(kind: str) -> list[tuple[Group, type[Any]]]:
-    """The groups that have a kind of this name, with its class; none for a metric's."""
+    """Return the groups with a kind of this name, each with its class; empty for a metric."""
     from trackbench.config.build_dataclass import unknown
     from trackbench.errors import Mark, Problem, UserError
 
@@ -123,7 +125,7 @@ def _found(kind: str) -> list[tuple[Group, type[Any]]]:
 
 
 def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
-    """Key, default and text of every key, of what a filter assumes, too."""
+    """Return key, default and text of every key, including `assume`."""
     found = list(_key_rows(cls, ""))
     if group == "filters":
         from trackbench.models.assumed_sensor import Assume
@@ -133,7 +135,7 @@ def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
 
 
 def _hooks_of(group: Group) -> str:
-    """What the classes of a group must have, and what they may have beside it."""
+    """Return the required and optional hooks of a group's classes."""
     base = base_of(group)
     found = list(hooks(base))
     rows = list(columns((hook.form, hook.text) for hook in found))
@@ -157,7 +159,7 @@ def _described(kind: str, group: Group, cls: type[Any]) -> str:
 
 
 def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
-    """What else there is to know of a kind, a line each."""
+    """Yield further facts about a kind, a line each."""
     if group == "scenarios" and "required" not in map(_default, dataclasses.fields(cls)):
         model = cls().model
         yield f"components of the state: {','.join(model.motion.components)}"
@@ -173,7 +175,7 @@ def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
 
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
-    """Key, default and text of each field; those of a mapping follow it, indented by their path."""
+    """Yield key, default and text of each field; nested fields follow with their path."""
     from trackbench.config.build_dataclass import adapter, dataclasses_in, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)

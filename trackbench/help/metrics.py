@@ -1,4 +1,4 @@
-"""What can be measured, for people: metrics, statistics, and what an experiment has of them."""
+"""Metrics and statistics, in general and of one experiment, as text."""
 
 import sys
 from collections.abc import Iterable, Iterator
@@ -18,19 +18,19 @@ how it is written:
 
 
 def metrics() -> str:
-    """Every metric of which something is known."""
+    """Return every declared metric with its text."""
     rows = [(f"{m.name}[_quantity]" if m.is_family else m.name, m) for m in METRICS.values()]
     return "\n".join(["metrics:", *columns((name, _facts(m, m.unit), m.help) for name, m in rows)])
 
 
 def statistics() -> str:
-    """Every statistic, and how one writes what is measured."""
+    """Return every statistic, and how to write an expression."""
     rows = columns((name, "", text) for name, text in statistics_known().items())
     return "\n".join(["statistics:", *rows, "", WRITTEN])
 
 
 def described(word: str) -> str | None:
-    """A metric or a statistic; None if there is none of this name."""
+    """Return the text of a metric or a statistic; None if unknown."""
     if word in statistics_known():
         return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
     found, _ = metric_of(word)
@@ -40,7 +40,7 @@ def described(word: str) -> str | None:
 
 
 def facts(word: str) -> dict[str, str] | None:
-    """A metric or a statistic as data; None if there is none of this name."""
+    """Return a metric or a statistic as data; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
     found, _ = metric_of(word)
@@ -51,7 +51,7 @@ def facts(word: str) -> dict[str, str] | None:
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
-    """Metrics, windows and numbers that tables and figures of an experiment may name."""
+    """Return metrics, windows and numbers that tables and figures of an experiment may use."""
     found = list(rows_of_config(path, allow_plugins))
     named = {
         group: [row["kind"] for row in found if row["group"] == group]
@@ -74,7 +74,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 
 
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
-    """The same as data: metrics, then windows, statistics and numbers."""
+    """Yield metrics, windows, statistics and numbers of an experiment as rows."""
     from trackbench.config.load import UnknownNamesError, load
     from trackbench.config.metric_names import kept_metrics, names_of
     from trackbench.config.shipped_experiments import located
@@ -113,7 +113,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
 
 
 def statistics_known() -> dict[str, str]:
-    """Every statistic, and what it is."""
+    """Return every statistic with its text."""
     from trackbench.evaluation.metric_expression import TIME_MEAN
     from trackbench.evaluation.statistics import STATISTICS
 
@@ -122,14 +122,14 @@ def statistics_known() -> dict[str, str]:
 
 
 def _facts(metric: Metric, unit: str) -> str:
-    """Unit, and which way is better."""
+    """Return the unit and the better direction of a metric."""
     better = _BETTER.get(metric.better, f"{metric.better} is better" if metric.better else "")
     unit = {"1": "", "quantity": "unit of the quantity"}.get(unit, unit)
     return ", ".join(filter(None, [unit, better]))
 
 
 def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
-    """Rows as indented lines, each column as wide as it has to be; one that is empty is left out."""
+    """Yield rows as indented lines with aligned columns; empty columns are left out."""
     found = list(rows)
     widths = [max(map(len, column)) for column in zip(*found, strict=True)]
     for row in found:

@@ -1,4 +1,4 @@
-"""What a filter believes of target and sensor, where that is not what makes the data."""
+"""Filter model of target and sensor where it differs from the true one: the key ``assume``."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -18,5 +18,5 @@ class Assume:
     """sensor, or as many as there are"""
 
     def over(self, other: "Assume") -> "Assume":
-        """This, and what it leaves open as the other has it."""
+        """Return these assumptions, with the other's where a key is unset."""
         return Assume(motion=self.motion or other.motion, sensor=self.sensor or other.sensor)

@@ -18,7 +18,7 @@ from trackbench.models.two_point_prior import TwoPoint
 
 
 def extended(prior: Distribution, std: tuple[float, ...]) -> Distribution:
-    """The prior (n, M) with a component N(0, s^2) more for each s of ``std``."""
+    """Return the prior (n, M) with a component N(0, s^2) more for each s of ``std``."""
     if not std:
         return prior
     if isinstance(prior, TwoPoint):
@@ -27,7 +27,7 @@ def extended(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 
 def extended_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
-    """The moments of the extended prior: mean (n + m, M), cov (n + m, n + m[, M])."""
+    """Return the moments of the extended prior: mean (n + m, M), cov (n + m, n + m[, M])."""
     n, m = len(prior.mean), len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
     cov = np.zeros((n + m, n + m, *prior.cov.shape[2:]))
@@ -46,36 +46,36 @@ class Extended(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Mean (n + m, M)."""
+        """Return the mean (n + m, M)."""
         return extended_gaussian(self.scans, self.std).mean
 
     @property
     def cov(self) -> Array:
-        """Covariance (n + m, n + m, M)."""
+        """Return the covariance (n + m, n + m, M)."""
         return extended_gaussian(self.scans, self.std).cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Two-point differencing of converted scans, extended."""
+        """Return two-point differencing of converted scans, extended."""
         return extended_gaussian(self.scans.gaussian(conversion), self.std)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """States (n + m, M, *trailing)."""
+        """Return states (n + m, M, *trailing)."""
         return with_rest(self.scans.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """States (n + m, M, N) that cover the tails of the scans, and their log-weights (M, N)."""
+        """Return states (n + m, M, N) that cover the scans' tails, and log-weights (M, N)."""
         x, log_w = covering(self.scans, rng, N)
         return with_rest(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
-        """Log-density at x (n + m, M[, N])."""
+        """Return the log-density at x (n + m, M[, N])."""
         n = len(x) - len(self.std)
         rest = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
         return self.scans.log_prob(x[:n]) + rest
 
 
 def with_rest(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """States (n, *batch) with a draw from N(0, s^2) more for each s of ``std``."""
+    """Return states (n, *batch) with a draw from N(0, s^2) more for each s of ``std``."""
     if not std:
         return x
     noise = rng.standard_normal((len(std), *x.shape[1:]))

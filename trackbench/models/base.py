@@ -1,4 +1,4 @@
-"""What a motion and a sensor are, and what may be asked of a pair of them.
+"""Protocols of motion and sensor, and the model that a filter gets of both.
 
 A planar state begins ``(px, vx, py, vy)``, one in space ``(px, vx, py, vy, pz, vz)``, m and m/s; what a
 motion has beside them (accelerations, a turn rate) comes after. So every sensor, score and filter finds
@@ -21,7 +21,7 @@ AXES = ("x", "y", "z")
 
 
 def moving(axes: int) -> tuple[str, ...]:
-    """Components of position and velocity along so many axes."""
+    """Return components of position and velocity along so many axes."""
     return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
 
 
@@ -30,14 +30,14 @@ class SampledMotion(Protocol):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the state's components, in order."""
+        """Return names of the state's components, in order."""
 
     def transition(self, x: Array, k: int) -> Distribution:
-        """The distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+        """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
 
 
 def extra_std(motion: SampledMotion) -> tuple[float, ...]:
-    """Standard deviations, where nothing is known, of a motion's last components.
+    """Return standard deviations, where nothing is known, of a motion's last components.
 
     Those are neither a position nor a velocity, and a target may not have them; a motion that has such
     components says so by an attribute of this name.
@@ -50,7 +50,7 @@ class Motion(Part):
 
     @abstractmethod
     def sampled(self, T: float, axes: int = 2) -> SampledMotion:
-        """The motion over T seconds along so many axes (a scalar one has none)."""
+        """Return the motion over T seconds along so many axes (a scalar one has none)."""
 
 
 class Sensor(Protocol):
@@ -58,27 +58,27 @@ class Sensor(Protocol):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the measurement's components, in order."""
+        """Return names of the measurement's components, in order."""
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """The distribution of z_k given x_k = x (n_x, *batch)."""
+        """Return the distribution of z_k given x_k = x (n_x, *batch)."""
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
+        """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
 
 
 class DifferentiableMotion(SampledMotion, Protocol):
     """A motion with a Jacobian, which extended Kalman filters need."""
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d E[x_k] / d x_{k-1} at x (n_x, *batch); (n_x, n_x[, *batch])."""
+        """Return d E[x_k] / d x_{k-1} at x (n_x, *batch); (n_x, n_x[, *batch])."""
 
 
 class DifferentiableSensor(Sensor, Protocol):
     """A sensor with a Jacobian, which extended Kalman filters need."""
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
+        """Return d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
 
 
 Differentiable: TypeAlias = tuple[DifferentiableMotion, DifferentiableSensor]
@@ -91,7 +91,7 @@ class NormalMotion(Protocol):
 
     @property
     def Q(self) -> Array:
-        """Covariance of the noise (n_x, n_x)."""
+        """Return the covariance of the noise (n_x, n_x)."""
 
 
 @runtime_checkable
@@ -100,7 +100,7 @@ class GammaMotion(Protocol):
 
     @property
     def noise(self) -> Gamma:
-        """The noise's distribution."""
+        """Return the noise's distribution."""
 
 
 @runtime_checkable
@@ -111,7 +111,7 @@ class LocatingSensor(Protocol):
     """along so many axes"""
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """The position (axes, M) that a measurement gives, and its covariance."""
+        """Return the position (axes, M) that a measurement gives, and its covariance."""
 
 
 @runtime_checkable
@@ -119,7 +119,7 @@ class NearSensor(Protocol):
     """A sensor that tells how far states are from a measurement faster than where they are."""
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """``innovation(z, E[z_k | x_k = x])`` and its covariance, for z (n_z, M) and x (n_x, M, N)."""
+        """Return ``innovation(z, E[z_k | x_k = x])`` and its covariance, for particles x (n_x, M, N)."""
 
 
 @cache
@@ -128,19 +128,19 @@ def _is_near(kind: type[object]) -> bool:
 
 
 class Model(NamedTuple):
-    """What a filter knows: how the target moves and how it is seen."""
+    """Model of a filter: motion and sensor."""
 
     motion: SampledMotion
     sensor: Sensor
 
 
 class Scene(Part):
-    """What a filter may ask of a scenario before anything runs."""
+    """Facts about a scenario that a filter may check before anything runs."""
 
     @property
     @abstractmethod
     def model(self) -> Model:
-        """Motion and sensor of the truth, which filters assume unless told otherwise."""
+        """Return the motion and sensor of the truth, which filters assume unless told otherwise."""
 
     @property
     @abstractmethod
@@ -150,21 +150,21 @@ class Scene(Part):
     @property
     @abstractmethod
     def times(self) -> Array:
-        """Times of the steps (T + 1,), s."""
+        """Return times of the steps (T + 1,), s."""
 
     @property
     def prior_type(self) -> type[Distribution]:
-        """The class of the prior, for filters that ask it for more than moments."""
+        """Return the class of the prior, for filters that ask it for more than moments."""
         return Gaussian
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Sizes of the accelerations of the target's turns, m/s^2."""
+        """Return sizes of the accelerations of the target's turns, m/s^2."""
         return ()
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
-    """log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]).
+    """Return log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]).
 
     Of the components that were measured, if some are missing (NaN); zero where all are.
     """

@@ -34,7 +34,7 @@ class Assumed(NamedTuple):
     noise_mean: bool = True
 
     def transition(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Mean and covariance of x_k given x_{k-1} = x."""
+        """Return the mean and covariance of x_k given x_{k-1} = x."""
         exact = model.motion.transition(x, k)
         if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
             return exact
@@ -42,13 +42,13 @@ class Assumed(NamedTuple):
         return Gaussian(mean, _either(self.Q, exact.cov))
 
     def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Mean and covariance of z_k given x_k = x."""
+        """Return the mean and covariance of z_k given x_k = x."""
         exact = model.sensor.measurement(x, k)
         return exact if self.R is None else Gaussian(exact.mean, _either(self.R, exact.cov))
 
 
 def idle_noise_mean(scene: Scene) -> dict[str, str]:
-    """Reason, by key, why ``noise_mean`` changes nothing, if it does not."""
+    """Return the reason, by key, why ``noise_mean`` changes nothing, if it does not."""
     if isinstance(scene.model.motion, NormalMotion):
         return {"noise_mean": "as the process noise has no mean here"}
     return {}
@@ -63,7 +63,7 @@ def _either(variance: float | None, cov: Array) -> Array:
 
 
 def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed) -> Gaussian:
-    """The prediction of x_k, the motion linearised at the mean."""
+    """Return the prediction of x_k, the motion linearised at the mean."""
     # Cast, since to ask a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
     moved = assumed.transition(model, state.mean, k)
@@ -80,14 +80,14 @@ def extended_step(model: Model, state: Gaussian, z: Array, k: int, assumed: Assu
 
 
 def augmented_size(model: Model) -> int:
-    """Components of the augmented state (x, v, n) of which `augmented_step` takes sigma points."""
+    """Return the components of (x, v, n) that `augmented_step` draws sigma points of."""
     return 2 * len(model.motion.components) + len(model.sensor.components)
 
 
 def spread_conflicts(
     alpha: float, kappa: float, model: Model, augmented: bool = True
 ) -> dict[str, str]:
-    """What is wrong, by key, if the sigma points do not spread: alpha^2 (n + kappa) must."""
+    """Return mistakes by key if the sigma points coincide: alpha^2 (n + kappa) must be positive."""
     n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:
         parts = ", of state, noise and measurement" if augmented else ""
@@ -117,7 +117,7 @@ def augmented_step(
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: Assumed, rule: PointRule
 ) -> Gaussian:
-    """The prediction of x_k by points of the state, the noise's covariance added."""
+    """Return the prediction of x_k by points of the state, the noise's covariance added."""
     points = rule.points(state.mean, state.cov)
     Q = assumed.transition(model, state.mean, k).cov
     moved = points.moments(assumed.transition(model, points.x, k).mean)
@@ -145,7 +145,7 @@ def _additive_update(
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
+    """Return z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
     cubature = Unscented(1.0, 0.0, 0.0)
     return _additive_update(model, of_each_run(predicted), z, k, AS_IT_IS, cubature)[1]
 
@@ -160,7 +160,7 @@ def _conditioned(
     noise: Array | None,
     R: Array | None,
 ) -> Updated:
-    """The prediction given z: moments over points x of what the sensor makes of them.
+    """Return the prediction given z: moments over points x of what the sensor makes of them.
 
     Its noise is in the points, or its covariance is added.
     """

@@ -19,11 +19,11 @@ class Convertible(Protocol):
     """A prior that two scans of range and azimuth gave."""
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Two-point differencing of converted scans."""
+        """Return two-point differencing of converted scans."""
 
 
 def differenced(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
-    """The state at the second of two positions (axes, M), their difference over T for its velocity.
+    """Return the state at the second of two positions (axes, M), with their difference as velocity.
 
     T may be each run's own (M,).
 
@@ -64,40 +64,40 @@ class TwoPoint(Symmetric):
 
     @property
     def mean(self) -> Array:
-        """Mean of `gaussian` with the modified unbiased conversion (4, M)."""
+        """Return the mean of `gaussian` with the modified unbiased conversion (4, M)."""
         return self.gaussian("mucm").mean
 
     @property
     def cov(self) -> Array:
-        """Covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
+        """Return the covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
         return self.gaussian("mucm").cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Two-point differencing of converted scans."""
+        """Return two-point differencing of converted scans."""
         one, two = (
             convert(conversion, self.sensor.reading(scan)) for scan in (self.first, self.second)
         )
         return differenced(one, two, self.T, self.q)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """States (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
+        """Return states (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
         one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
         return self._moving(position(*one), position(*two), rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """States (4, M, N) from `positions`, and their log-weights (M, N)."""
+        """Return states (4, M, N) from `positions`, and their log-weights (M, N)."""
         p1, p2, log_w = self.positions(rng, N)
         return self._moving(p1, p2, rng), log_w
 
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Draws (2, M, N) of the position at the first and the second scan, and log-weights (M, N)."""
+        """Return draws (2, M, N) of the positions at both scans, and log-weights (M, N)."""
         a1, a2, log_w = self.azimuths(rng, N)
         noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
         r1, r2 = self.first[0][:, None] + noise[0], self.second[0][:, None] + noise[1]
         return position(r1, a1), position(r2, a2), log_w
 
     def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Draws (M, N) of the azimuth at the first and at the second scan, and log-weights (M, N).
+        """Return draws (M, N) of the azimuths at both scans, and log-weights (M, N).
 
         A third sharp range tells their difference up to its sign, to a small part of sigma_azimuth, and
         nothing of their sum. So the difference covers its tails: measured azimuths that are off by
@@ -110,19 +110,19 @@ class TwoPoint(Symmetric):
         return a1 + half * (both - apart), a2 + half * (both + apart), log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
-        """Draws of (range, azimuth) given a scan (2, M)."""
+        """Return draws of (range, azimuth) given a scan (2, M)."""
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
 
     def _moving(self, p1: Array, p2: Array, rng: Streams) -> Array:
-        """States at the second of two positions: the difference over T, and what noise adds to it."""
+        """Return states at the second of two positions, with the noise of the velocity."""
         excess = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
         vx, vy = (p2 - p1) / self.T + excess
         return np.stack([p2[0], vx, p2[1], vy])
 
     def log_prob(self, x: Array) -> Array:
-        """Log-density at x (4, M[, N]): both scans' polar densities, turned to Cartesian ones.
+        """Return the log-density at x (4, M[, N]): both scans' polar densities in Cartesian terms.
 
         The noise of the velocity enters the first scan's variances to first order.
         """

@@ -1,4 +1,4 @@
-"""What code from elsewhere did wrong: in one line, which names its file and line."""
+"""Errors of plugin code as one line with file and line."""
 
 import inspect
 import sys
@@ -26,7 +26,7 @@ class BadPluginError(Exception):
 
 
 def located_message(error: BaseException, *parts: Any) -> str:
-    """``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
+    """Return ``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
 
     Where none was running, it is the line of the method that the error names, or of the first part's
     class. There is no place in the package's own code.
@@ -35,7 +35,7 @@ def located_message(error: BaseException, *parts: Any) -> str:
 
 
 def message_of(error: BaseException) -> str:
-    """Kind and message of an error; of a package that is not there, how to get it."""
+    """Return the kind and message of an error; of a package that is not there, how to get it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         return f"needs {missing_package_hint(error.name)}"
     text = " ".join(str(error).split())
@@ -45,7 +45,7 @@ def message_of(error: BaseException) -> str:
 
 
 def missing_package_hint(module: str) -> str:
-    """What to install of a module that is not there."""
+    """Return a hint for installing a missing module."""
     name = module.partition(".")[0]
     if name in _EXTRAS and find_spec(name) is None:
         return f"{name}, which is not installed: pip install 'trackbench[{name}]'"
@@ -53,19 +53,19 @@ def missing_package_hint(module: str) -> str:
 
 
 def location_of(error: BaseException, *parts: Any) -> str:
-    """``my_filter.py:12: ``, or nothing."""
+    """Return ``my_filter.py:12: ``, or nothing."""
     files = {_file(cls) for part in walk_parts(parts) for cls in _own(part)}
     return place_within(error, files) or _defined(getattr(error, "method", None), parts[:1])
 
 
 def foreign_line(error: BaseException) -> str | None:
-    """``my_target.py:12: ValueError: ...`` if code of any registered kind of one's own was running."""
+    """Return ``my_target.py:12: ValueError: ...`` if plugin code was running."""
     where = place_within(error, {_file(cls) for cls in registered_kinds() if is_foreign(cls)})
     return where + message_of(error) if where else None
 
 
 def own_line(error: BaseException) -> str:
-    """``columns.py:41: KeyError: 'filter'``: the last line of the package's own that was running."""
+    """Return ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
     own = [
         f.f_code.co_filename
@@ -76,7 +76,7 @@ def own_line(error: BaseException) -> str:
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
-    """``my_filter.py:12: ``, the last line of these files at which it went wrong; or nothing."""
+    """Return ``my_filter.py:12: ``, the last line of these files at which it went wrong; or nothing."""
     for link in _chain(error):
         for frame, line in reversed(list(walk_tb(link.__traceback__))):
             if frame.f_code.co_filename in files:
@@ -87,7 +87,7 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """The error and what it was raised from or over."""
+    """Yield the error and what it was raised from or over."""
     link: BaseException | None = error
     while link is not None:
         yield link
@@ -95,13 +95,13 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 
 
 def _own(part: Any) -> list[type[Any]]:
-    """The classes that a part is made of, as far as they are not the package's own."""
+    """Return the classes that a part is made of, as far as they are not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and not _is_pythons(c)]
 
 
 def _is_pythons(cls: type[Any]) -> bool:
-    """Whether a class, such as `object` or `Generic`, comes with Python."""
+    """Return whether a class, such as `object` or `Generic`, comes with Python."""
     return cls.__module__.partition(".")[0] in sys.stdlib_module_names
 
 
@@ -110,7 +110,7 @@ def _file(cls: type[Any]) -> str:
 
 
 def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
-    """Where a part's own class defines a method, or else begins."""
+    """Return the place of a method in a component's class, or of the class."""
     for part in parts:
         for cls in _own(part):
             found = vars(cls).get(method or "")
@@ -124,7 +124,7 @@ def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
 
 
 def class_line(cls: type[Any]) -> int | None:
-    """The line at which a class is defined, if its source is there."""
+    """Return the line at which a class is defined, if its source is there."""
     try:
         return inspect.getsourcelines(cls)[1]
     except (OSError, TypeError):

@@ -15,7 +15,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def interrupt(signal_number: int, frame: object) -> None:
-    """Handler of such a signal."""
+    """Handle an interrupt signal."""
     raise Interrupted
 
 

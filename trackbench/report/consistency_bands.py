@@ -1,4 +1,4 @@
-"""How far averages over runs may be off for a consistent filter, if runs measure different numbers."""
+"""Bands of averages over runs for a consistent filter with missing measurements."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from trackbench.evaluation.intervals import anees_band
 
 
 def components(numbers: Array) -> float:
-    """Of how many components one run's average varies as the mean of the runs' averages does.
+    """Return the number of components of one average with the variance of the mean of runs' averages.
 
     Of run i with n_i components (``numbers``, (M,)) that is chi2(n_i) / n_i, of variance 2 / n_i. Their
     unweighted mean has sum(2 / n_i) / M^2, which a chi-square over its M^2 / sum(1 / n_i) degrees of
@@ -22,11 +22,11 @@ def components(numbers: Array) -> float:
 
 
 def anis_band(numbers: Array) -> tuple[float, float]:
-    """Where in 95 of 100 cases the mean over runs of the ANIS lies; wide if one has few."""
+    """Return the 95 % band of the mean ANIS over runs; wide for few measurements."""
     return anees_band(1, components(numbers))  # any degrees of freedom
 
 
 def autocorrelation_band(numbers: Array) -> float:
-    """How far from 0 the mean over runs of an autocorrelation lies in 95 of 100 cases."""
+    """Return the 95 % half-width of the mean autocorrelation over runs."""
     number = components(numbers)
     return 1.96 / float(np.sqrt(number)) if number else np.inf

@@ -1,4 +1,4 @@
-"""What a filter's error is at a cost: its points over its own number of particles, and between them.
+"""Error of a filter over its cost: points over particle counts, interpolated between them.
 
 Between two of a filter's sizes the logarithm of its error is linear in the logarithm of its CPU time, as
 it is wherever the error falls with a power of the number of particles. Three things make that uncertain:
@@ -54,7 +54,7 @@ class AtCost(NamedTuple):
 
     @property
     def other(self) -> float:
-        """What the runs do not tell of its uncertainty."""
+        """Return the part of the uncertainty that the runs do not show."""
         return float(np.hypot(self.of_times, self.curvature))
 
 
@@ -71,11 +71,11 @@ class Curve:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether it cannot be made any dearer."""
+        """Return whether it cannot be made any dearer."""
         return len(self.spots) == 1
 
     def at(self, cost: Term) -> AtCost | None:
-        """At a CPU time per step, s; None where it cannot be had: below or beyond all its own.
+        """Return the error at a CPU time per step, s; None outside the filter's own times.
 
         Where several sizes take that time, at the largest. What is fixed is had at all above its own.
         """
@@ -116,7 +116,7 @@ class Curve:
 
 
 def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
-    """The numbers that a key of a filter takes over the grid; none if it has no such key."""
+    """Return the numbers that a key of a filter takes over the grid; none if it has no such key."""
     values = [getattr(point.filters.get(label), key, None) for point in points]
     return [value for value in dict.fromkeys(values) if is_number(value)]
 
@@ -124,7 +124,7 @@ def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
 def cost_conflicts(
     points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
 ) -> dict[str, str]:
-    """What is wrong with a table or figure over costs, by key: ``varied`` are filters that must vary."""
+    """Return conflicts of a table or figure over costs, by key; ``varied`` filters must vary."""
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
     is_made = metric.is_efficiency or metric.family[0].over_steps == "rms"
@@ -138,7 +138,7 @@ def cost_conflicts(
 
 
 def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
-    """The filters that are compared: those named, or all but the reference."""
+    """Return the filters that are compared: those named, or all but the reference."""
     reference = None if wanted is not None else results.config.get("reference")
     return [b for b in results.chosen(wanted) if b in results.filters and b != reference]
 
@@ -146,7 +146,7 @@ def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
 def curves(
     results: Results, scene: dict[str, Any], labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
-    """Every filter's errors and times in a scene, a curve for each set of its other keys."""
+    """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
     found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
     for point in points_of(results, scene):
         filters, expressions = results.given(point).filters, Expressions(results, point)
@@ -177,31 +177,31 @@ def _spot(expressions: Expressions, label: str, metric: Measure, size: float) ->
 
 
 def _is_there(spot: Spot) -> bool:
-    """Whether the filter did not fail there."""
+    """Return whether the filter did not fail there."""
     values = spot.cost.value, spot.error.value
     return all(0.0 < value < np.inf for value in values)
 
 
 @quietly
 def logged(term: Term) -> Term:
-    """The logarithm of a positive number, with its error (delta method)."""
+    """Return the logarithm of a positive number, with its error (delta method)."""
     return term.scaled(float(log(term.value)), over=term.value)
 
 
 def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:
-    """``f[x_i, x_i+1, x_i+2]``."""
+    """Return ``f[x_i, x_i+1, x_i+2]``."""
     first, second = (np.divide(y[j + 1].value - y[j].value, x[j + 1] - x[j]) for j in (i, i + 1))
     return float((second - first) / (x[i + 2] - x[i]))
 
 
 def beside(a: AtCost, b: AtCost) -> tuple[Term, float]:
-    """The logarithm of the ratio of two errors, paired by runs, and what else makes it uncertain."""
+    """Return the log ratio of two errors, paired by runs, and its further uncertainty."""
     difference = together(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
     return difference, float(np.hypot(a.other, b.other))
 
 
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
-    """Those of which no other is better at the same cost or less, the cheapest first."""
+    """Return the points that no other beats at the same cost or less, cheapest first."""
     best, sign = np.inf, -1.0 if higher else 1.0
     for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):
         if sign * spot.error.value < best:

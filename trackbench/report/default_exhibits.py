@@ -1,4 +1,4 @@
-"""What is shown of an experiment that asks for no table and no figure."""
+"""Default tables and figures of an experiment that names none."""
 
 import re
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ _MOST_ROWS = 50
 
 
 def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int) -> dict[str, Any]:
-    """Keys of the table or of the figure; none where it would be too large, or nothing is measured.
+    """Return keys of the default table or figure; none if too large or unmeasured.
 
     ``metrics`` are those of summary.csv: the first two errors over the whole run are shown.
     """

@@ -1,4 +1,4 @@
-"""What a process that draws figures imports, so that it is there when it is asked for one."""
+"""Imports of a drawing process, made before it is needed."""
 
 import gc
 

@@ -39,27 +39,27 @@ class Term(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """Value and standard error."""
+        """Return the value and standard error."""
         return Estimate(self.value, self.stderr)
 
     def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "Term":
-        """Of another value that moves by so much of this one's changes."""
+        """Return an estimate of another value that changes by a multiple of this one's changes."""
         of_runs = None if self.influences is None else self.influences * by / over
         return self._replace(value=value, stderr=self.stderr * abs(by) / over, influences=of_runs)
 
     @property
     def splits(self) -> bool:
-        """Whether batches of runs have numbers of their own."""
+        """Return whether batches of runs have numbers of their own."""
         return self.influences is not None
 
     @property
     def losses(self) -> str:
-        """How many runs were lost, in words; empty if none was."""
+        """Return the number of lost runs in words; empty for none."""
         return in_words(self.lost, self.runs + self.lost) if self.lost else ""
 
     @property
     def sides(self) -> Sides | None:
-        """Limits of both numbers of a difference that is tested by them."""
+        """Return limits of both numbers of a difference that is tested by them."""
         if self.pair is None:
             return None
         a, b, factor = self.pair
@@ -116,7 +116,7 @@ class Term(NamedTuple):
         return found._replace(influences=influences - shift)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """z of the hypothesis that the number is the target, whose own standard error is ``other``."""
+        """Return z of the hypothesis that the number is the target with standard error ``other``."""
         with np.errstate(all="ignore"):
             if self.influences is None:
                 return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
@@ -126,7 +126,7 @@ class Term(NamedTuple):
             return studentised(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Confidence interval, of all targets that `z` does not exclude; NaN of what has no error."""
+        """Return the confidence interval: all targets that `z` accepts; NaN without an error."""
         with np.errstate(all="ignore"):
             if self.influences is None:
                 width = quantile(level, np.inf) * float(np.hypot(self.stderr, other))
@@ -144,17 +144,17 @@ class Share(Term):
 
     @property
     def events(self) -> int:
-        """Runs that have had the event."""
+        """Return runs that have had the event."""
         return round(self.value * self.runs)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """z of the hypothesis that the event has this probability; normal beside another error."""
+        """Return z of the hypothesis that the event has this probability."""
         if other > 0.0 or not self.runs:
             return super().z(target, other)
         return binomial.z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Interval of Clopper and Pearson; normal beside another error."""
+        """Return the interval of Clopper and Pearson; normal beside another error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
         return binomial.interval(self.events, self.runs, level)
@@ -165,7 +165,7 @@ MISSING = Term(np.nan, np.nan, None, 0)
 
 @quietly
 def quotient(a: Term, b: Term) -> Term:
-    """``a / b``, paired where it can be; else by the delta method."""
+    """Return ``a / b``, paired where it can be; else by the delta method."""
     ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
     term, of_a, of_b = together(ratio, a, b, scale, -scale * ratio), a.influences, b.influences
     if of_a is None or of_b is None or not term.splits:
@@ -177,13 +177,13 @@ def quotient(a: Term, b: Term) -> Term:
 
 @quietly
 def gain(ratio: Term) -> Term:
-    """Percent by which the ratio is below one."""
+    """Return the percent by which the ratio is below one."""
     return ratio.scaled(100.0 * (1.0 - ratio.value), by=-100.0)
 
 
 @quietly
 def together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
-    """What moves by ``of_a`` times a's change and ``of_b`` times b's; paired by runs."""
+    """Return the estimate of ``of_a`` times a plus ``of_b`` times b, paired by runs."""
     runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
     if of_runs is not None:
         there = of_runs[~np.isnan(of_runs)]
@@ -195,7 +195,7 @@ def together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
 def _combined(
     a: Term, b: Term, x: Array | None, y: Array | None, of_a: float, of_b: float
 ) -> Array | None:
-    """``of_a x + of_b y`` of influences; None if a side has none and is no exact number either."""
+    """Return ``of_a x + of_b y`` of influences; None if a side has none and is inexact."""
     if x is None and y is not None and a.stderr == 0.0:
         return of_b * y
     if y is None and x is not None and b.stderr == 0.0:
@@ -206,14 +206,14 @@ def _combined(
 
 
 def apart_by_variances(term: Term, a: Term, b: Term, factor: float) -> Term:
-    """This difference ``a - factor b`` of variances, tested by the limits of both, if of common runs."""
+    """Return the difference ``a - factor b`` of variances, tested by the limits of both."""
     if term.influences is None or a.influences is None or b.influences is None:
         return term
     return term._replace(pair=(a, b, factor))
 
 
 def apart_by_shares(term: Term, a: Share, b: Share, factor: float) -> Term:
-    """This difference ``a - factor b`` of shares of the same runs, tested by the limits of both."""
+    """Return the difference ``a - factor b`` of shares of the same runs, tested by both limits."""
     if a.influences is None or b.influences is None:
         return term
     apart = term._replace(pair=(a, b, factor))

@@ -49,11 +49,11 @@ class Expressions:
 
     @property
     def batches(self) -> int:
-        """Batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
+        """Return batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
         return int(self.results.config.get("verdict_seeds", 1))
 
     def term(self, m: Measure, common: Mask | bool = True) -> Term:
-        """A filter's measure; over the ``common`` runs (M,) only, if they are given."""
+        """Return a filter's measure; over the ``common`` runs (M,) only, if they are given."""
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
         if m.is_efficiency:
@@ -70,7 +70,7 @@ class Expressions:
         return self._at_step(m) if m.steps is not None else self._plain(m)
 
     def at_each_step(self, m: Measure) -> list[Measure]:
-        """A measure of many steps at each of those at which anything is known of the filter."""
+        """Return a measure of many steps at each of those at which anything is known of the filter."""
         if not m.is_many:
             return [m]
         steps = self.results.columns("per_step", self.point)
@@ -82,7 +82,7 @@ class Expressions:
 
     @quietly
     def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> Term:
-        """``left - factor * right``, paired on common runs."""
+        """Return ``left - factor * right``, paired on common runs."""
         common = self._found(left, right)
         a, b = self.term(left, common), self.term(right, common)
         term = together(a.value - factor * b.value, a, b, 1.0, -factor)
@@ -107,12 +107,12 @@ class Expressions:
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
-        """Values per run by (filter, metric)."""
+        """Return values per run by (filter, metric)."""
         return self.results.runs(self.point)
 
     @cached_property
     def stored(self) -> dict[tuple[str, str], Term]:
-        """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
+        """Return rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         rows = self.results.columns("summary", self.point).records()
         found = {
             (r["filter"], r["metric"]): Term(r["value"], r["stderr"], None, r["runs"], r["lost"])
@@ -124,14 +124,14 @@ class Expressions:
         return found
 
     def _paired_times(self, mine: Measure, other: Measure) -> Term | None:
-        """Ratio of two filters' measured times, repeat by repeat; None if either has none."""
+        """Return the ratio of two filters' measured times, repeat by repeat; None if either has none."""
         rows = self.results.columns("timing", self.point).records()
         found = {row["filter"]: repeats_of(row) for row in rows}
         a, b = (found.get(m.filter, np.empty(0)) for m in (mine, other))
         return Term(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
-        """The statistic that a measure is; None for a time, or if no run has a part in it."""
+        """Return the statistic that a measure is; None for a time, or if no run has a part in it."""
         if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
             return _OverRuns(m.statistic, m.name)
         shared = statistic_of(m)
@@ -145,7 +145,7 @@ class Expressions:
         return None
 
     def _found(self, *sides: Measure) -> Mask | bool:
-        """Runs that every side's metric exists for."""
+        """Return runs that every side's metric exists for."""
         common: Mask | bool = True
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
@@ -155,7 +155,7 @@ class Expressions:
         return common
 
     def _seen(self, m: Measure) -> Array | None:
-        """Values (M,) of the runs that a measure is of, NaN where it has none."""
+        """Return values (M,) of the runs that a measure is of, NaN where it has none."""
         if m.is_efficiency:
             floor, distance = self.beside_reference(m)
             return None if floor is None or distance is None else floor + distance
@@ -164,14 +164,14 @@ class Expressions:
 
     @quietly
     def _below(self, mine: Measure, other: Measure) -> Term:
-        """The share of the common runs in which a filter's metric is below another's."""
+        """Return the share of the common runs in which a filter's metric is below another's."""
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> Term:
-        """The share of the runs with a value (M,) above zero, of those that have one."""
+        """Return the share of the runs with a value (M,) above zero, of those that have one."""
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
@@ -179,7 +179,7 @@ class Expressions:
         return share._replace(stderr=binomial.stderr(share.events, share.runs))
 
     def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
-        """A statistic over the filter's runs that count, of values (M,) that are NaN where none is."""
+        """Return a statistic of values (M,) over the filter's valid runs, NaN for missing."""
         there = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
         lost = int((~there if codes is None else codes > 0).sum())
@@ -192,7 +192,7 @@ class Expressions:
         return Term(*OVER_RUNS[name](x), influences, len(x), lost)
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> Term:
-        """From the runs that neither the filter nor the reference lost."""
+        """Return the efficiency over the runs that neither the filter nor the reference lost."""
         floor, distance = self.beside_reference(m)
         if floor is None or distance is None:
             return MISSING
@@ -206,7 +206,7 @@ class Expressions:
         return Term(*found.estimate, influences, int(kept.sum()), lost)
 
     def beside_reference(self, m: Measure) -> tuple[Array | None, Array | None]:
-        """What an efficiency is made of, of each run (M,): of the reference itself no distance."""
+        """Return each run's (M,) parts of an efficiency; the reference's own difference is missing."""
         rmse, distance = m.made_of()
         reference = self.results.config.get("reference")
         floor = self.runs.get((str(reference), str(rmse)))
@@ -225,7 +225,7 @@ class Expressions:
         return Term(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
 
     def _plain(self, m: Measure) -> Term:
-        """A row of summary.csv or timing.csv, or a number that the config gives the filter."""
+        """Return a row of summary.csv or timing.csv, or a number that the config gives the filter."""
         label, name = m.filter, str(m)
         if (label, name) in self.stored:
             return self.stored[label, name]
@@ -235,11 +235,11 @@ class Expressions:
         return Term(float(given), 0.0, None, 1) if is_number(given) else MISSING
 
     def values(self, m: Measure) -> Array | None:
-        """Values per run that a statistic is of, lost runs left out; None for anything else."""
+        """Return values per run that a statistic is of, lost runs left out; None for anything else."""
         values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
         return None if values is None else values[~np.isnan(values)]
 
 
 def repeats_of(row: dict[str, Any]) -> Array:
-    """Measured CPU seconds of a run in each repeat, from a row of timing.csv; none of older files."""
+    """Return CPU seconds per run of each repeat, from a row of timing.csv."""
     return np.array([float(s) for s in str(row.get("repeats", "")).split(";") if s])

@@ -36,7 +36,7 @@ class KeptFigures:
 
     @classmethod
     def of(cls, results: Results) -> "KeptFigures | None":
-        """Those of these results; None if matplotlib is set up by a file, whose fonts may be any."""
+        """Return the cache of these results; None if a settings file sets up matplotlib."""
         if any(path.is_file() for path in _set_ups()):
             return None
         libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
@@ -50,7 +50,7 @@ class KeptFigures:
         return cls(digest.hexdigest())
 
     def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
-        """A figure's files; None if not all of them are there."""
+        """Return a figure's files; None if not all of them are there."""
         try:
             return [(form, self._path(spec, form).read_bytes()) for form in formats]
         except OSError:
@@ -87,7 +87,7 @@ def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
 
 
 def _set_ups() -> Iterator[Path]:
-    """Where matplotlib looks for what a user wants it to look like."""
+    """Return the folders of matplotlib's settings files."""
     yield Path("matplotlibrc")
     if "MATPLOTLIBRC" in os.environ:
         named = Path(os.environ["MATPLOTLIBRC"])

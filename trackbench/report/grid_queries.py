@@ -1,4 +1,4 @@
-"""What tables and figures ask of the experiment's grid."""
+"""Queries of tables and figures about the experiment's grid."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from trackbench.report.results import Results
 
 
 def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
-    """What is wrong with keys that name a path of the grid, by key."""
+    """Return the mistakes of keys that name a path of the grid, by key."""
     grid = list(points[0].values)
     return {
         key: f"{path!r} is no path of the grid; {unknown(path, grid)}"
@@ -23,19 +23,19 @@ def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, st
 
 
 def scenes(results: Results) -> list[dict[str, Any]]:
-    """What the grid varies of the scenario: each combination, in order; one without any."""
+    """Return the grid's scenario values: each combination, in order; one empty without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
     found = [{path: point[path] for path in paths} for point in results.points()]
     return [scene for i, scene in enumerate(found) if scene not in found[:i]]
 
 
 def points_of(results: Results, scene: dict[str, Any]) -> list[dict[str, Any]]:
-    """The points of the grid with this scenario."""
+    """Return the points of the grid with this scenario."""
     return [p for p in results.points() if all(p[k] == v for k, v in scene.items())]
 
 
 def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str, Any]:
-    """What a point gives a filter, by single path."""
+    """Return a point's values of a filter, by single path."""
     place = results.place(point)
     values = point if place is None else results.every_point[place]  # lists, where files have words
     singles = (
@@ -48,6 +48,6 @@ def own_values(results: Results, point: dict[str, Any], label: str) -> dict[str,
 
 
 def named_form(label: str, keys: dict[str, Any], others: Sequence[dict[str, Any]]) -> str:
-    """A filter's label, with the keys that are not the same in all of its forms."""
+    """Return a filter's label, with the keys that are not the same in all of its forms."""
     told = {k: v for k, v in keys.items() if any(other.get(k) != v for other in others)}
     return f"{label} ({phrases.heading(told)})" if told else label

@@ -1,4 +1,4 @@
-"""What tables and figures are."""
+"""Bases of tables and figures."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class TableKind(Exhibit):
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +35,9 @@ class FigureKind(DrawnExhibit):
     """what to see in it, said below it in the report; default: what its numbers tell"""
 
     def tell(self, results: "Results") -> str:
-        """What to see in the figure of these results; nothing where its kind says all there is."""
+        """Return the figure's default caption; empty if its kind says enough."""
         return ""
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":
-        """The figure from a results folder."""
+        """Return the figure from a results folder."""

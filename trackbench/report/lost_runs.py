@@ -10,7 +10,7 @@ _BY_CHANCE = 0.01
 
 
 def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
-    """``3 of 800 runs lost (0.077 to 1.1 %)``."""
+    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``."""
     low, high = (
         f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in binomial.interval(lost, runs)
     )
@@ -18,12 +18,12 @@ def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
 
 
 def loses_more(a: Array, b: Array) -> bool:
-    """Whether a filter loses more of the same runs than another, by their codes (M,): sign test."""
+    """Return whether a filter loses more of the same runs, by codes (M,): sign test."""
     return chance_of_losing_more(a, b) < _BY_CHANCE
 
 
 def chance_of_losing_more(a: Array, b: Array) -> float:
-    """Probability that chance alone makes the first lose so many of the runs that one of both loses."""
+    """Return the probability that the first loses by chance so many of the unequal runs."""
     from scipy.special import bdtrc  # the upper tail of a binomial distribution
 
     alone, other = int(np.sum((a > 0) & (b == 0))), int(np.sum((b > 0) & (a == 0)))

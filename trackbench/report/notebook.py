@@ -12,7 +12,7 @@ _NUMBER = ' style="text-align: right; white-space: nowrap"'
 
 
 def table_html(table: TextTable) -> str:
-    """A table; numbers stand to the right."""
+    """Return a table; numbers stand to the right."""
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.heads)
     rows = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows[:_MOST_ROWS])
     more = len(table.rows) - _MOST_ROWS
@@ -25,7 +25,7 @@ def table_html(table: TextTable) -> str:
 def results_html(
     title: str, lines: Sequence[str], tables: Iterable[TextTable], picture: bytes | None
 ) -> str:
-    """Title, lines, a figure as PNG, tables."""
+    """Return the title, lines, a figure as PNG, tables."""
     parts = [f"<h4>{escape(title)}</h4>", *(f"<div>{escape(line)}</div>" for line in lines)]
     if picture:
         data = base64.b64encode(picture).decode()

@@ -1,4 +1,4 @@
-"""Whether a folder holds whole results that this version can read."""
+"""Check that a folder holds whole results that this version can read."""
 
 import os
 import sys
@@ -49,7 +49,7 @@ def using(folder: Path | str) -> Iterator[None]:
 
 
 def open_results(folder: Path) -> Results:
-    """The results in a folder.
+    """Return the results in a folder.
 
     Raises NotWholeError where no table could be trusted, and UserError if it is none, too new, or has a
     config of something else.
@@ -90,7 +90,7 @@ def _grid_columns(results: Results) -> list[str]:
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
-    """The same, and a note to stderr of what else was changed since: it is gone on with.
+    """Open results and print a note to stderr on files changed since the run.
 
     So it is without the tables and figures of plugins whose code may not be run.
     """
@@ -119,7 +119,7 @@ def _left_out(results: Results) -> Iterator[str]:
 
 
 def changed_since(results: Results) -> list[str]:
-    """What is not as it was written although the results can be read: tables, figures, the config."""
+    """Return the files changed since the run, if the results can still be read."""
     recorded = results.manifest["files"]
     others = {name: digest for name, digest in recorded.items() if name not in RAW}
     return _lines(results.folder, damage(results.folder, others))
@@ -148,7 +148,7 @@ def _check_manifest(results: Results) -> None:
 
 
 def _lines(folder: Path, found: Damage) -> list[str]:
-    """A line on the files that are missing, and one on those that were changed, if there are any."""
+    """Return a line on missing files and one on changed files, if there are any."""
     ends = ((found.missing, ("is", "are"), "missing"), (found.changed, ("was", "were"), _CHANGED))
     return [
         f"{folder}: {_few(names)} {verbs[len(names) > 1]} {what}: {AGAIN}"

@@ -27,7 +27,7 @@ class Pair(NamedTuple):
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
-    """Over the whole time, without windows and steps: ``rmse_<quantity>``, ``crps_...``, log scores.
+    """Return metrics over the whole run: ``rmse_<quantity>``, ``crps_...``, log scores.
 
     Of a log score more is better: a positive difference is in favour of the first filter.
     """
@@ -37,7 +37,7 @@ def primary_metrics(metrics: list[str]) -> list[str]:
 
 
 def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> list[Pair]:
-    """Pairs at one point of the grid, metric after metric, from values by (filter, metric)."""
+    """Return pairs at one point of the grid, metric after metric, from values by (filter, metric)."""
     found: list[Pair] = []
     for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
         there = [label for label in labels if (label, metric) in runs]
@@ -47,7 +47,7 @@ def pairs_at(runs: Mapping[tuple[str, str], Array], labels: Sequence[str]) -> li
 
 @np.errstate(all="ignore")
 def pairs_of(metric: str, labels: list[str], values: dict[str, Array]) -> list[Pair]:
-    """Every two of the labels whose values per run (M,) have runs in common."""
+    """Return every two of the labels whose values per run (M,) have runs in common."""
     found = []
     for a, b in combinations(labels, 2):
         both = np.isfinite(values[a]) & np.isfinite(values[b])

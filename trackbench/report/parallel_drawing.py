@@ -17,7 +17,7 @@ from trackbench.report.results import Results
 
 
 def drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """A figure as the content of a file, for each format; none of tracks if every filter failed.
+    """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
 
     Raises UnmadeError if the code of a kind of one's own fails.
     """

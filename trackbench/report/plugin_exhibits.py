@@ -28,7 +28,7 @@ class PartlyMadeError(RunError):
 
 
 class GaveError(RunError):
-    """What the ``method`` of a table or figure gave back is not what it has to be."""
+    """Wrong return value of a ``method`` of a table or figure."""
 
     def __init__(self, method: str, what: str) -> None:
         super().__init__(what)
@@ -49,7 +49,7 @@ def told(part: Any) -> Iterator[None]:
 
 
 def as_table(found: object, part: Any) -> Table:
-    """What a part's `table` gave; raises GaveError if it is none, or cannot be written."""
+    """Return a plugin's table; raises WrongOutputError if it is none, or cannot be written."""
     if not isinstance(found, Table):
         raise GaveError("table", f"table gives a {type(found).__name__}, not a Table")
     if is_foreign(part):
@@ -61,7 +61,7 @@ def as_table(found: object, part: Any) -> Table:
 
 
 def as_figure(found: object) -> "Figure":
-    """What `draw` gave; raises GaveError if it is no figure."""
+    """Return a plugin's figure; raises WrongOutputError if it is none."""
     from matplotlib.figure import Figure
 
     if not isinstance(found, Figure):

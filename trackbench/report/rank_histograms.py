@@ -24,7 +24,7 @@ def check_rank(m: Measure, *path: str) -> None:
 def steps_that_are_not(
     key: str, measures: Iterable[Measure], points: Sequence[Point]
 ) -> dict[str, str]:
-    """What is wrong with a key of measures, one of which is at a step that a point has not."""
+    """Return conflicts of a measures key with a step outside a point's run."""
     for m in measures:
         for steps in (point.scenario.steps for point in points):
             if m.step is not None and m.step not in steps:
@@ -33,7 +33,7 @@ def steps_that_are_not(
 
 
 def pits(results: Results, point: dict[str, Any], label: str, m: Measure) -> Array:
-    """The values (M,) of a PIT at a step; none if the filter has none."""
+    """Return the values (M,) of a PIT at a step; none if the filter has none."""
     return results.runs(point).get((label, str(m)), np.empty(0))
 
 
@@ -45,7 +45,7 @@ def shares_of_runs(results: Results, point: dict[str, Any], label: str, m: Measu
 
 
 def histogram(results: Results, point: dict[str, Any], label: str, m: Measure) -> Histogram:
-    """Of a PIT at a step, or over the steps of each run; of no runs if the filter has none."""
+    """Return the histogram of a PIT at a step, or over each run's steps; empty without the PIT."""
     if m.steps:
         return at_step(pits(results, point, label, m))
     return over_steps(shares_of_runs(results, point, label, m))
@@ -60,7 +60,7 @@ class Uniformity(NamedTuple):
 
 
 def judged(found: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
-    """By the histograms of (filter, PIT), with probability alpha of any false verdict (Holm 1979)."""
+    """Test the histograms of (filter, PIT) with family-wise error alpha (Holm 1979)."""
     tests = [
         (label, head, p) for label, head, h in found for p in (h.p_distance, h.p) if np.isfinite(p)
     ]

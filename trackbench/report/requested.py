@@ -1,4 +1,4 @@
-"""What the config of a results folder asks for: filters, grid, names of tables and figures."""
+"""Requests of a results folder's config: filters, grid, names of tables and figures."""
 
 from collections.abc import Container
 from dataclasses import dataclass
@@ -23,39 +23,39 @@ class Asked:
 
     @cached_property
     def source(self) -> Source:
-        """The resolved config with positions."""
+        """Return the resolved config with positions."""
         return read(self.folder / "config.yaml")
 
     @property
     def config(self) -> dict[str, Any]:
-        """The resolved config."""
+        """Return the resolved config."""
         config = self.source.data
         assert isinstance(config, dict)
         return config
 
     def filled(self, text: str) -> str:
-        """A title with the number of runs in the place of ``{runs}``."""
+        """Return a title with the number of runs in the place of ``{runs}``."""
         return text.replace("{runs}", str(self.config["runs"]))
 
     @property
     def title(self) -> str:
-        """The experiment's title, or else its name."""
+        """Return the experiment's title, or else its name."""
         return self.filled(self.config["title"] or self.config["name"])
 
     @property
     def asked_figures(self) -> dict[str, dict[str, Any]]:
-        """The figures that the config asks for, as it does."""
+        """Return the figures that the config asks for, as it does."""
         return self.config.get("figures") or {}
 
     def left_out(self, group: Group) -> dict[str, str]:
-        """Tables or figures of kinds that only the config's plugins can know and that are not loaded."""
+        """Return tables or figures of kinds that unloaded plugins may define."""
         named = {name: part.get("kind") for name, part in self.config.get(group, {}).items()}
         known = kinds(group) if self.config.get("plugins") else named.values()
         return {name: kind for name, kind in named.items() if kind not in known}
 
     @cached_property
     def published(self) -> Published:
-        """Published numbers and claims that this experiment is held against."""
+        """Return published numbers and claims that this experiment is held against."""
         config = self.config
         return read_published(
             self.folder,
@@ -71,17 +71,17 @@ class Asked:
         return [*self.filters, *([bound] if bound else [])]
 
     def chosen(self, wanted: Container[str] | None) -> list[str]:
-        """The labels that a table or figure shows: those it names, or all of them."""
+        """Return the labels that a table or figure shows: those it names, or all of them."""
         return [label for label in self.labels if wanted is None or label in wanted]
 
     @property
     def filters(self) -> list[str]:
-        """Labels of the filters that were run, in the config's order."""
+        """Return labels of the filters that were run, in the config's order."""
         config = self.config
         return labels_to_run(config["filters"], config.get("only", []), config.get("reference"))
 
     def look(self, label: str) -> dict[str, Any]:
-        """Colour and dash of a filter, the same in every figure of the experiment.
+        """Return the colour and dash of a filter, the same in every figure of the experiment.
 
         What any figure calls its floor, or its baseline, is that in all of them.
         """
@@ -99,17 +99,17 @@ class Asked:
 
     @property
     def grid(self) -> list[str]:
-        """Paths that the experiment varies: leading columns of every frame."""
+        """Return paths that the experiment varies: leading columns of every frame."""
         return list(self.config["grid"])
 
     @property
     def grid_heads(self) -> list[str]:
-        """The paths as headings of a table: of paths that vary together, the first one."""
+        """Return the paths as headings of a table: of paths that vary together, the first one."""
         return [single_paths(path)[0] for path in self.grid]
 
     @cached_property
     def every_point(self) -> list[dict[str, Any]]:
-        """The points of the config's grid, those where every filter failed among them."""
+        """Return the points of the config's grid, those where every filter failed among them."""
         config = self.config
         grid, every = config["grid"], config.get("product", True)
         places = combinations(grid, config["filters"], config.get("reference"), every)

@@ -38,7 +38,7 @@ class Frames(Asked):
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """Versions, platform, times."""
+        """Return versions, platform, times."""
         if self.facts is not None:
             return self.facts
         with self.reading("manifest.json") as path:
@@ -49,16 +49,16 @@ class Frames(Asked):
 
     @property
     def loops_over_runs(self) -> list[str]:
-        """Labels of the filters whose runs are looped over in Python, which their times show."""
+        """Return labels of the filters whose runs are looped over in Python, which their times show."""
         return self.manifest.get("loops_over_runs", [])
 
     @property
     def failed(self) -> list[dict[str, Any]]:
-        """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
+        """Return filters that raised: ``filter``, ``reason`` and the grid point's values."""
         return self.manifest["failed"]
 
     def given(self, point: dict[str, Any]) -> Given:
-        """What is known of a point besides its numbers: scenario, filters, components, shading."""
+        """Return facts about a point besides its numbers: scenario, filters, components, shading."""
         found = next((g for g in self._given if is_same(g.values, point)), None)
         if found is None:
             raise UserError(f"{self.folder / FILE}: {point} is not in it: {AGAIN}")
@@ -73,38 +73,38 @@ class Frames(Asked):
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
-        """``filter,run,metric,value``: for people; tables and figures take `runs`."""
+        """Return ``filter,run,metric,value``: for people; tables and figures take `runs`."""
         return self._frame("per_run.csv")
 
     @cached_property
     def per_step(self) -> "pd.DataFrame":
-        """``filter,step,time,metric,value,stderr,runs``."""
+        """Return ``filter,step,time,metric,value,stderr,runs``."""
         return self._frame("per_step.csv")
 
     @cached_property
     def summary(self) -> "pd.DataFrame":
-        """``filter,metric,value,stderr,runs,lost``."""
+        """Return ``filter,metric,value,stderr,runs,lost``."""
         return self._frame("summary.csv")
 
     @cached_property
     def timing(self) -> "pd.DataFrame":
-        """``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,likelihoods,covariances``."""
+        """Return ``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,likelihoods,covariances``."""
         return self._frame("timing.csv")
 
     @cached_property
     def shown(self) -> dict[str, Array]:
-        """What shown.npz holds of all points of the grid; empty if every filter failed."""
+        """Return the contents of shown.npz for all points; empty if every filter failed."""
         return self.arrays("shown.npz")
 
     def arrays(self, name: str) -> dict[str, Array]:
-        """A file of arrays; empty if it is not there."""
+        """Return a file of arrays; empty if it is not there."""
         if not (self.folder / name).is_file():
             return {}
         with self.reading(name) as path, path.open("rb") as file, np.load(file) as arrays:
             return dict(arrays)
 
     def tracks(self, point: dict[str, Any]) -> dict[str, Array]:
-        """Whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
+        """Return whole tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``.
 
         None where every filter failed: such points count, too.
         """
@@ -117,7 +117,7 @@ class Frames(Asked):
         }
 
     def steps(self, point: dict[str, Any]) -> int:
-        """Steps that a filter takes in a run at a point."""
+        """Return steps that a filter takes in a run at a point."""
         found, place = self.manifest.get("steps"), self.place(point) or 0
         number = found[place] if isinstance(found, list) and place < len(found) else found
         if not isinstance(number, int) or number < 1:
@@ -126,7 +126,7 @@ class Frames(Asked):
         return number
 
     def runs(self, point: dict[str, Any]) -> Runs:
-        """Values per run at a point; none if every filter failed there."""
+        """Return values per run at a point; none if every filter failed there."""
         return self._runs.get(tuple(point.values()), {})
 
     @cached_property
@@ -155,7 +155,7 @@ class Frames(Asked):
             raise UserError(f"{path}: cannot be read, {message_of(error)}: {AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
-        """The points that have results, in order; one empty point without a grid."""
+        """Return the points that have results, in order; one empty point without a grid."""
         summary = self.columns("summary")
         if not self.grid or not len(summary):  # every filter failed
             return self.every_point
@@ -163,11 +163,11 @@ class Frames(Asked):
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def place(self, point: dict[str, Any]) -> int | None:
-        """A point's number in the config's grid; None if it is not there any more."""
+        """Return a point's number in the config's grid; None if it is not there any more."""
         return next((i for i, given in enumerate(self.every_point) if is_same(given, point)), None)
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
-        """Rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
+        """Return rows of `summary`, `per_step` or `timing`, at a grid point or all of them."""
         if name not in self._columns:
             with self.opened(f"{name}.csv") as file:
                 self._columns[name] = read_columns(file, COLUMNS[f"{name}.csv"])
@@ -178,7 +178,7 @@ class Frames(Asked):
         return {}
 
     def at(self, frame: "pd.DataFrame", point: dict[str, Any]) -> "pd.DataFrame":
-        """The rows of one grid point."""
+        """Return the rows of one grid point."""
         for path, value in point.items():
             frame = frame[frame[path] == value]
         return frame
@@ -194,7 +194,7 @@ class Frames(Asked):
 
 
 def is_same(point: dict[str, Any], read_back: dict[str, Any]) -> bool:
-    """Whether a point of the config is one of the files, where nothing and lists are words."""
+    """Return whether a point of the config is one of the files, where nothing and lists are words."""
     pairs = ((value, read_back[path]) for path, value in point.items())
     return all(a == b or ("" if a is None else str(a)) == str(b) for a, b in pairs)
 

@@ -44,7 +44,7 @@ class Results(Frames):
         return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], shown, picture)
 
     def _repr_png_(self) -> bytes | None:
-        """The key figure; none where no filter has a track that it could show."""
+        """Return the key figure; none where no filter has a track that it could show."""
         key = self.parts("figures").get(self.key_figure)
         if key is None or (key.shown_runs and not self.shown):
             return None
@@ -55,7 +55,7 @@ class Results(Frames):
         return None
 
     def figure(self, name: str = "") -> "Figure":
-        """A figure of the config, for matplotlib to go on with; the key figure if none is named.
+        """Return a figure of the config, for matplotlib to go on with; the key figure if none is named.
 
         Raises UserError if there is none of that name.
         """
@@ -74,11 +74,11 @@ class Results(Frames):
 
     @property
     def target(self) -> Path:
-        """Where tables and verdicts are written."""
+        """Return the folder that tables and verdicts are written to."""
         return self.out or self.folder
 
     def parts(self, group: Group) -> dict[str, Any]:
-        """The experiment's tables or figures, built from the config; of plugins if they are loaded."""
+        """Return the experiment's tables or figures, built from the config."""
         if not self.config.get("tables") and not self.config.get("figures"):
             return self._default(group)
         left_out, source = self.left_out(group), replace(self.source, problems=[])
@@ -92,14 +92,14 @@ class Results(Frames):
         }
 
     def _default(self, group: Group) -> dict[str, Any]:
-        """What an experiment shows that asks for nothing."""
+        """Return the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.every_point), len(self.labels))
         return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
 
     @cached_property
     def tables(self) -> dict[str, Table]:
-        """The experiment's tables by name, without those of one's own that fail."""
+        """Return the experiment's tables by name, without those of one's own that fail."""
         made = {}
         for name, spec in self.parts("tables").items():
             with self.without(f"table {name}"), told(spec):
@@ -108,17 +108,17 @@ class Results(Frames):
 
     @cached_property
     def unmade(self) -> dict[str, str]:
-        """Tables and figures of one's own that failed, as far as they were asked for, and why."""
+        """Return tables and figures of one's own that failed, as far as they were asked for, and why."""
         return {}
 
     @property
     def unmade_lines(self) -> list[str]:
-        """The same, a line for each."""
+        """Return the failures of tables and figures, a line each."""
         return [f"{what} failed: {why}" for what, why in self.unmade.items()]
 
     @contextmanager
     def without(self, what: str) -> Iterator[None]:
-        """Go on without a table or figure that cannot be made, and note why."""
+        """Continue without a failing table or figure, and note the reason."""
         try:
             yield
         except UnmadeError as error:
@@ -126,12 +126,12 @@ class Results(Frames):
 
     @cached_property
     def pairs(self) -> list[tuple[dict[str, Any], list[Pair]]]:
-        """Every pair of filters on common runs, by point of the grid."""
+        """Return every pair of filters on common runs, by point of the grid."""
         return [(point, pairs_at(self.runs(point), self.labels)) for point in self.points()]
 
     @cached_property
     def tuning(self) -> dict[str, Record]:
-        """Every trial of the filters that were tuned, by label; none if there is no tuning.csv."""
+        """Return all trials of the tuned filters, by label; empty without tuning.csv."""
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.opened("tuning.csv") as file:
@@ -139,14 +139,14 @@ class Results(Frames):
 
     @property
     def _taken(self) -> dict[str, dict[str, Any]]:
-        """What the config's tuned filters have for the keys that are tuned, by the filter's label."""
+        """Return the tuned keys' values of the config's tuned filters, by the filter's label."""
         return {
             label: {key: self._at(f"filters.{tuned_label(label)}.{key}") for key in keys}
             for label, keys in self.config.get("tune", {}).items()
         }
 
     def _at(self, path: str) -> Any:
-        """A value of the config; nothing if it is not there."""
+        """Return a value of the config; nothing if it is not there."""
         value: Any = self.config
         for key in split_path(self.source, path):
             there = value if isinstance(value, dict) else dict(enumerate(value or ()))

@@ -1,4 +1,4 @@
-"""What a sweep has of its own: one tidy table, a figure per filter, the best values in words."""
+"""Files of a sweep: one tidy table, a figure per filter, the best values in words."""
 
 import re
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ _TABLE = "best-settings"
 
 
 def as_sweep(experiment: Experiment) -> Experiment:
-    """With a sweep's table and figures; the experiment's own figures would have a panel per point.
+    """Replace the experiment's figures by a sweep's, as they would have a panel per point.
 
     What is published is of the experiment as it is, so no point is held against it.
     """
@@ -41,7 +41,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """A figure for each group of paths that are varied together, if they are one or two."""
+    """Return a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
     apart = independent_filter_paths(grid, settings.filters, settings.reference)
     together = [path for path in grid if not any(path in paths for paths in apart)]
@@ -56,7 +56,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
 
 
 def _title(paths: list[str], settings: Settings) -> str:
-    """``q of KF``."""
+    """Return ``q of KF``."""
     whose = dict.fromkeys(label for path in paths for label in filters_of(path, settings.filters))
     keys = " and ".join(phrases.axis(path) for path in paths)
     return f"{keys} of {listed(list(whose))}" if whose else keys
@@ -93,7 +93,7 @@ class Best(NamedTuple):
 
 
 def best_points(results: Results) -> Iterator[Best]:
-    """The best values of each filter that is varied, in each scenario."""
+    """Yield the best values of each filter that is varied, in each scenario."""
     for standing in best_settings(results):
         if standing.best is not None:
             yield _best(standing, standing.best)
@@ -133,5 +133,5 @@ def _is_headline(metric: str) -> bool:
 
 
 def _file_name(path: str) -> str:
-    """A path as every system takes it: ``KF-assume-motion-q``."""
+    """Return a path as every system takes it: ``KF-assume-motion-q``."""
     return "-".join(re.findall("[A-Za-z0-9]+", single_paths(path)[0].partition(".")[2]))

@@ -29,7 +29,7 @@ class Cell(NamedTuple):
 
     @classmethod
     def of(cls, term: Term) -> "Cell":
-        """A measured number; of an event that all runs or none of them had, how sure that is."""
+        """Return a measured number; of an event that all runs or none of them had, how sure that is."""
         words = ""
         if isinstance(term, Share) and term.value in (0.0, 1.0):
             words = in_words(round(term.value * term.runs), term.runs, what="")
@@ -37,7 +37,7 @@ class Cell(NamedTuple):
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":
-        """The mean of ``a - b`` over the runs (M,) that both have."""
+        """Return the mean of ``a - b`` over the runs (M,) that both have."""
         if a is None or b is None:
             return cls.missing()
         both = np.isfinite(a) & np.isfinite(b)
@@ -45,7 +45,7 @@ class Cell(NamedTuple):
 
     @classmethod
     def missing(cls) -> "Cell":
-        """A cell without a number: the filter failed, was left out, or has no such metric."""
+        """Return a cell without a number: the filter failed, was left out, or has no such metric."""
         return cls(Estimate(float("nan"), float("nan")), 0, 0)
 
 
@@ -73,7 +73,7 @@ class Table:
 
     @property
     def frame(self) -> "pd.DataFrame":
-        """Keys, then value and standard error of each column, then the runs lost."""
+        """Return keys, then value and standard error of each column, then the runs lost."""
         import pandas as pd
 
         return pd.DataFrame(self.csv_rows(), columns=self.csv_header)
@@ -85,12 +85,12 @@ class Table:
 
     @property
     def csv_header(self) -> list[str]:
-        """Keys, then value and standard error of each column, then the runs lost."""
+        """Return keys, then value and standard error of each column, then the runs lost."""
         pairs = [name for head in self.value_headers for name in (head, f"{head} stderr")]
         return [*self.key_headers, *pairs, "lost"]
 
     def csv_rows(self) -> list[list[object]]:
-        """One row per row, numbers in full."""
+        """Return one row per row, numbers in full."""
         rows = []
         for keys, cells in zip(self.keys, self.cells, strict=True):
             values = [x for cell in cells for x in cell.estimate]
@@ -98,7 +98,7 @@ class Table:
         return rows
 
     def texts(self) -> TextTable:
-        """``value ± stderr`` in every cell; lost runs are named in a last column."""
+        """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
         lost = any(c.lost for cells in self.cells for c in cells)
         heads = [*self.key_headers, *self.value_headers, *(["Lost runs"] if lost else [])]
         table = TextTable(self.title, heads, notes=self.notes)
@@ -118,7 +118,7 @@ class Table:
         return table
 
     def _best(self) -> set[tuple[int, int]]:
-        """Row and column of the least values, among the rows that share all keys but the last."""
+        """Return row and column of the least values, among rows that share all keys but the last."""
         groups: dict[tuple[str, ...], list[int]] = {}
         for r, keys in enumerate(self.keys):
             if keys[-1] not in self.apart:
@@ -133,11 +133,11 @@ class Table:
         return best
 
     def markdown(self) -> str:
-        """A Markdown table."""
+        """Return a Markdown table."""
         return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
-        """``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""
+        """Return ``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""
         value, stderr = cell.estimate
         if cell.words:
             return cell.words
@@ -153,7 +153,7 @@ _STORED = 0.5e-7
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
-    """Value and standard error to the same decimal place, the error with one digit or two."""
+    """Return the value and standard error to the same decimal place, the error with one digit or two."""
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     decimals = digits - 1 - _exponent(value)
@@ -175,14 +175,14 @@ def _with_exponents(value: float, stderr: float) -> str:
 
 
 def _places(value: float, stderr: float) -> int:
-    """Digits behind the first of a value, down to the error's second; six are all that is stored."""
+    """Return the digits of a value down to its error's second digit, at most six."""
     if not stderr > 0.0:
         return 2
     return min(max(2, _exponent(value) - _exponent(stderr) + 1), 6)
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
-    """The same for LaTeX's siunitx: ``\\num{5.96 +- 0.99 e-6}``, with one exponent for both."""
+    """Return value and error for LaTeX's siunitx: ``\\num{5.96 +- 0.99 e-6}``, one exponent for both."""
     text = rounded(value, stderr, digits).replace("±", "+-")
     if "e" not in text:
         return rf"\num{{{text}}}"

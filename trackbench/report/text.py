@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Text(NamedTuple):
-    """What a cell shows, and the number it sorts by; words sort by themselves."""
+    """Shown text of a cell, and the number it sorts by; words sort alphabetically."""
 
     text: str
     number: float | None = None
@@ -25,7 +25,7 @@ class TextTable:
     notes: list[str] = field(default_factory=list)
 
     def markdown(self) -> str:
-        """A Markdown table with a bold caption."""
+        """Return a Markdown table with a bold caption."""
         lines = [_line(list(map(_escaped, self.heads))), _line(["---"] * len(self.heads))]
         lines += [_line([_escaped(cell.text) for cell in row]) for row in self.rows]
         caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
@@ -33,7 +33,7 @@ class TextTable:
         return caption + "\n".join(lines) + "\n" + notes
 
     def tex(self, name: str = "") -> str:
-        """A LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
+        """Return a LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
         columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
         rows = [
             " & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\" for row in self.rows
@@ -93,7 +93,7 @@ def _tex(text: str) -> str:
 
 
 def _greek(c: str) -> str:
-    """A small Greek letter as a formula, since pdflatex has it in no font of text."""
+    """Return a small Greek letter as a formula, since pdflatex has it in no font of text."""
     head, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
     return rf"$\{letter.lower().replace('lamda', 'lambda')}$" if letter and not head else c
 

@@ -1,4 +1,4 @@
-"""What is a run's own in a results folder: what goes before the next run, and what is vouched for."""
+"""Which files a run owns: deleted before the next run, listed with digests in the manifest."""
 
 import hashlib
 import json

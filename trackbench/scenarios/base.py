@@ -1,4 +1,4 @@
-"""What a scenario is: it simulates truth and measurements, and knows the model behind them."""
+"""Base of scenarios: simulate truth and measurements, and provide the model behind them."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -32,71 +32,71 @@ class Scenario(Scene):
     @property
     @abstractmethod
     def windows(self) -> Mapping[str, Mask]:
-        """Which steps (T + 1,) each named window of the error metrics covers; ``""`` is the whole."""
+        """Return the steps (T + 1,) of each window of the error metrics; ``""`` is the whole run."""
 
     @abstractmethod
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Truth, measurements and prior of so many runs; ``rng`` has one stream per run."""
+        """Return the truth, measurements and prior of so many runs; ``rng`` has one stream per run."""
 
     @abstractmethod
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Error vectors (d, *batch) by name of the quantity, from estimate and truth (n_x, *batch)."""
+        """Return error vectors (d, *batch) by quantity, from estimate and truth (n_x, *batch)."""
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the truth's components, the first of every filter's state; default: the model's."""
+        """Return the truth's component names, the first of every filter's state."""
         return self.model.motion.components
 
     @property
     def true_sensor(self) -> Sensor:
-        """What makes the measurements, whatever filters assume; default: the model's sensor."""
+        """Return the sensor that makes the measurements; default: the model's."""
         return self.model.sensor
 
     def with_assumptions(self, assume: Assume) -> "Scenario":
-        """The scenario as a filter sees it that assumes this."""
+        """Return the scenario as a filter sees it that assumes this."""
         raise InvalidKeyError(f"of scenario {self.kind} filters assume what it says")
 
     @property
     def without_scoring(self) -> "Scenario":
-        """The scenario without what hangs on nothing but estimates: equal ones are filtered once."""
+        """Return the scenario without what only scores estimates; equal ones are filtered once."""
         return self
 
     @property
     def has_truth(self) -> bool:
-        """Whether there is a truth; if there are measurements only, there are no errors."""
+        """Return whether there is a truth; if there are measurements only, there are no errors."""
         return True
 
     @property
     def recorded_runs(self) -> int | None:
-        """How many runs there are, if one cannot have as many as one likes."""
+        """Return the number of recorded runs; None for simulated scenarios."""
         return None
 
     @property
     def training(self) -> "Scenario | None":
-        """What filters are tuned on, if not on runs of the same: the first part of recorded data."""
+        """Return the scenario for tuning: the first part of recorded data; None: the scenario itself."""
         return None
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Sentences on what is no mistake in its data but should be known."""
+        """Return sentences on what is no mistake in its data but should be known."""
         return ()
 
     @property
     def lost_beyond(self) -> float | None:
-        """Error beyond which a run is lost, in the unit of the first quantity of `errors`."""
+        """Return the error beyond which a run is lost, in the unit of the first quantity of `errors`."""
         return None
 
     @property
     def marginals(self) -> Mapping[str, tuple[int, ...]]:
-        """Components by name of a part of the state: its own NEES beside the whole state's."""
+        """Return components by name of a part of the state: its own NEES beside the whole state's."""
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Functions (*batch) of the state x (n_x, *batch) whose posterior means are measured."""
+        """Return functions (*batch) of the state x (n_x, *batch) whose posterior means are measured."""
         return {}
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Further numbers per run (M,) by name, from the series (T + 1, M)."""
+        """Return further numbers per run (M,) by name, from the series (T + 1, M)."""
         return {}
 
     def bounds(self) -> dict[str, Array]:
@@ -105,7 +105,7 @@ class Scenario(Scene):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Why `bounds` would be no bound; None if it is one."""
+        """Return the reason why `bounds` is invalid; None if it is valid."""
         return "" if type(self).bounds is Scenario.bounds else None
 
     @property
@@ -115,12 +115,12 @@ class Scenario(Scene):
 
 
 def in_window(name: str, window: str) -> str:
-    """``name[window]``: a metric over a window of steps; the name alone over the whole time."""
+    """Return ``name[window]``: a metric over a window of steps; the name alone over the whole time."""
     return f"{name}[{window}]" if window else name
 
 
 def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> tuple[Array, Array]:
-    """Truth (n_x, T + 1, M) and measurements (n_z, T, M) of the model itself from ``start``."""
+    """Return truth (n_x, T + 1, M) and measurements (n_z, T, M), simulated from ``start``."""
     truth, seen = [start], []
     for k in steps[1:]:
         truth.append(model.motion.transition(truth[-1], int(k)).sample(rng))

@@ -39,13 +39,13 @@ class Schedule(NamedTuple):
             raise InvalidKeyError(what, "last")
 
     def regular(self, T: float) -> Timeline:
-        """Every step, T s apart."""
+        """Return every step, T s apart."""
         assert self.last is not None
         steps = np.arange(self.first, self.last + 1)
         return Timeline(steps, np.asarray((steps - self.first) * T + (self.begin or 0.0)), T)
 
     def of_recorded(self, own: Timeline) -> Timeline:
-        """The target's own steps up to the last, begun when the keys say."""
+        """Return the target's own steps up to the last, begun when the keys say."""
         if self.last is not None:
             end = int(np.searchsorted(own.steps, self.last, side="right"))
             own = own._replace(steps=own.steps[:end], times=own.times[:end])

@@ -1,4 +1,4 @@
-"""What is measured of a track: which errors, over which steps, and when it is lost."""
+"""Scoring: errors of a track, scored steps, and the criterion of a lost run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -86,7 +86,7 @@ class Score:
         return int(steps[np.count_nonzero(within) - 1])
 
     def of_training(self, last: int) -> "Score":
-        """What is scored up to there. Raises InvalidKeyError if nothing is."""
+        """Return the scoring up to the training's end; raises InvalidKeyError if it is empty."""
         first, end = self.steps
         if first is not None and first > last:
             what = f"training sees steps up to {last}, and none is scored before {first}"
@@ -96,18 +96,18 @@ class Score:
         return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored(self, steps: Index, trained: int | None = None) -> Mask:
-        """The steps (K,) that are scored: none up to the last one of training."""
+        """Return the steps (K,) that are scored: none up to the last one of training."""
         there = _between(steps, *self.steps)
         return there if trained is None else there & (steps > trained)
 
     def named(self, steps: Index, scored: Mask) -> dict[str, Mask]:
-        """The windows (K,) by name."""
+        """Return the windows (K,) by name."""
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
 
     def errors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
-        """Error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
+        """Return error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
         e = mean - truth
         if not _is_moving(components):
             return {"": e}
@@ -117,7 +117,7 @@ class Score:
     def squares(
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
-        """Mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
+        """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
         if not _is_moving(components):
             return {"": P[0, 0]}
         own = sensor.squares(P, x) if isinstance(sensor, Measuring) else {}
@@ -128,7 +128,7 @@ class Score:
 
 
 def diverged(values: Mapping[str, Array], settled: bool) -> Array:
-    """Whether each of a run's last ten estimates is outside its own 1e-6 region (M,), NaN if one is.
+    """Return whether a run's last ten estimates are outside their own 1e-6 regions (M,).
 
     Such a track need not be far from the target to mislead: it will not come back by what it believes.
     It is no lost run, whose error would leave the averages: an overconfident filter is not to be better

@@ -100,7 +100,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _timeline(self) -> Timeline:
-        """Every step, those that a start uses up included."""
+        """Return every step, those that a start uses up included."""
         if self._own_timeline is None:
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._own_timeline)
@@ -111,22 +111,22 @@ class Tracking(Scenario):
 
     @property
     def _skipped(self) -> int:
-        """Steps before that of the first state."""
+        """Return the steps before that of the first state."""
         return max(0, self.start.scans - 1)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Components of the truth, which every filter estimates."""
+        """Return components of the truth, which every filter estimates."""
         return self.target.components
 
     @cached_property
     def true_sensor(self) -> Sensors:
-        """The sensor, or all of them as one."""
+        """Return the sensor, or all of them as one."""
         return together(self.sensor)
 
     @cached_property
     def model(self) -> Model:
-        """Motion and sensor that filters assume. Raises InvalidKeyError if no motion is known."""
+        """Return motion and sensor of the filter model; raises InvalidKeyError without a motion."""
         motion = self.assume.motion or self.target.own_motion
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
@@ -141,24 +141,24 @@ class Tracking(Scenario):
         return Model(sampled, sensor)
 
     def _sampled(self, motion: Motion) -> SampledMotion:
-        """The motion from step to step."""
+        """Return the motion from step to step."""
         line, axes = self._timeline, self.target.axes
         if line.equal:
             return motion.sampled(line.T, axes)
         return Irregular(motion, axes, int(line.steps[1]), fixed(np.diff(line.times)))
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
-        """The same scenario as a filter that assumes this sees it."""
+        """Return the scenario with a filter's assumptions."""
         return replace(self, assume=assume.over(self.assume))
 
     @cached_property
     def without_scoring(self) -> "Tracking":
-        """Without what errors are reduced to: steps, windows, limits."""
+        """Return the scenario without scored steps, windows and limits."""
         return replace(self, score=Score(marginals=self.score.marginals))
 
     @property
     def prior_type(self) -> type[Distribution]:
-        """The class of the prior."""
+        """Return the class of the prior."""
         return self.start.prior_type(self.true_sensor)
 
     @cached_property
@@ -168,24 +168,24 @@ class Tracking(Scenario):
 
     @property
     def training(self) -> "Tracking | None":
-        """Recorded data up to where they are scored, if they are to be tuned on."""
+        """Return the recorded data up to where they are scored, if they are to be tuned on."""
         if self._trained is None:
             return None
         return replace(self, last=self._trained, score=self.score.of_training(self._trained))
 
     @property
     def steps(self) -> Index:
-        """From the first state's to the last."""
+        """Return the steps from the first state's to the last."""
         return self._timeline.steps[self._skipped :]
 
     @property
     def times(self) -> Array:
-        """Times of the steps, s."""
+        """Return times of the steps, s."""
         return self._timeline.times[self._skipped :]
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """All that is scored, the target's own stretches, and those that the score names."""
+        """Return all that is scored, the target's own stretches, and those that the score names."""
         scored = self.score.scored(self.steps, self._trained)
         out = {"": scored} | self.target.windows(self.times, scored)
         out |= self.score.named(self.steps, scored)
@@ -198,12 +198,12 @@ class Tracking(Scenario):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Sizes of the accelerations of the target's turns, m/s^2."""
+        """Return sizes of the accelerations of the target's turns, m/s^2."""
         return self.target.turns
 
     @cached_property
     def position_sigma(self) -> float | None:
-        """Largest standard deviation of a position that one scan at the first state tells, m.
+        """Return the largest standard deviation of a position that one scan at the first state tells, m.
 
         In space an upper bound of it. None if a scan does not tell the position.
         """
@@ -216,20 +216,20 @@ class Tracking(Scenario):
 
     @property
     def lost_beyond(self) -> float | None:
-        """Error beyond which a run counts as lost, in the unit of the first quantity."""
+        """Return error beyond which a run counts as lost, in the unit of the first quantity."""
         if self.score.lost_sigmas is None or self.position_sigma is None:
             return self.score.lost_beyond
         return self.score.lost_sigmas * self.position_sigma
 
     @property
     def marginals(self) -> dict[str, tuple[int, ...]]:
-        """Parts of the state with a consistency measure of their own."""
+        """Return parts of the state with a consistency measure of their own."""
         n = len(self.components)
         parts = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
         return {name: parts[name] for name in self.score.marginals}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Truth, the measurements that filters are given, and their prior."""
+        """Return the truth, the measurements that filters are given, and their prior."""
         nominal = start = repeated(self.target.start(self._timeline), runs)
         driven = self.target.own_motion is not None
         if driven:
@@ -246,16 +246,16 @@ class Tracking(Scenario):
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Error vectors by quantity: of the state, and as each sensor would see them."""
+        """Return error vectors by quantity: of the state, and as each sensor would see them."""
         return self.score.errors(self.true_sensor, self.components, mean, truth)
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Functions of the state whose posterior means are scored beside the mean state's own."""
+        """Return functions of the state whose posterior means are scored beside the mean state's own."""
         return self.true_sensor.observables(x)
 
     @property
     def why_no_bound(self) -> str | None:
-        """Why there is no lower bound, if there is none."""
+        """Return the reason why a lower bound is invalid; None if it is valid."""
         if self._own_timeline is not None:
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
@@ -267,7 +267,7 @@ class Tracking(Scenario):
         return self.target.why_no_bound
 
     def bounds(self) -> dict[str, Array]:
-        """Posterior Cramer-Rao bound on every RMSE (K,), along the path without process noise.
+        """Return the posterior Cramer-Rao bound on every RMSE (K,), without process noise.
 
         It starts from the start's covariance at the truth. A measurement that may be missing counts by
         its probability, which leaves a lower bound. Of a path that is flown in every run it bounds a
@@ -291,27 +291,27 @@ class Tracking(Scenario):
 
     @cached_property
     def _motion(self) -> SampledMotion:
-        """What moves the target; one on a path of its own moves by accelerations that may be known."""
+        """Return the target's motion; on a fixed path, accelerations that may be known."""
         own = self.target.own_motion or ConstantVelocity(q=0.0)
         return own.sampled(self.T, self.target.axes)
 
     @property
     def has_truth(self) -> bool:
-        """Whether errors can be measured."""
+        """Return whether errors can be measured."""
         return self.target.has_truth
 
     @property
     def recorded_runs(self) -> int | None:
-        """How many runs there are, if one cannot have as many as one likes."""
+        """Return the number of recorded runs; None for simulated targets."""
         return self.target.recorded_runs
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What was done to the target's data."""
+        """Return notes on changes to the target's data."""
         return self.target.notices
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
+        """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
         if not self.has_truth:
             return {}
         sigma = np.nan if self.position_sigma is None else self.position_sigma

@@ -1,1 +1,1 @@
-"""Tuning: the keys of filters that make a metric small on training runs of their own."""
+"""Tuning: search keys of filters for the smallest metric on separate training runs."""

@@ -1,4 +1,4 @@
-"""tuning.csv: every trial, a row per key; and what it says of the keys."""
+"""tuning.csv: every trial, a row per key, and conclusions about the keys."""
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,7 +23,9 @@ _FAILED = 1 << 30  # as if so many runs were lost: more than any filter loses
 
 
 class Trial(NamedTuple):
-    """Values by key, the objective with its standard error, and lost runs; NaN if the filter failed."""
+    """Values by key, the objective with its standard error, and lost runs; NaN if the filter
+    failed.
+    """
 
     values: Mapping[str, Any]
     objective: float
@@ -32,18 +34,18 @@ class Trial(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any], score: Score | None) -> "Trial":
-        """What came of these values; no score if the filter failed."""
+        """Return the trial of these values; without a score the filter failed."""
         if score is None:
             return cls(values, nan, nan, _FAILED)
         return cls(values, score.value, score.stderr, score.lost)
 
     def rounded(self) -> "Trial":
-        """As tuning.csv has it."""
+        """Return the trial rounded as in tuning.csv."""
         return self._replace(objective=_rounded(self.objective), stderr=_rounded(self.stderr))
 
     @property
     def rank(self) -> tuple[int, float]:
-        """What orders trials: one that loses fewer runs comes first, whatever its error."""
+        """Return the sort key of trials: fewer lost runs first, then the smaller objective."""
         return self.lost, self.objective if isfinite(self.objective) else inf
 
 
@@ -60,18 +62,19 @@ class Record:
 
     @property
     def best(self) -> Trial:
-        """The trial of the smallest rank; of equal ones that which was taken, or the first.
+        """Return the trial of the smallest rank; among equal ones the adopted trial, or the first.
 
-        Read back, objectives may be equal that were not.
+        Objectives that differed before rounding may be equal after reading them from the file.
         """
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
-        """Ends of a key's range, or choices, that are no more than one standard error worse.
+        """Return the ends of a key's range, or the choices, that are at most one standard error
+        worse.
 
         The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
-        their best the objective is taken to be straight between trials; any other trial that is as
-        good widens the range. Beyond the trials nothing is known.
+        their best, the objective is interpolated linearly between trials; any other trial as good
+        widens the range. Values outside the trials are left out.
         """
         best = self.best
         limit = best.objective + (best.stderr if isfinite(best.stderr) else 0.0)
@@ -91,14 +94,16 @@ class Record:
         ]
 
     def beside(self, axis: Axis) -> list[Trial]:
-        """Trials that differ from the best in this key at most, and lose as many runs."""
+        """Return the trials that differ from the best in at most this key and lose as many runs."""
         best = self.best
         others = [a.key for a in self.axes if a != axis]
         same = [t for t in self.trials if all(t.values[k] == best.values[k] for k in others)]
         return [t for t in same if t.lost == best.lost]
 
     def remarks(self, runs: int) -> Iterator[str]:
-        """What should be known of what was found: lost runs, keys at an end, keys of no effect."""
+        """Yield remarks on the result: lost runs, keys at an end of their range, keys without
+        effect.
+        """
         best = self.best
         if not isfinite(best.objective):
             yield "no value that was tried keeps a single training run"
@@ -141,7 +146,7 @@ def read_tuning(
     tune: Mapping[str, Mapping[str, Any]],
     taken: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> dict[str, Record]:
-    """What `write_tuning` wrote, of the filters that a config tunes, by label.
+    """Read the records of the filters that a config tunes, by label.
 
     ``taken`` are the values of these keys that the config's tuned filters have.
     """
@@ -165,7 +170,7 @@ def _trial(rows: list[dict[str, str]]) -> Trial:
 
 
 def _reach(line: list[tuple[float, float]], limit: float) -> float:
-    """How far from the first point of a line (share, objective) the objective stays below the limit."""
+    """Return how far from the first point of a line (share, objective) it stays below the limit."""
     reached, height = line[0]
     for x, y in line[1:]:
         if not y <= limit:
@@ -180,6 +185,6 @@ def _rounded(x: float) -> float:
 
 
 def _shares(axis: Axis, values: Iterable[Any]) -> tuple[float, float]:
-    """The least and the largest share."""
+    """Return the least and the largest share."""
     shares = [axis.share(value) or 0.0 for value in values]
     return min(shares), max(shares)

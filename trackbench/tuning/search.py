@@ -1,8 +1,9 @@
-"""Which values are tried next: a few all over, scipy's simplex from the best of them, a look around.
+"""Search of a filter's keys: evenly spread points, a Nelder-Mead simplex from the best, then
+neighbors.
 
-A search hangs on the ranks it is told and on nothing else, so it comes out the same for any number of
-workers. Nelder and Mead's simplex compares ranks and does not reckon with them: runs that are lost, and
-objectives that particles make rough, do not mislead it. How it was chosen is in docs/tuning.md.
+The search depends on the ranks of trials only, so its result is the same for any number of
+workers. Nelder and Mead's simplex compares ranks without computing with them: lost runs and
+objectives made rough by particles do not mislead it. docs/tuning.md explains the choice.
 """
 
 from collections.abc import Generator, Iterable, Mapping, Sequence
@@ -40,12 +41,12 @@ _LOST = 1e12  # what a lost run counts: more than any objective
 
 
 def looked_around(axes: Sequence[Axis], budget: int) -> int:
-    """How much of the budget is kept back from the simplex for the look around."""
+    """Return the part of the budget that is reserved for the neighbors of the best trial."""
     return min(len(_AROUND) * sum(not axis.choices for axis in axes), budget // 3)
 
 
 class Search:
-    """At most ``budget`` values of the axes, beginning with those at the shares ``start``."""
+    """Search of at most ``budget`` values of the axes that begins at the shares ``start``."""
 
     def __init__(self, axes: Sequence[Axis], start: Shares, budget: int) -> None:
         self.ranks: dict[Values, Rank] = {}
@@ -56,11 +57,13 @@ class Search:
 
     @property
     def best(self) -> Values:
-        """The values of the smallest rank; of equal ones the first."""
+        """Return the values of the smallest rank; among equal ones the first."""
         return min(self.ranks, key=lambda values: self.ranks[values])
 
     def run(self) -> Asking:
-        """Choices at the start's numbers, numbers at the best choice, a look around, choices again."""
+        """Try choices at the start's numbers, numbers at the best choice, neighbors, then
+        choices again.
+        """
         yield from self._ask([self._start, *self._with_each_choice(self._start)])
         if self._numbers:
             yield from self._ask(self._all_over(self._places[self.best]))
@@ -69,7 +72,7 @@ class Search:
             yield from self._ask(self._with_each_choice(self._places[self.best]))
 
     def _ask(self, places: Iterable[Shares]) -> Asking:
-        """The values at these places that are not known yet, as far as the budget goes."""
+        """Yield the unknown values at these places within the budget."""
         new: dict[Values, Shares] = {}
         for place in places:
             values = self._values(place)
@@ -85,7 +88,7 @@ class Search:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
-        """The place with every combination of choices; of many, each changed alone."""
+        """Return the place with every combination of choices; with many, each changed alone."""
         axes = [(i, len(axis.choices)) for i, axis in enumerate(self._axes) if axis.choices]
         combinations = int(np.prod([n for _, n in axes]))
         each = [{i: (k + 0.5) / n} for i, n in axes for k in range(n)]
@@ -95,13 +98,15 @@ class Search:
         return [tuple(c.get(i, s) for i, s in enumerate(place)) for c in each]
 
     def _all_over(self, place: Shares) -> list[Shares]:
-        """Points that lie evenly however many there are: multiples of the ratio's powers, modulo one."""
+        """Return evenly spread points: multiples of powers of the generalized golden ratio,
+        modulo one.
+        """
         d = len(self._numbers)
         steps = np.cumprod(np.full(d, 1.0 / _RATIOS[d - 1]))
         return [self._at(place, (0.5 + n * steps) % 1.0) for n in range(1, _ALL_OVER * d + 1)]
 
     def _simplex(self, place: Shares) -> Asking:
-        """Replayed from the first corner after each answer: scipy is not asked to wait."""
+        """Run the simplex, replayed from its first corner after each answer."""
         corners = [np.array([place[i] for i in self._numbers])]
         for n, i in enumerate(self._numbers):
             corner = corners[0].copy()
@@ -116,7 +121,7 @@ class Search:
             yield from self._ask([wanted])
 
     def _next_corner(self, place: Shares, corners: Array) -> Shares | None:
-        """Where the simplex goes that is not known yet; None if it has come together."""
+        """Return the next unknown point of the simplex, or None if it has converged."""
         from scipy.optimize import minimize
 
         def rank(x: Array) -> float:
@@ -135,12 +140,14 @@ class Search:
         return None
 
     def _at(self, place: Shares, numbers: Array) -> Shares:
-        """The place with other shares of the axes of numbers."""
+        """Return the place with other shares of the numeric axes."""
         changed = dict(zip(self._numbers, numbers.tolist(), strict=True))
         return tuple(changed.get(i, share) for i, share in enumerate(place))
 
     def _look_around(self) -> Asking:
-        """Along each key by itself from the best, so that its range can be told; near by, then far."""
+        """Vary each key alone around the best, near then far, so that its good range becomes
+        known.
+        """
         near = sorted(_AROUND, key=abs)
         for pair in zip(near[::2], near[1::2], strict=True):
             place, places = self._places[self.best], []
@@ -152,7 +159,7 @@ class Search:
 
 
 class _UnknownError(Exception):
-    """A place whose rank is not known yet."""
+    """Request for a point whose rank is unknown."""
 
     def __init__(self, place: Shares) -> None:
         super().__init__()

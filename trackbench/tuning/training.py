@@ -1,4 +1,4 @@
-"""What a filter is tuned on: blocks of training runs, and the metric they are scored by."""
+"""Training runs of a filter, and the metric that scores its trials."""
 
 from collections.abc import Iterator, Mapping
 from math import ceil
@@ -33,13 +33,15 @@ class Training:
 
     @property
     def start(self) -> Shares:
-        """Where the config's own values lie; the middle where they lie nowhere."""
+        """Return the shares of the config's own values; the middle for values outside the axes."""
         given = given_values(self._experiment, self._label)
         shares = (axis.share(given.get(axis.key)) for axis in self.axes)
         return tuple(0.5 if share is None else share for share in shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """The blocks of a trial, as few as its particles allow; none if there is no such filter."""
+        """Return the blocks of a trial, as few as its particles allow; none if the filter is
+        invalid.
+        """
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = make_trial(self._experiment.source, self._point, self._label, chosen)
@@ -48,7 +50,9 @@ class Training:
         return [self._block(trial, i) for i in range(self._blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
-        """Of a trial's values per run; raises UserError if the metric is not among them."""
+        """Return the score of a trial's values per run; raises UserError if the metric is
+        missing.
+        """
         for name in self.objective.metrics:
             if name not in per_run:  # of recorded data it is not known beforehand what there is
                 what = f"{self._label} has no {name!r} here"
@@ -63,7 +67,7 @@ class Training:
         return asked if isinstance(asked, int) else block_width(trial.filter, self._scenario)
 
     def _block(self, trial: Trial, number: int) -> BlockTask:
-        """All blocks but the last are full, and none is wider than it has to be."""
+        """Return a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))
         measured = any(name.startswith("distance") for name in self.objective.metrics)
@@ -82,7 +86,7 @@ class Training:
 
 
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """The values of a filter's own keys by path, presets and defaults filled in."""
+    """Return the values of a filter's own keys by path, with presets and defaults."""
     point = experiment.points[0]
     config = as_config((point.filters | experiment.left_out)[label])
     if label in point.assumed:

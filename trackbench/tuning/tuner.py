@@ -1,7 +1,8 @@
-"""Tune the filters of an experiment: each search's trials become blocks of training runs in one queue.
+"""Tune the filters of an experiment: trials of all searches are blocks of training runs in one
+queue.
 
-Searches do not wait for each other, and a trial is scored when its last block is there, from the
-blocks in their order; so what is found does not hang on workers, interruptions or the other filters.
+Searches run independently, and a trial is scored when its last block is complete, from the
+blocks in their order. So the result does not depend on workers, interruptions or other filters.
 """
 
 from contextlib import closing
@@ -27,9 +28,9 @@ def tune(
     fresh: bool = False,
     progress: bool = True,
 ) -> dict[str, Record]:
-    """Search the keys of every filter that is tuned; finished blocks are kept in the store.
+    """Search the keys of every tuned filter and store finished blocks.
 
-    With ``fresh`` none of an earlier run is taken. A trial whose filter raises is the worst there is.
+    ``fresh`` ignores earlier blocks. A trial whose filter raises ranks last.
     """
     store.prepare()
     queue = Queue(workers)
@@ -57,7 +58,7 @@ def tune(
 
 
 class _SessionBlocks:
-    """The store's blocks, or only those of this session."""
+    """View of the store, or only of the blocks of this session."""
 
     def __init__(self, store: BlockStore, fresh: bool) -> None:
         self._store, self._fresh = store, fresh
@@ -72,7 +73,7 @@ class _SessionBlocks:
 
 
 class _Tuner:
-    """One filter's search, and the blocks that it waits for."""
+    """Search of one filter with the blocks that it waits for."""
 
     def __init__(self, experiment: Experiment, label: str, kept: _SessionBlocks) -> None:
         self.label, self.budget = label, experiment.settings.tuning.evaluations
@@ -87,7 +88,7 @@ class _Tuner:
         self._ask(next(self._asking))
 
     def advance(self) -> int:
-        """Go on as far as the blocks that are there allow; returns how many trials that were."""
+        """Continue as far as finished blocks allow; return the number of scored trials."""
         before = len(self.record.trials)
         while self._asked and not self.missing:
             found = {values: self._trial(values, tasks) for values, tasks in self._asked.items()}
@@ -103,7 +104,7 @@ class _Tuner:
         return len(self.record.trials) - before
 
     def tell(self, task: BlockTask, result: BlockResult | None) -> None:
-        """What came of a block; nothing, if its filter failed."""
+        """Record the results of a block, or that its filter failed."""
         if task in self.missing:
             self.missing.remove(task)
             self._there[task] = result
@@ -122,7 +123,7 @@ class _Tuner:
         return Trial.of(dict(zip(keys, values, strict=True)), self._score(tasks))
 
     def _score(self, tasks: list[BlockTask]) -> Score | None:
-        """Of a trial's blocks in their order; nothing without a filter, or if it failed."""
+        """Return the score of a trial's blocks; None for an invalid or failed filter."""
         there = [block for block in map(self._there.get, tasks) if block is not None]
         if not tasks or len(there) < len(tasks):
             return None

@@ -22,38 +22,38 @@ class Irregular:
     intervals: Array
 
     def over(self, k: int) -> SampledMotion:
-        """The motion from step k - 1 to step k."""
+        """Return the motion from step k - 1 to step k."""
         return self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
 
     def transition(self, x: Array, k: int) -> Distribution:
-        """The distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+        """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
         return self.over(k).transition(x, k)
 
     @property
     def jacobian(self) -> Callable[[Array, int], Array]:
-        """d E[x_k] / d x_{k-1}, a function of x and k. AttributeError if the motion has none."""
+        """Return d E[x_k] / d x_{k-1}, a function of x and k. AttributeError if the motion has none."""
         self._one.jacobian  # type: ignore[attr-defined]  # noqa: B018
         return self._jacobian
 
     @property
     def linear(self) -> bool:
-        """True. AttributeError if the motion is not linear."""
+        """Return the true. AttributeError if the motion is not linear."""
         self._one.F  # type: ignore[attr-defined]  # noqa: B018
         return True
 
     @property
     def Q(self) -> Array:
-        """Covariance (n, n) of the noise over the first interval, which is singular if all are."""
+        """Return the noise covariance (n, n) of the first interval; singular if all are."""
         return self._one.Q  # type: ignore[attr-defined]
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the state's components, in order."""
+        """Return names of the state's components, in order."""
         return self._one.components
 
     @property
     def extra_std(self) -> tuple[float, ...]:
-        """See `trackbench.models.base.extra_std`."""
+        """Return the see `trackbench.models.base.extra_std`."""
         return extra_std(self._one)
 
     @cached_property
@@ -65,7 +65,7 @@ class Irregular:
 
 
 def alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """The motion over the intervals, and along the axes, of another."""
+    """Return the motion over the intervals, and along the axes, of another."""
     if isinstance(other, Irregular):
         return Irregular(motion, other.axes, other.first, other.intervals)
     axes = (len(other.components) - len(extra_std(other))) // 2

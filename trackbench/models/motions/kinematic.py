@@ -34,13 +34,13 @@ class PerAxis(Motion):
     """Base of the motions whose axes do not couple."""
 
     def axis(self, T: float) -> Axis:
-        """F and Q of one axis over T seconds."""
+        """Return the F and Q of one axis over T seconds."""
         raise NotImplementedError
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     @np.errstate(all="ignore")  # runs that leave the numbers are counted, not warned about
     def sampled(self, T: float, axes: int = 2) -> Linear:
-        """The motion along so many axes over T seconds; accelerations come after all else."""
+        """Return the motion along so many axes over T seconds; accelerations come after all else."""
         axis = self.axis(T)
         n = len(axis.F)
         order = [n * a + i for a in range(axes) for i in range(2)]
@@ -53,7 +53,7 @@ class PerAxis(Motion):
 
     @property
     def acceleration_std(self) -> float:
-        """Standard deviation of an acceleration of which nothing is known, m/s^2, if it has any."""
+        """Return the deviation of an acceleration without measurement, m/s^2, if it has any."""
         return 0.0
 
 
@@ -75,7 +75,7 @@ class ConstantVelocity(PerAxis):
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """F and Q of one axis (position, velocity)."""
+        """Return the F and Q of one axis (position, velocity)."""
         G = np.array([T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
 
@@ -99,7 +99,7 @@ class ConstantAcceleration(PerAxis):
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """F and Q of one axis (position, velocity, acceleration)."""
+        """Return the F and Q of one axis (position, velocity, acceleration)."""
         standard = self.noise_gain == "standard"
         G = np.array([T * T / 2, T, 1.0] if standard else [T * T / 4, T / 2, 1.0])
         F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
@@ -107,7 +107,7 @@ class ConstantAcceleration(PerAxis):
 
     @property
     def acceleration_std(self) -> float:
-        """``initial_std``."""
+        """Return ``initial_std``."""
         return self.initial_std
 
 
@@ -121,7 +121,7 @@ class WhiteAcceleration(PerAxis):
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
+        """Return the F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
         Q = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(Q))
 
@@ -141,7 +141,7 @@ class Singer(PerAxis):
 
     @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """F and Q of one axis (position, velocity, acceleration).
+        """Return the F and Q of one axis (position, velocity, acceleration).
 
         Over a short interval by their series, then doubled: the closed form loses its digits where T is
         short beside tau.
@@ -156,7 +156,7 @@ class Singer(PerAxis):
         return Axis(fixed(F), fixed(Q))
 
     def _short(self, h: float) -> tuple[Array, Array]:
-        """F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) what an acceleration has done after s."""
+        """Return F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) the effect of an acceleration."""
         fading = [1.0]
         for n in range(1, _TERMS):
             fading.append(fading[-1] * -1.0 / (n * self.tau))
@@ -170,12 +170,12 @@ class Singer(PerAxis):
 
     @property
     def acceleration_std(self) -> float:
-        """Its own."""
+        """Return the deviation of the motion's acceleration."""
         return self.sigma
 
 
 def _integrated(p: list[float]) -> list[float]:
-    """Coefficients of a polynomial's integral from zero."""
+    """Return coefficients of a polynomial's integral from zero."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 

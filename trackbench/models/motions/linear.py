@@ -23,16 +23,16 @@ class Linear:
     extra_std: tuple[float, ...] = ()
 
     def transition(self, x: Array, k: int) -> Gaussian:
-        """N(F x, Q)."""
+        """Return N(F x, Q)."""
         return Gaussian(linalg.matvec(self.F, x), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """F."""
+        """Return the F."""
         return self.F
 
     @property
     def alike_axes(self) -> tuple[Array, Array]:
-        """F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy), the same along x and y.
+        """Return F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy).
 
         Raises AttributeError for any other motion.
         """

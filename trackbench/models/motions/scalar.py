@@ -39,7 +39,7 @@ class SineGamma(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> "MerweMotion":
-        """The motion from one step to the next, whatever their distance in time."""
+        """Return the motion from one step to the next, whatever their distance in time."""
         noise = Gamma(self.gamma_shape, self.gamma_rate)
         return MerweMotion(self.w, self.phi1, noise, 0 if self.sine_index == "new" else 1)
 
@@ -56,7 +56,7 @@ class Autoregressive(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> Linear:
-        """The motion from one step to the next, whatever their distance in time."""
+        """Return the motion from one step to the next, whatever their distance in time."""
         return Linear(T, fixed(np.array([[self.phi]])), fixed(np.array([[self.q]])), ("x",))
 
 
@@ -72,16 +72,16 @@ class MerweMotion:
     extra_std: ClassVar[tuple[float, ...]] = ()
 
     def transition(self, x: Array, k: int) -> Shifted:
-        """Gamma noise around ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
+        """Return the Gamma noise around ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
         drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
         return Shifted(self.noise, self.phi1 * x + drive)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """phi1 (1, 1)."""
+        """Return phi1 (1, 1)."""
         return np.array([[self.phi1]])
 
     def support(self, low: Array, high: Array, k: int) -> Interval:
-        """Where x_k can be if x_{k-1} lies between low and high (M,): ends (M,)."""
+        """Return the interval of x_k for x_{k-1} between low and high (M,)."""
         from scipy.special import gammainccinv
 
         # In whole parts of the scale: the library's last bit is not to show.
@@ -90,7 +90,7 @@ class MerweMotion:
         return np.minimum(*ends), np.maximum(*ends) + longest
 
     def origins(self, x: Array, k: int) -> Interval:
-        """The interval of x_{k-1} from which x_k = x can be reached: the noise is positive."""
+        """Return the interval of x_{k-1} from which x_k = x can be reached: the noise is positive."""
         everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
         if self.phi1 == 0.0 or not self.noise.smooth:
             return everywhere

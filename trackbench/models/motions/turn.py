@@ -30,7 +30,7 @@ class CoordinatedTurn(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> Linear:
-        """The motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line."""
+        """Return the motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line."""
         _check_planar(axes)
         straight = ConstantVelocity(q=self.q).sampled(T)
         w = np.deg2rad(self.turn_rate_deg_s)
@@ -66,7 +66,7 @@ class UnknownTurn(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> "Turning":
-        """The motion over T seconds."""
+        """Return the motion over T seconds."""
         _check_planar(axes)
         walk = np.deg2rad(self.turn_walk_deg_s)
         Q = np.zeros((5, 5))
@@ -85,11 +85,11 @@ class Turning:
     components: ClassVar[tuple[str, ...]] = (*moving(2), "turn_rate")
 
     def transition(self, x: Array, k: int) -> Gaussian:
-        """N(f(x), Q) for x (5, *batch)."""
+        """Return N(f(x), Q) for x (5, *batch)."""
         return Gaussian(np.stack([*turned(x[:4], x[4], self.T), x[4]]), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """df/dx (5, 5, *batch)."""
+        """Return df/dx (5, 5, *batch)."""
         _, vx, _, vy, w = x
         T, (along, across, c, s) = self.T, arc(w, self.T)
         F = np.zeros((5, *x.shape))
@@ -110,7 +110,7 @@ class Turning:
 
 
 def turned(x: Array, w: Array, T: Array | float) -> list[Array]:
-    """(px, vx, py, vy) of planar states x (4, *batch) after T seconds at w rad/s (eq. 11.7.1-4)."""
+    """Return (px, vx, py, vy) of states x (4, *batch) T seconds later at w rad/s (eq. 11.7.1-4)."""
     px, vx, py, vy = x
     along, across, c, s = arc(w, T)
     return [
@@ -122,7 +122,7 @@ def turned(x: Array, w: Array, T: Array | float) -> list[Array]:
 
 
 def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
-    """``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
+    """Return ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
     u = w * T
     c, s = cos_sin(u)
     half = _sinc(0.5 * u)
@@ -130,13 +130,13 @@ def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
 
 
 def _sinc(u: Array) -> Array:
-    """``sin(u) / u``."""
+    """Return ``sin(u) / u``."""
     at_zero = np.abs(u) < 1e-8
     return np.where(at_zero, 1.0, cos_sin(u)[1] / np.where(at_zero, 1.0, u))
 
 
 def _sinc_slope(u: Array) -> Array:
-    """Derivative of ``sin(u) / u``; by its series where the closed form loses its digits."""
+    """Return the derivative of ``sin(u) / u``; by its series where the closed form loses its digits."""
     near, square = np.abs(u) < 0.1, u * u
     series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
     apart = np.where(near, 1.0, u)

@@ -1,4 +1,4 @@
-"""What sensors of directions and distances share: where they stand, and angles that have a cut."""
+"""Base of sensors of directions and distances: platform, and angles that wrap."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Platform:
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Position at step k, m."""
+        """Return the position at step k, m."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
             end = min(n, len(self.steps) - 1)
@@ -64,18 +64,18 @@ class Looking(Measuring):
 
     @property
     def at_origin(self) -> bool:
-        """Whether coordinates as seen from the sensor are the state's own."""
+        """Return whether coordinates as seen from the sensor are the state's own."""
         return self.platform is None and not any(self.at)
 
     def seen_from_here(self, x: Array, k: int) -> list[Array]:
-        """Position (*batch) along each axis as seen from the sensor, of states x (n, *batch)."""
+        """Return the position (*batch) per axis relative to the sensor, of states x (n, *batch)."""
         seen = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return seen
         return [p - own for p, own in zip(seen, self._place(k), strict=True)]
 
     def from_here(self, position: Array, k: int) -> Array:
-        """Positions (axes, M) as seen from the sensor, in the coordinates of the state."""
+        """Return positions (axes, M) as seen from the sensor, in the coordinates of the state."""
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self._place(k)), 1)
@@ -84,7 +84,7 @@ class Looking(Measuring):
         return self.platform.place(k) if self.platform is not None else self.at
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """``z - z_pred`` with angles wrapped to (-pi, pi]."""
+        """Return ``z - z_pred`` with angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i in self.angles:
             nu[i] = wrapped(nu[i])
@@ -92,7 +92,7 @@ class Looking(Measuring):
 
 
 def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
-    """Range of positions (M, N), and their coordinates across and along the line at an azimuth (M,)."""
+    """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
     c, s = (wave[:, None] for wave in cos_sin(azimuth))
     along, across = c * px, c * py
     along += s * py
@@ -103,14 +103,14 @@ def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Arra
 
 
 def wrapped(angle: Array) -> Array:
-    """The angle in (-pi, pi]; nothing is computed if none is outside."""
+    """Return the angle in (-pi, pi]; nothing is computed if none is outside."""
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
     return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))
 
 
 def distance(px: Array, py: Array) -> Array:
-    """``sqrt(px^2 + py^2)``."""
+    """Return ``sqrt(px^2 + py^2)``."""
     square = px * px
     square += py * py
     return np.sqrt(square, out=square)

@@ -1,4 +1,4 @@
-"""What all sensors share: when they measure, and what their errors are that no filter is told of."""
+"""Base of all sensors: measurement times, and errors that filters do not model."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -59,14 +59,14 @@ class Measuring(Part):
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """The distribution of z_k given x_k = x (n_x, *batch), as a filter assumes it."""
+        """Return the distribution of z_k given x_k = x (n_x, *batch), as a filter assumes it."""
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
+        """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
         return z - z_pred
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
+        """Return d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
         columns = []
         for i, value in enumerate(x):
             h = _STEP * np.maximum(np.abs(value), 1.0)
@@ -78,19 +78,19 @@ class Measuring(Part):
         return np.stack(columns, axis=1)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Errors (d, *batch) by quantity in the sensor's own coordinates, from states (n_x, *batch)."""
+        """Return errors (d, *batch) by quantity in the sensor's coordinates."""
         return {}
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
-        """Mean squared errors (K,) of these quantities, of covariances P (n_x, n_x, K) at states x."""
+        """Return mean squared errors (K,) by quantity, of covariances P (n_x, n_x, K) at x."""
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Functions (*batch) of the state whose posterior means are worth scoring."""
+        """Return functions (*batch) of the state whose posterior means are worth scoring."""
         return {}
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """``H' R^-1 H`` (n_x, n_x) of a measurement of the state x (n_x,) at step k.
+        """Return ``H' R^-1 H`` (n_x, n_x) of a measurement of the state x (n_x,) at step k.
 
         By the probability that there is one, unless it is ``certain``.
         """
@@ -104,7 +104,7 @@ class Measuring(Part):
     def observed(
         self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False
     ) -> Array:
-        """A measurement (n_z, M) of true states x (n_x, M or 1) by standard normal noise (n_z, M).
+        """Return measurements (n_z, M) of true states x (n_x, M or 1) from normal noise (n_z, M).
 
         NaN where there is none, unless it is ``certain`` that there is.
         """
@@ -120,7 +120,7 @@ class Measuring(Part):
         return z
 
     def drawn(self, x: Array, k: int, noise: Array) -> Array:
-        """What is measured (n_z, M) of true states x by an error of standard normal noise (n_z, M)."""
+        """Draw measurements (n_z, M) of true states x from standard normal noise (n_z, M)."""
         seen = self.measurement(x, k)
         z = linalg.matvec(linalg.root(seen.cov), noise)
         z += seen.mean
@@ -128,7 +128,7 @@ class Measuring(Part):
 
     @staticmethod
     def _stretch(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """How many times larger (M,) the errors are: t is normal over the root of a mean square."""
+        """Return the factor (M,) on the errors: Student's t is normal over the root of a mean square."""
         stretch = np.ones(runs)
         if outliers.degrees is not None:
             squares = np.square(rng.standard_normal((outliers.degrees, runs)))

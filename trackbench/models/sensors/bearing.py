@@ -27,16 +27,16 @@ class Bearing(Looking):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (1, 1), rad^2."""
+        """Return the noise covariance (1, 1), rad^2."""
         return fixed(np.array([[1e-6 * self.sigma_mrad * self.sigma_mrad]]))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N(azimuth, R) for x (n, *batch)."""
+        """Return N(azimuth, R) for x (n, *batch)."""
         px, py = self.seen_from_here(x, k)
         return Gaussian(arctan2(py, px)[None], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d(azimuth)/dx (1, n, *batch)."""
+        """Return d(azimuth)/dx (1, n, *batch)."""
         px, py = self.seen_from_here(x, k)
         square = px * px + py * py
         H = np.zeros((1, *x.shape))

@@ -33,17 +33,17 @@ class RangeAzimuthDoppler(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (3, 3)."""
+        """Return the noise covariance (3, 3)."""
         sigma = [self.sigma_range, self.sigma_azimuth, self.sigma_range_rate]
         return fixed(np.diag(np.square(sigma)))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N((range, azimuth, range rate), R) for x (n, *batch)."""
+        """Return N((range, azimuth, range rate), R) for x (n, *batch)."""
         r, a = self.polar(x, k)
         return Gaussian(np.stack([r, a, self._closing(x, k) / r]), self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d(range, azimuth, range rate)/dx (3, n, *batch)."""
+        """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
         (px, py), r = self.seen_from_here(x, k), self.range(x, k)
         rate = self._closing(x, k) / r
         H = np.zeros((3, *x.shape))

@@ -38,12 +38,12 @@ class RangeAzimuthElevation(Looking):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (3, 3)."""
+        """Return the noise covariance (3, 3)."""
         angles = 1e-3 * self.sigma_azimuth_mrad, 1e-3 * self.sigma_elevation_mrad
         return fixed(np.diag(np.square([self.sigma_range, *angles])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N((range, azimuth, elevation), R) for x (n, *batch)."""
+        """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
         px, py, pz = self.seen_from_here(x, k)
         ground = distance(px, py)
         return Gaussian(
@@ -51,7 +51,7 @@ class RangeAzimuthElevation(Looking):
         )
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d(range, azimuth, elevation)/dx (3, n, *batch)."""
+        """Return d(range, azimuth, elevation)/dx (3, n, *batch)."""
         px, py, pz = self.seen_from_here(x, k)
         ground = distance(px, py)
         r = distance(ground, pz)
@@ -63,7 +63,7 @@ class RangeAzimuthElevation(Looking):
         return H
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """The Cartesian position (3, M) of a measurement, its covariance (3, 3, M) to first order."""
+        """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
         r, a, e = z
         (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
         position = np.stack([r * ce * ca, r * ce * sa, r * se])

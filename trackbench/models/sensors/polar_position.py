@@ -27,21 +27,21 @@ class PolarPosition(Radar):
     angles: ClassVar[tuple[int, ...]] = ()
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N(position, R(x)) for x (n, *batch)."""
+        """Return N(position, R(x)) for x (n, *batch)."""
         return Gaussian(x[0:4:2], ccm(self._reading(self.polar(x, k))).cov)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d(x, y)/dx (2, n)."""
+        """Return d(x, y)/dx (2, n)."""
         return selection(0, 4, 2, len(x))
 
     def drawn(self, x: Array, k: int, noise: Array) -> Array:
-        """Range and azimuth with their errors, as a position."""
+        """Return the range and azimuth with their errors, as a position."""
         r, a = self.polar(x, k)
         seen = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
         return self.from_here(seen, k)
 
     def located(self, z: Array, k: int, conversion: Conversion = "ccm") -> Gaussian:
-        """The measured position, and its covariance (2, 2, M) there."""
+        """Return the measured position, and its covariance (2, 2, M) there."""
         state = np.zeros((4, *z.shape[1:]))
         state[0::2] = z
         return Gaussian(z, self.measurement(state, k).cov)

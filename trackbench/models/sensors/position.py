@@ -22,19 +22,19 @@ class LinearSensor(Measuring):
 
     @property
     def R(self) -> Array:
-        """Noise covariance (n_z, n_z)."""
+        """Return the noise covariance (n_z, n_z)."""
         raise NotImplementedError
 
     def H(self, n: int = 4) -> Array:
-        """Measurement matrix (n_z, n) for a state of n components."""
+        """Return the measurement matrix (n_z, n) for a state of n components."""
         return selection(self.places.start, self.places.stop, self.places.step, n)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N(H x, R) for x (n, *batch)."""
+        """Return N(H x, R) for x (n, *batch)."""
         return Gaussian(x[self.places], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """H (n_z, n)."""
+        """Return the H (n_z, n)."""
         return self.H(len(x))
 
 
@@ -49,15 +49,15 @@ class Positions(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (axes, axes), m^2."""
+        """Return the noise covariance (axes, axes), m^2."""
         return fixed(self.sigma * self.sigma * np.eye(self.axes))
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """The position that a measurement gives: itself."""
+        """Return the position that a measurement gives: itself."""
         return Gaussian(z, self.R)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Signed errors (1, *batch) along each axis."""
+        """Return signed errors (1, *batch) along each axis."""
         e = (mean - truth)[self.places]
         return {name: e[i : i + 1] for i, name in enumerate(self.components)}
 
@@ -73,7 +73,7 @@ class PositionSensor(Positions):
 
     @property
     def per_axis(self) -> Array:
-        """Variance (1, 1) along each axis, for filters that treat the axes apart."""
+        """Return the variance (1, 1) along each axis, for filters that treat the axes apart."""
         return np.array([[self.sigma * self.sigma]])
 
 
@@ -103,16 +103,16 @@ class PositionVelocity(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (4, 4)."""
+        """Return the noise covariance (4, 4)."""
         both = np.square([self.sigma, self.sigma_velocity])
         return fixed(np.diag(np.tile(both, 2)))
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """The measured position."""
+        """Return the measured position."""
         return Gaussian(z[0::2], self.R[0::2, 0::2])
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Signed errors (1, *batch) of the positions."""
+        """Return signed errors (1, *batch) of the positions."""
         return {name: (mean - truth)[i : i + 1] for name, i in (("x", 0), ("y", 2))}
 
 
@@ -129,11 +129,11 @@ class VelocitySensor(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (2, 2), (m/s)^2."""
+        """Return the noise covariance (2, 2), (m/s)^2."""
         return fixed(self.sigma * self.sigma * np.eye(2))
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Signed errors (1, *batch) along each axis."""
+        """Return signed errors (1, *batch) along each axis."""
         return {name: (mean - truth)[i : i + 1] for name, i in (("vx", 1), ("vy", 3))}
 
 
@@ -150,11 +150,11 @@ class ScalarSensor(LinearSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (1, 1)."""
+        """Return the noise covariance (1, 1)."""
         return fixed(np.array([[self.sigma * self.sigma]]))
 
 
 @cache
 def selection(start: int, stop: int, step: int, n: int) -> Array:
-    """The rows (n_z, n) of a unit matrix that pick out some of the components."""
+    """Return the rows (n_z, n) of a unit matrix that pick out some of the components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

@@ -29,20 +29,20 @@ class Radar(Looking):
 
     @property
     def sigma_azimuth(self) -> float:
-        """Standard deviation of the azimuth, rad."""
+        """Return the standard deviation of the azimuth, rad."""
         return 1e-3 * self.sigma_azimuth_mrad
 
     def polar(self, x: Array, k: int = 0) -> Array:
-        """Range and azimuth (2, *batch) of states x (n, *batch)."""
+        """Return the range and azimuth (2, *batch) of states x (n, *batch)."""
         px, py = self.seen_from_here(x, k)
         return np.stack([distance(px, py), arctan2(py, px)])
 
     def range(self, x: Array, k: int = 0) -> Array:
-        """Range (*batch) of states x (n, *batch)."""
+        """Return the range (*batch) of states x (n, *batch)."""
         return distance(*self.seen_from_here(x, k))
 
     def polar_jacobian(self, x: Array, k: int = 0) -> Array:
-        """d(range, azimuth)/dx (2, n, *batch)."""
+        """Return d(range, azimuth)/dx (2, n, *batch)."""
         px, py = self.seen_from_here(x, k)
         square = px * px + py * py
         r = np.sqrt(square)
@@ -52,16 +52,16 @@ class Radar(Looking):
         return H
 
     def _reading(self, z: Array) -> Polar:
-        """Range and azimuth of a measurement with their variances."""
+        """Return the range and azimuth of a measurement with their variances."""
         return Polar(z[0], z[1], *np.square([self.sigma_range, self.sigma_azimuth]).tolist())
 
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
-        """The Cartesian position (2, M) that a measurement gives, and its covariance (2, 2, M)."""
+        """Return the measured Cartesian position (2, M) and its covariance (2, 2, M)."""
         seen = convert(conversion, self._reading(z))
         return Gaussian(self.from_here(seen.mean, k), seen.cov)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Signed errors (1, *batch) in polar coordinates, and along and across the line of sight.
+        """Return signed errors (1, *batch) in polar coordinates, and along and across the line of sight.
 
         None of a sensor that moves.
         """
@@ -78,7 +78,7 @@ class Radar(Looking):
         }
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
-        """Mean squared errors (K,) of the same quantities, and of the mean range."""
+        """Return mean squared errors (K,) of the same quantities, and of the mean range."""
         if self.platform is not None:
             return {}
         polar = linalg.sandwich(self.polar_jacobian(x), P)
@@ -94,7 +94,7 @@ class Radar(Looking):
         }
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """The range, which is not that of the mean."""
+        """Return the range, which is not that of the mean."""
         return {} if self.platform is not None else {"mean_range": self.range(x)}
 
 
@@ -110,19 +110,19 @@ class RangeAzimuth(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (2, 2)."""
+        """Return the noise covariance (2, 2)."""
         return fixed(np.diag(np.square([self.sigma_range, self.sigma_azimuth])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N((range, azimuth), R) for x (n, *batch)."""
+        """Return N((range, azimuth), R) for x (n, *batch)."""
         return Gaussian(self.polar(x, k), self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d(range, azimuth)/dx (2, n, *batch)."""
+        """Return d(range, azimuth)/dx (2, n, *batch)."""
         return self.polar_jacobian(x, k)
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """``innovation(z, polar(x))`` of each particle of a cloud, and R."""
+        """Return ``innovation(z, polar(x))`` of each particle of a cloud, and R."""
         nu = np.empty((2, *x.shape[1:]))
         azimuth = np.where(np.isnan(z[1]), 0.0, z[1])  # the range is theirs along any line
         r, across, along = seen_along(azimuth, *self.seen_from_here(x, k))
@@ -131,5 +131,5 @@ class RangeAzimuth(Radar):
         return Gaussian(nu, self.R)
 
     def reading(self, z: Array) -> Polar:
-        """The measurement with its variances."""
+        """Return the measurement with its variances."""
         return self._reading(z)

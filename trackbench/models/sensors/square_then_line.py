@@ -33,17 +33,17 @@ class SquareThenLine(Measuring):
     components: ClassVar[tuple[str, ...]] = ("z",)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """N(h(x), R) for x (1, *batch)."""
+        """Return N(h(x), R) for x (1, *batch)."""
         h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
         return Gaussian(h, np.array([[self.R]]))
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """dh/dx (1, 1, *batch)."""
+        """Return dh/dx (1, 1, *batch)."""
         slope = 2.0 * self.phi2 * x if k <= self.switch else np.full_like(x, self.phi3)
         return slope[None]
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
-        """The intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
+        """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
         reach = deviations * np.sqrt(self.R)
         low, high = z[0] - reach, z[0] + reach
         if k > self.switch:
@@ -55,7 +55,7 @@ class SquareThenLine(Measuring):
         return [(inner, outer), (-outer, -inner)]
 
     def inverse(self, z: Array, k: int) -> Array:
-        """The non-negative x with h(x) = z (1, M); zero where a quadratic z is negative."""
+        """Return the non-negative x with h(x) = z (1, M); zero where a quadratic z is negative."""
         if k > self.switch:
             return (z + 2.0) / self.phi3
         return np.sqrt(np.maximum(z / self.phi2, 0.0))

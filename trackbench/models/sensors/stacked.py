@@ -22,11 +22,11 @@ class Several:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """Names of the measurement's components, in order."""
+        """Return names of the measurement's components, in order."""
         return tuple(f"{n}.{c}" for n, s in enumerate(self.sensors, 1) for c in s.components)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """The distribution of all measurements given x_k = x (n_x, *batch)."""
+        """Return the distribution of all measurements given x_k = x (n_x, *batch)."""
         each = [sensor.measurement(x, k) for sensor in self.sensors]
         batch = max(seen.cov.ndim for seen in each) - 2
         R = np.zeros((len(self.components),) * 2 + (each[0].mean.shape[1:] if batch else ()))
@@ -35,12 +35,12 @@ class Several:
         return Gaussian(np.concatenate([seen.mean for seen in each]), R)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """``z - z_pred``, angles wrapped."""
+        """Return ``z - z_pred``, angles wrapped."""
         pairs = zip(self.sensors, self.rows, strict=True)
         return np.concatenate([s.innovation(z[rows], z_pred[rows]) for s, rows in pairs])
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """d E[z_k] / d x_k (n_z, n_x[, *batch])."""
+        """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
         each = [sensor.jacobian(x, k) for sensor in self.sensors]
         batch = max(H.ndim for H in each) - 2
         wide = [with_trailing(H, batch, leading=2) for H in each]
@@ -49,28 +49,28 @@ class Several:
 
     @property
     def H(self) -> Callable[[int], Array]:
-        """Measurement matrix (n_z, n), a function of n. AttributeError if a sensor is not linear."""
+        """Return the measurement matrix (n_z, n); raises AttributeError if a sensor is nonlinear."""
         each = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
         return lambda n: np.concatenate([H(n) for H in each])
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
+        """Return ``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
         return np.add.reduce([sensor.information(x, k, certain) for sensor in self.sensors])
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """None: whose would they be?"""
+        """Return no observables: several sensors have no common ones."""
         return {}
 
     def observed(
         self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False
     ) -> Array:
-        """Measurements (n_z, M) of true states x (n_x, M), NaN where there is none."""
+        """Return measurements (n_z, M) of true states x (n_x, M), NaN where there is none."""
         pairs = zip(self.sensors, self.rows, strict=True)
         return np.concatenate([s.observed(x, k, noise[rows], rng, certain) for s, rows in pairs])
 
     @cached_property
     def rows(self) -> list[slice]:
-        """Where each sensor's components stand in a measurement."""
+        """Return each sensor's rows in a measurement."""
         ends = np.cumsum([len(sensor.components) for sensor in self.sensors]).tolist()
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 
@@ -80,17 +80,17 @@ Sensors: TypeAlias = Measuring | Several
 
 
 def together(sensors: tuple[Measuring, ...] | Measuring) -> Sensors:
-    """One sensor, or several as one."""
+    """Return one sensor, or several as one."""
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else Several(sensors)
 
 
 def each(sensor: Sensors) -> tuple[Measuring, ...]:
-    """Every single one."""
+    """Return every single one."""
     return sensor.sensors if isinstance(sensor, Several) else (sensor,)
 
 
 def rows_of(sensor: Sensors) -> list[slice]:
-    """Where the components of each stand in a measurement."""
+    """Return the rows of each sensor's components in a measurement."""
     return sensor.rows if isinstance(sensor, Several) else [slice(None)]

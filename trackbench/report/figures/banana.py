@@ -1,4 +1,4 @@
-"""Figure kinds that show the banana itself: `banana` and `posterior`."""
+"""Figure kinds of the banana: `banana` and `posterior`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ NAMES = {"ccm": "CCM", "ucm": "UCM", "mucm": "MUCM", "ducm": "DUCM"}
 @register("figures", "banana")
 @dataclass(frozen=True, kw_only=True)
 class Banana(FigureKind):
-    """Where a target may be given its range and azimuth, and the Gaussians that conversions make of it.
+    """Region of a target given its range and azimuth, and the Gaussians of the conversions.
 
     Draws its own samples, from the experiment's seed. Axes run along and across the line of sight.
     """
@@ -43,7 +43,7 @@ class Banana(FigureKind):
     """number of points"""
 
     def draw(self, results: Results) -> Figure:
-        """A panel per range."""
+        """Return a panel per range."""
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
@@ -102,7 +102,7 @@ class PosteriorEllipses(FigureKind):
     numbers: ClassVar[tuple[str, ...]] = ("run",)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """It shows a measurement of a radar, so there must be one at that point and step."""
+        """Require a radar measurement at the point and step."""
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
         point = points[self.point - 1]
@@ -119,16 +119,16 @@ class PosteriorEllipses(FigureKind):
 
     @property
     def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
+        """Return the runs whose tracks must be kept."""
         return self.run
 
     @property
     def shown_covariances(self) -> bool:
-        """The tracks' covariances must be kept too."""
+        """Return the tracks' covariances must be kept too."""
         return True
 
     def draw(self, results: Results) -> Figure:
-        """The measurement's arc of two standard deviations, and an ellipse per filter."""
+        """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
         point = results.every_point[self.point - 1]
         tracks = results.tracks(point)
@@ -182,12 +182,12 @@ class PosteriorEllipses(FigureKind):
 
 
 def _kind(part: Any) -> str | None:
-    """The kind of a part in plain data; None of several sensors, and of none."""
+    """Return the kind of a part in plain data; None of several sensors, and of none."""
     return part.get("kind") if isinstance(part, dict) else None
 
 
 def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:
-    """The position (2,) one scan after a state (4,), under the scenario's motion."""
+    """Return the position (2,) one scan after a state (4,), under the scenario's motion."""
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
     moved = motion.transition(before.mean, 0)
     cov = motion.F @ before.cov @ motion.F.T + moved.cov
@@ -195,7 +195,7 @@ def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:
 
 
 def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
-    """Points (2, 201) of the curve of constant density that many standard deviations out."""
+    """Return points (2, 201) of the curve of constant density that many standard deviations out."""
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(mean[:, None] + deviations * np.linalg.cholesky(cov) @ circle)

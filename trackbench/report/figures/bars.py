@@ -43,7 +43,7 @@ class Bars(FigureKind):
     """label of the filter that every other should beat: a grey dotted line"""
 
     def tell(self, results: Results) -> str:
-        """Who is best, and what the diamonds are."""
+        """Return the who is best, and what the diamonds are."""
         point = results.points()[0]
         expressions = Expressions(results, point)
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
@@ -54,7 +54,7 @@ class Bars(FigureKind):
         return sentences(ranking(values, self.metric.family[0].better, where), published)
 
     def draw(self, results: Results) -> Figure:
-        """A row per filter, a panel per point of the grid."""
+        """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
         labels = results.chosen(self.filters)

@@ -54,11 +54,11 @@ class CalibrationFigure(FigureKind):
             check_rank(m, "columns", head)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Steps that there are not."""
+        """Return steps that there are not."""
         return steps_that_are_not("columns", self.columns.values(), points)
 
     def tell(self, results: Results) -> str:
-        """Whose ranks are uniform, as far as can be told, and whose are not."""
+        """Return which ranks are uniform, as far as the runs show, and which are not."""
         point = results.points()[0]
         found = judged(
             (
@@ -75,7 +75,7 @@ class CalibrationFigure(FigureKind):
         return f"{where}{'; '.join(words)} {tests}." if words else ""
 
     def draw(self, results: Results) -> Figure:
-        """A row of panels per filter (and point of the grid), a column per PIT."""
+        """Return a row of panels per filter (and point of the grid), a column per PIT."""
         every = [(p, b) for p in results.points() for b in results.chosen(self.filters)]
         rows = every[: style.MOST_PANELS]
         figure, axes = style.subplots(
@@ -99,7 +99,7 @@ class CalibrationFigure(FigureKind):
 
 
 def _bars(ax: Axes, found: Histogram, colour: str, over_steps: bool) -> None:
-    """Ten bars about their common expectation, the band, the p-value."""
+    """Draw ten bars about their common expectation, the band, the p-value."""
     edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
     at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / found.runs))
     width = _NORMAL_95 * (found.stderr if over_steps else at_step)
@@ -136,11 +136,11 @@ class Reliability(Curves):
         check_rank(self.metric, "metric")
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """A step that there is not."""
+        """Return a step that there is not."""
         return steps_that_are_not("metric", [self.metric], points)
 
     def tell(self, results: Results) -> str:
-        """What is in the region of 90 %."""
+        """Return the coverage of the 90 % region."""
         point, told = results.points()[0], []
         for label, _ in self.labels(results):
             level, share, _, runs = _coverage(results, point, label, self.metric)
@@ -152,7 +152,7 @@ class Reliability(Curves):
         )
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter."""
+        """Return one line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             ax.plot([0, 1], [0, 1], color="black", linewidth=0.6)
@@ -176,7 +176,7 @@ class Reliability(Curves):
 def _coverage(
     results: Results, point: dict[str, Any], label: str, m: Measure
 ) -> tuple[Array, Array, Array, int]:
-    """Levels, shares of the truths within, standard errors (zero at a step), number of runs."""
+    """Return levels, shares of the truths within, standard errors (zero at a step), number of runs."""
     central = m.family[1] != "nees"
     if m.steps:
         values = pits(results, point, label, m)

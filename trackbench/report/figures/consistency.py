@@ -30,7 +30,7 @@ class Anees(OverTime):
     """probability of the chi-square band"""
 
     def tell(self, results: Results) -> str:
-        """How often each filter is inside the band."""
+        """Return how often each filter is inside the band."""
         point, parts = results.points()[0], []
         for rows, look in self.lines(results, point, self.metric):
             if len(rows):
@@ -45,7 +45,7 @@ class Anees(OverTime):
         return f"{what}{', '.join(told)}. Above it a filter is overconfident." if told else ""
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter; between the grey lines a consistent filter stays."""
+        """Return one line per filter; between the grey lines a consistent filter stays."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             runs = 1
@@ -69,7 +69,7 @@ class Bias(OverTime):
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter."""
+        """Return one line per filter."""
         figure, panels = self.panels(results, len(self.rows))
         for axes, point in panels:
             for ax, metric in zip(axes, self.rows.values(), strict=True):
@@ -100,7 +100,7 @@ class Dots(FigureKind):
     """value of each metric for a filter without fault, drawn as a line"""
 
     def draw(self, results: Results) -> Figure:
-        """A column of panels per metric."""
+        """Return a column of panels per metric."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5

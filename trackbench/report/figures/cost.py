@@ -60,13 +60,13 @@ class AccuracyVsCost(FigureKind):
     """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """There must be a grid, over which a filter varies."""
+        """Require a grid over which a filter varies."""
         labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
         most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
         return cost_conflicts(points, self.metric, self.along, {"along": most})
 
     def tell(self, results: Results) -> str:
-        """What stands on the front."""
+        """Return the filters on the front."""
         scene = scenes(results)[0]
         there = self._curves(results, scene)
         best = [id(spot) for spot in self._front(there)]
@@ -79,7 +79,7 @@ class AccuracyVsCost(FigureKind):
         return f"On the front{where}: {'; '.join(found)}." if found else ""
 
     def draw(self, results: Results) -> Figure:
-        """One panel per scene."""
+        """Return one panel per scene."""
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
         figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
@@ -126,7 +126,7 @@ class AccuracyVsCost(FigureKind):
         return list(front(every, self.metric.family[0].more_is_better))
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
-        """Of a bound, what summary.csv says: no run has a part in it."""
+        """Return a bound's value from summary.csv, which has no runs."""
         expressions = Expressions(results, point)
         stored = expressions.stored.get((floor, str(self.metric)))
         return (stored or expressions.term(self.metric.of(floor))).value
@@ -143,7 +143,7 @@ class AccuracyVsCost(FigureKind):
 
 
 def _values(spots: Sequence[Spot]) -> tuple[Array, Array]:
-    """CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
+    """Return CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
     estimates = np.array([[spot.cost.estimate, spot.error.estimate] for spot in spots])
     times, errors = np.nan_to_num(estimates.reshape(-1, 2, 2).transpose(1, 2, 0))
     return MICRO * times, errors

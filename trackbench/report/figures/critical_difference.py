@@ -31,7 +31,7 @@ class CriticalDifference(FigureKind):
     """probability of a false difference anywhere in the figure"""
 
     def draw(self, results: Results) -> Figure:
-        """A panel per point of the grid, one below the other."""
+        """Return a panel per point of the grid, one below the other."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
@@ -58,7 +58,7 @@ class CriticalDifference(FigureKind):
 
 
 def mean_ranks(values: Array) -> Array:
-    """Mean rank (k,) of k filters over M runs from values (k, M); NaN is worst, ties share."""
+    """Return mean ranks (k,) of k filters from values (k, M); NaN is worst, ties share."""
     worst = np.where(np.isnan(values), np.inf, values)
     better = [np.sum(worst < own, axis=0) for own in worst]
     equal = [np.sum(worst == own, axis=0) for own in worst]  # with itself
@@ -66,13 +66,13 @@ def mean_ranks(values: Array) -> Array:
 
 
 def critical_difference(k: int, runs: int, alpha: float) -> float:
-    """Difference of mean ranks beyond which two of k filters differ (Demsar 2006, section 3.2.2)."""
+    """Return the critical difference of mean ranks of k filters (Demsar 2006, section 3.2.2)."""
     q = range_quantile(1.0 - alpha, k) / np.sqrt(2.0)
     return q * float(np.sqrt(k * (k + 1) / (6.0 * runs)))
 
 
 def range_quantile(level: float, k: int) -> float:
-    """Quantile of the range of k standard normals: the studentised range of infinite freedom.
+    """Return the quantile of the range of k standard normals: the studentised range of infinite freedom.
 
     Its distribution function (Tippett 1925, Biometrika 17, 364) by quadrature, inverted by bisection:
     scipy's takes half a second to import.
@@ -91,7 +91,7 @@ def range_quantile(level: float, k: int) -> float:
 
 
 def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
-    """First and last mean rank of every largest group within the critical difference."""
+    """Return the first and last mean rank of every largest group within the critical difference."""
     ranks = np.sort(mean)
     found: list[tuple[float, float]] = []
     for first in ranks:
@@ -102,7 +102,7 @@ def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
 
 
 def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
-    """Ranks on the upper axis, labels left and right below it, bars of the groups in between."""
+    """Draw ranks on the upper axis, labels left and right below it, bars for the groups."""
     k = len(labels)
     order = np.argsort(mean)
     half = (k + 1) // 2

@@ -43,11 +43,11 @@ class HeatMap(FigureKind):
     """label of the colour bar, with the unit; default: the metric"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """The axes must be paths of the grid."""
+        """Return the axes must be paths of the grid."""
         return missing_paths(points, x=self.x, y=self.y)
 
     def tell(self, results: Results) -> str:
-        """How to read it; of pairs, how many differ."""
+        """Return how to read the map, and for pairs how many differ."""
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
@@ -61,7 +61,7 @@ class HeatMap(FigureKind):
         return [p for p in found if {p.filter_a, p.filter_b} <= {*labels}]
 
     def draw(self, results: Results) -> Figure:
-        """One panel; with two paths, one per filter."""
+        """Return one panel; with two paths, one per filter."""
         labels = results.chosen(self.filters)
         if not results.grid:
             return self._pairs(results, labels)
@@ -131,7 +131,7 @@ class HeatMap(FigureKind):
 
 
 def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
-    """Upright where the columns are too narrow for what they are called."""
+    """Turn labels upright where the columns are too narrow."""
     upright = max(map(len, columns)) * _LETTER_IN > cell_in
     ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
     ax.set_yticks(range(len(rows)), rows)
@@ -141,7 +141,7 @@ def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> Non
 
 
 def _numbers(ax: Axes, values: Array, texts: list[list[str]], image: Any, cell_in: float) -> None:
-    """The numbers in the cells, black or white, whichever is legible; none if there is no room."""
+    """Write the numbers into the cells, black or white; none if there is no room."""
     if max(len(text) for row in texts for text in row) * _DIGIT_IN > cell_in:
         return
     for (i, j), value in np.ndenumerate(values):

@@ -39,7 +39,7 @@ class Nis(OverTime):
     """steps that are averaged together; default: as many as measure 60 components"""
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter."""
+        """Return one line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             band: tuple[Array, Array] = (np.empty(0), np.empty(0))
@@ -60,7 +60,7 @@ class Nis(OverTime):
         return self.finish(figure)
 
     def _averages(self, k: Array, value: Array, count: Array) -> tuple[Array, Array, Array]:
-        """Middle step, average and number of components of so many successive steps each."""
+        """Return the middle step, average and number of components of so many successive steps each."""
         over = self.over or max(1, round(_ENOUGH / float(count.mean())))
         ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
         parts = [slice(i, i + over) for i in ends]
@@ -85,7 +85,7 @@ class Autocorrelation(Curves):
     """label of the vertical axis"""
 
     def draw(self, results: Results) -> Figure:
-        """A point per lag, one line per filter; the band is 1.96 over the root of their number."""
+        """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number)."""
         figure, panels = self.panels(results)
         lags = np.arange(1, LAGS + 1)
         for (ax,), point in panels:
@@ -104,6 +104,6 @@ class Autocorrelation(Curves):
 
 
 def _mean(values: Array | None) -> float:
-    """Mean over the runs that have a value."""
+    """Return the mean over the runs that have a value."""
     there = np.empty(0) if values is None else values[~np.isnan(values)]
     return float(there.mean()) if len(there) else np.nan

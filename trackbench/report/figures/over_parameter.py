@@ -48,7 +48,7 @@ class RmseVsParameter(FigureKind):
     """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """The axis must be a path of the grid, and its values numbers."""
+        """Return the axis must be a path of the grid, and its values numbers."""
         path = self.parameter or next(iter(points[0].values), "")
         found = missing_paths(points, parameter=path)
         values = [point.values[path] for point in points] if not found else []
@@ -56,7 +56,7 @@ class RmseVsParameter(FigureKind):
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
     def tell(self, results: Results) -> str:
-        """Where each filter is best."""
+        """Return where each filter is best."""
         path, shown = self._shown(results)
         name, unit = phrases.quantity(path)
         told = []
@@ -69,13 +69,13 @@ class RmseVsParameter(FigureKind):
         return f"Least over {name}: {', '.join(told)}." if told else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
-        """Path of the horizontal axis, and rows of summary.csv: other paths at their first values."""
+        """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
         path = self.parameter or results.grid[0]
         held = {p: v for p, v in results.points()[0].items() if p != path}
         return path, results.columns("summary", held).where(metric=str(self.metric))
 
     def draw(self, results: Results) -> Figure:
-        """One panel; other paths of the grid are held at their first values."""
+        """Return one panel; other paths of the grid are held at their first values."""
         path, shown = self._shown(results)
         figure, ax = style.subplots(1, 1, 3.6)
         labels = results.chosen(self.filters)

@@ -41,7 +41,7 @@ class Curves(FigureKind):
     """label of the filter that every other should beat: drawn grey and dotted"""
 
     def labels(self, results: Results) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Each label to draw with its line style; the floor and the baseline last."""
+        """Yield each label to draw with its line style; the floor and the baseline last."""
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         drawn = results.chosen(self.filters)
         for label in (b for b in drawn if b not in references):
@@ -58,7 +58,7 @@ class Curves(FigureKind):
     def panels(
         self, results: Results, rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[tuple[list[Axes], dict[str, Any]]]]:
-        """A column of panels per grid point; those of one row share their vertical axis."""
+        """Return a column of panels per grid point; those of one row share their vertical axis."""
         points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
         if len(points) > 4:
@@ -79,13 +79,13 @@ class Curves(FigureKind):
     def lines(
         self, results: Results, point: dict[str, Any], metric: Measure
     ) -> Iterator[tuple[Columns, dict[str, Any]]]:
-        """Each label's steps of a metric at a grid point, and how its line looks, label included."""
+        """Yield each label's series of a metric at a grid point, and its line style."""
         rows = results.columns("per_step", point).where(metric=str(metric))
         for label, look in self.labels(results):
             yield rows.where(filter=label), {"label": label, **look}
 
     def finish(self, figure: Figure) -> Figure:
-        """The figure with its legend and legible vertical axes."""
+        """Return the figure with its legend and legible vertical axes."""
         for ax in figure.axes:
             if self.log:
                 style.plain_log_axis(ax.yaxis)
@@ -117,7 +117,7 @@ class RmseVsTime(OverTime):
     """metric of per_step.csv"""
 
     def tell(self, results: Results) -> str:
-        """Whose average over the steps is best."""
+        """Return which filter's average over the steps is best."""
         point = results.points()[0]
         found = self.lines(results, point, self.metric)
         rivals = {look["label"]: rows["value"] for rows, look in found}
@@ -131,7 +131,7 @@ class RmseVsTime(OverTime):
         return ranking(averages, better, f"Averaged over the steps{where}")
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter."""
+        """Return one line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             lines = list(self.lines(results, point, self.metric))
@@ -158,11 +158,11 @@ class EstimatesOfOneRun(OverTime):
 
     @property
     def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
+        """Return the runs whose tracks must be kept."""
         return self.run
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter over the truth's points; errors only where there is a truth."""
+        """Return one line per filter over the truth's points; errors only where there is a truth."""
         tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
         c, run = self.component - 1, self.run - 1
         known = any(np.isfinite(t["truth"][c, :, run]).any() for t in tracks if t)

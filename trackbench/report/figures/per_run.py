@@ -37,7 +37,7 @@ class RmsePerRun(Curves):
         return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
 
     def tell(self, results: Results) -> str:
-        """Whose median is best."""
+        """Return which filter's median is best."""
         runs = results.runs(results.points()[0])
         found = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}
         medians = {
@@ -48,7 +48,7 @@ class RmsePerRun(Curves):
         return ranking(medians, self.metric.family[0].better, "By the median run")
 
     def draw(self, results: Results) -> Figure:
-        """One line per filter."""
+        """Return one line per filter."""
         figure, panels = self.panels(results)
         for (ax,), point in panels:
             runs = results.runs(point)
@@ -63,7 +63,7 @@ class RmsePerRun(Curves):
 
 
 def _in_order(values: Array) -> tuple[Array, Array]:
-    """Percent of the runs, and what so many of them do not exceed; NaN where runs are lost."""
+    """Return percentages of runs, and the values they stay below; NaN for lost runs."""
     if not len(values):
         return values, values
     ranked = np.sort(values)

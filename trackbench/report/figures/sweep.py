@@ -47,13 +47,13 @@ class SweepFigure(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """One path of the grid, or two."""
+        """Return one path of the grid, or two."""
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
 
     def tell(self, results: Results) -> str:
-        """Where each filter is best by the first metric."""
+        """Return where each filter is best by the first metric."""
         held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
         told = []
         for label in self._labels(results)[1] if metrics else ():
@@ -65,7 +65,7 @@ class SweepFigure(FigureKind):
         return f"Best: {'; '.join(told)}." if told else ""
 
     def draw(self, results: Results) -> Figure:
-        """Panels of metrics, or of filters."""
+        """Return panels of metrics, or of filters."""
         held, metrics = _Held(results, self.paths), self._metrics(results)
         labels, varied = self._labels(results)
         if len(self.paths) == 2:
@@ -76,7 +76,7 @@ class SweepFigure(FigureKind):
         return self.metrics or shown_metrics(results)
 
     def _labels(self, results: Results) -> tuple[list[str], list[str]]:
-        """Filters that are shown, and those of them that these paths vary."""
+        """Return filters that are shown, and those of them that these paths vary."""
         varied = [b for b in results.labels if any(_varies(results, p, b) for p in self.paths)]
         elsewhere = {b for p in results.grid for b in results.filters if _varies(results, p, b)}
         labels = [b for b in results.chosen(self.filters) if b in varied or b not in elsewhere]
@@ -84,7 +84,7 @@ class SweepFigure(FigureKind):
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
-    """Axis label and metric: the first errors over the whole run and ANEES, or log scores."""
+    """Return the axis label and metric: the first errors over the whole run and ANEES, or log scores."""
     there = set(results.columns("summary")["metric"])
     ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     consistency = [measured(name) for name in ("anees", "mean(anis)") if name in there]
@@ -107,7 +107,7 @@ class _Held:
         self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
 
     def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
-        """Values of the paths, value and standard error where there is a number."""
+        """Return values of the paths, value and standard error where there is a number."""
         rows = self._rows.where(filter=label, metric=str(metric))
         found = rows.tuples([*self.paths, "value", "stderr"])
         return [row for row in found if np.isfinite(row[-2])]
@@ -140,7 +140,7 @@ def _lines(
 
 
 def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
-    """What varies, and what does not: of many the best."""
+    """Return the filters that vary and those that do not; of many the best."""
     levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
@@ -168,7 +168,7 @@ def _line(
 
 
 def _best(values: Array, metric: Measure) -> int:
-    """Place of the best among numbers, NaN where there is none."""
+    """Return the place of the best among numbers, NaN where there is none."""
     better = metric.family[0].better
     if better == "higher":
         return int(np.nanargmax(values))
@@ -185,7 +185,7 @@ def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
 def _heat_maps(
     held: _Held, x: str, y: str, labels: list[str], metrics: dict[str, Measure], title: str
 ) -> Figure:
-    """A panel per filter, on one colour scale; the best value is framed."""
+    """Return a panel per filter, on one colour scale; the best value is framed."""
     words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
     across, down = held.values[x], held.values[y]
     fields = {label: _field(held, label, metric, across, down) for label in labels}
@@ -211,7 +211,7 @@ def _heat_maps(
 
 
 def _field(held: _Held, label: str, metric: Measure, across: list[Any], down: list[Any]) -> Array:
-    """The metric (values of the second path, values of the first), NaN where there is none."""
+    """Return the metric (values of the second path, values of the first), NaN where there is none."""
     found = np.full((len(down), len(across)), np.nan)
     for a, b, value, _ in held.of(label, metric):
         found[down.index(b), across.index(a)] = value

@@ -34,7 +34,7 @@ class Track(FigureKind):
     """the first run's measurements as dots, where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """The state must have the two components."""
+        """Return the state must have the two components."""
         last = min(len(p.scenario.components) for p in points) - 1
         if not self.filters and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
@@ -44,21 +44,21 @@ class Track(FigureKind):
 
     @property
     def shown_runs(self) -> int:
-        """Runs whose tracks must be kept."""
+        """Return the runs whose tracks must be kept."""
         return self.runs if self.filters else 1
 
     @property
     def shown_components(self) -> tuple[int, ...]:
-        """All that is drawn of those tracks, as lines."""
+        """Return all that is drawn of those tracks, as lines."""
         return self.components
 
     @property
     def shown_measurements(self) -> bool:
-        """The positions that the first run's measurements tell must be kept."""
+        """Return the positions that the first run's measurements tell must be kept."""
         return self.measurements
 
     def draw(self, results: Results) -> Figure:
-        """A panel per filter, equal scales."""
+        """Return a panel per filter, equal scales."""
         panels = max(len(self.filters), 1)
         # of the first point where not every filter failed
         point = next(filter(results.tracks, results.every_point))
@@ -101,7 +101,7 @@ class Track(FigureKind):
 
 
 def _size(panels: int, *tracks: Array) -> tuple[float, float]:
-    """Width and height, in, of a figure whose panels have room for these tracks (2, T) and no more."""
+    """Return width and height, in, of a figure whose panels fit these tracks (2, T)."""
     points = np.concatenate(tracks, axis=1)
     points = points[:, np.isfinite(points).all(axis=0)]
     wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
@@ -141,7 +141,7 @@ class MeanAndStd(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """The scenario must have errors in x and y."""
+        """Return the scenario must have errors in x and y."""
         scenario = points[0].scenario
         nowhere = np.zeros((len(scenario.components), 1))
         if set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
@@ -149,7 +149,7 @@ class MeanAndStd(FigureKind):
         return {"": "there are no errors in x and y to show"}
 
     def draw(self, results: Results) -> Figure:
-        """Mean error above, standard deviation below; x left, y right."""
+        """Return the mean error above, standard deviation below; x left, y right."""
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
         frame = results.columns("per_step", point)

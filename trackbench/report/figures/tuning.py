@@ -32,7 +32,7 @@ class TuningFigure(FigureKind):
     """label of the filter that is tuned"""
 
     def draw(self, results: Results) -> Figure:
-        """A panel per key."""
+        """Return a panel per key."""
         record = results.tuning.get(self.filter)
         axes = record.axes if record is not None else ()
         figure, panels = style.mosaic(len(axes), 2.4, 0.5)
@@ -74,7 +74,7 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
 
 
 def _top(objectives: list[float], stderr: float) -> float:
-    """Where the page ends, so that what is near the best can be told apart."""
+    """Return the upper limit of the axis that keeps trials near the best distinguishable."""
     ranked = sorted(objectives)
     if not ranked:
         return 0.0

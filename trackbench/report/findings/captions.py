@@ -1,4 +1,4 @@
-"""What the numbers of a figure tell, in a sentence below it."""
+"""Captions: the result of a figure in one sentence."""
 
 from collections.abc import Mapping
 from math import isfinite, log
@@ -16,7 +16,7 @@ _BEST = {
 
 
 def ranking(values: Mapping[str, float], better: Better, what: str) -> str:
-    """``Averaged over the steps, lowest: A (0.0042), B (0.010), C (0.2); highest: D (0.3).``
+    """Return ``Averaged over the steps, lowest: A (0.0042), B (0.010), C (0.2); highest: D (0.3).``
 
     Empty of a metric that only describes, and of fewer than two numbers.
     """
@@ -39,5 +39,5 @@ def _far(value: float, better: Better) -> float:
 
 
 def sentences(*parts: str) -> str:
-    """Those that say something, one after the other."""
+    """Join the nonempty sentences."""
     return " ".join(filter(None, parts))

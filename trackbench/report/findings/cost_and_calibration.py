@@ -1,4 +1,4 @@
-"""What the best filters cost, and how calibrated they are, in words.
+"""Cost and calibration of the best filters, in words.
 
 Times differ beyond the factor by which they scatter between executions (`times.SCATTER`). A filter is
 calibrated if the 95 % interval of its ANEES (without a truth of its ANIS) lies within ten percent of 1,
@@ -35,7 +35,7 @@ class Time(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The filter's."""
+        """Return the filter's."""
         return f"{self.candidate.name}{self.looped}"
 
     def __str__(self) -> str:
@@ -43,12 +43,12 @@ class Time(NamedTuple):
         return f"{two_digits(self.value * scale)} {unit}"
 
     def above(self, other: "Time") -> bool:
-        """Whether it is longer beyond what times scatter."""
+        """Return whether it is longer beyond what times scatter."""
         return self.value > SCATTER * other.value
 
 
 def cost(results: Results, standing: Standing) -> str:
-    """The CPU time of the best filter, or the cheapest of several, beside that of the others."""
+    """Return the CPU time of the best filter, or the cheapest of several, beside that of the others."""
     as_good = _times(results, standing.among_the_best)
     if not as_good:
         return ""
@@ -64,7 +64,7 @@ def cost(results: Results, standing: Standing) -> str:
 
 
 def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
-    """Whether one that is worse is faster; nothing where that is not decided."""
+    """Return whether one that is worse is faster; nothing where that is not decided."""
     worse = _times(results, [c for c, _ in standing.worse])
     faster = [time for time in worse if cheapest.above(time)]
     if faster:
@@ -76,7 +76,7 @@ def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
 
 
 def calibration(results: Results, standing: Standing) -> str:
-    """Which of the best are calibrated, overconfident, too cautious, each with its number."""
+    """Return which best filters are calibrated, overconfident or underconfident, with numbers."""
     words: dict[Credibility, list[str]] = {}
     for candidate in standing.among_the_best:
         found = consistency(results, candidate)
@@ -87,7 +87,7 @@ def calibration(results: Results, standing: Standing) -> str:
 
 
 def over_points(results: Results, candidates: Sequence[Candidate]) -> list[str]:
-    """The same of one filter at several points of the grid."""
+    """Return the cost and calibration of one filter at several points of the grid."""
     times, lines = _times(results, candidates), []
     if times:
         ends = dict.fromkeys(f"{two_digits(t.value * 1e3)}" for t in (times[0], times[-1]))
@@ -107,7 +107,7 @@ def _said(word: Credibility) -> str:
 
 
 def consistency(results: Results, candidate: Candidate) -> tuple[Credibility, str] | None:
-    """Whether the normalised error squared is 1, in a word and with the number; None if undecided."""
+    """Return in a word whether the NEES is consistent, with the number; None if undecided."""
     runs = results.runs(candidate.point)
     name = next((n for n in ("nees", "anis") if (candidate.label, n) in runs), None)
     if name is None:
@@ -134,7 +134,7 @@ def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | N
 
 
 def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
-    """The shortest first; those of the same length in the order of their filters."""
+    """Return the shortest first; those of the same length in the order of their filters."""
     found = []
     for candidate in candidates:
         looped = " (looped over in Python)" if candidate.label in results.loops_over_runs else ""

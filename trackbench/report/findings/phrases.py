@@ -13,7 +13,7 @@ _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
 def metric_words(metric: Measure) -> str:
-    """``position RMSE``, ``log score``."""
+    """Return ``position RMSE``, ``log score``."""
     found, quantity = metric.family
     if found.name in _SCORES:
         return _SCORES[found.name]
@@ -21,12 +21,12 @@ def metric_words(metric: Measure) -> str:
 
 
 def with_unit(text: str, metric: Measure) -> str:
-    """A number, and the unit of the metric if it has one."""
+    """Return a number, and the unit of the metric if it has one."""
     return f"{text} {_unit(metric)}".rstrip()
 
 
 def mean_of(metric: Measure) -> str:
-    """A heading for the mean per run: ``Mean position RMSE (m)``."""
+    """Return a heading for the mean per run: ``Mean position RMSE (m)``."""
     return f"Mean {_words_and_unit(metric)}"
 
 
@@ -48,65 +48,65 @@ def _unit(metric: Measure) -> str:
 
 
 def percent(share: float) -> str:
-    """``2.3 %``, ``350 %``."""
+    """Return ``2.3 %``, ``350 %``."""
     return f"{two_digits(100 * share)} %"
 
 
 def two_digits(x: float) -> str:
-    """A number with two digits: ``1.6``, ``13``, ``5800``."""
+    """Return a number with two digits: ``1.6``, ``13``, ``5800``."""
     return f"{float(f'{x:.2g}'):g}"
 
 
 def three_digits(x: float) -> str:
-    """``0.00421``, ``1010``."""
+    """Return ``0.00421``, ``1010``."""
     return f"{float(f'{x:.3g}'):g}"
 
 
 def named(label: str) -> str:
-    """A label as it stands in a sentence: one with a comma in quotes."""
+    """Return a label as it stands in a sentence: one with a comma in quotes."""
     return f"\u201c{label}\u201d" if "," in label else label
 
 
 def listed(names: Sequence[str]) -> str:
-    """``A, B and C``; of many the first, and how many more."""
+    """Return ``A, B and C``; of many the first, and how many more."""
     more = len(names) - MOST_NAMES
     return joined([*names[:MOST_NAMES], f"{more} more"] if more > 1 else names)
 
 
 def joined(names: Iterable[str]) -> str:
-    """``A, B and C``."""
+    """Return ``A, B and C``."""
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def verb(names: Sequence[str], one: str = "is", many: str = "are") -> str:
-    """The form for one or for several."""
+    """Return the form for one or for several."""
     return one if len(names) == 1 else many
 
 
 def heading(point: dict[str, Any]) -> str:
-    """A grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
+    """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
     parts = zip(map(quantity, point), point.values(), strict=True)
     return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
 
 
 def axis(path: str) -> str:
-    """A grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
+    """Return a grid's path as the label of an axis: ``sigma azimuth (mrad)``."""
     key, unit = quantity(path)
     return f"{key} ({unit})" if unit else key
 
 
 def quantity(path: str) -> tuple[str, str]:
-    """A grid's path as words, and the unit that its name ends in."""
+    """Return a grid's path as words, and the unit that its name ends in."""
     key, unit = without_unit(name(path))
     return key.replace("_", " "), unit
 
 
 def name(path: str) -> str:
-    """The last word of a grid's path, of the first of several that vary together."""
+    """Return the last word of a grid's path, of the first of several that vary together."""
     return single_paths(path)[0].rpartition(".")[2]
 
 
 def number(value: Any) -> str:
-    """A grid's value: six digits of a number, words and truth values as they are."""
+    """Return a grid's value: six digits of a number, words and truth values as they are."""
     return f"{value:g}" if is_number(value) else str(value)

@@ -42,18 +42,18 @@ class Candidate:
 
     @cached_property
     def name(self) -> str:
-        """As it stands in a sentence, with what the grid gives it."""
+        """Return the name for a sentence, with the grid's values."""
         return f"{named(self.label)} at {self.setting}" if self.own else named(self.label)
 
     @property
     def setting(self) -> str:
-        """What the grid gives it; in parentheses if it is several values."""
+        """Return the grid's values; several in parentheses."""
         text = phrases.heading(self.own)
         return f"({text})" if len(self.own) > 1 else text
 
     @cached_property
     def mean(self) -> Estimate:
-        """Over the runs that are not lost."""
+        """Return over the runs that are not lost."""
         return mean(self.values[np.isfinite(self.values)])
 
     @cached_property
@@ -62,13 +62,13 @@ class Candidate:
         return int(np.count_nonzero(self.lost))
 
     def beside(self, other: "Candidate") -> tuple[Array, Array]:
-        """The values of both on the runs that neither loses."""
+        """Return the values of both on the runs that neither loses."""
         both = np.isfinite(self.values) & np.isfinite(other.values)
         return self.values[both], other.values[both]
 
 
 class Standing(NamedTuple):
-    """How the filters of one scenario stand to the best of them by one metric."""
+    """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
     where: dict[str, Any]
     """what the grid gives the scenario"""
@@ -87,29 +87,29 @@ class Standing(NamedTuple):
 
     @property
     def among_the_best(self) -> list[Candidate]:
-        """The best, and those that are not told apart from it."""
+        """Return the best, and those that are not told apart from it."""
         return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
 
     @property
     def nearest(self) -> tuple[Candidate, Pair] | None:
-        """Of those that are worse the nearest to the best."""
+        """Return the filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda item: abs(item[1].difference), default=None)
 
     @property
     def more_is_better(self) -> bool:
-        """Whether the larger value is the better one."""
+        """Return whether the larger value is the better one."""
         return self.metric.family[0].more_is_better
 
 
 def standings(results: Results, metric: str = "") -> list[Standing]:
-    """One for each scenario of the grid, by the first metric of `ranking_metrics` or a given one."""
+    """Return a ranking for each scenario of the grid, by the first or a given metric."""
     metric = metric or next(iter(ranking_metrics(results)), "")
     places = scenes(results) if metric else []
     return [_standing(results, where, metric, len(places)) for where in places]
 
 
 def best_settings(results: Results) -> list[Standing]:
-    """Of each filter to which the grid gives several values: which of them are best, by scenario."""
+    """Yield for each varied filter which of its values are best, by scenario."""
     metric = next(iter(ranking_metrics(results)), "")
     found: list[list[Candidate]] = []
     wheres: list[dict[str, Any]] = []
@@ -127,7 +127,7 @@ def best_settings(results: Results) -> list[Standing]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """The metrics that filters are ranked by, the first one first."""
+    """Return the metrics that filters are ranked by, the first one first."""
     points = results.points()
     names = dict.fromkeys(metric for point in points for _, metric in results.runs(point))
     found = primary_metrics(list(names))
@@ -137,7 +137,7 @@ def ranking_metrics(results: Results) -> list[str]:
 
 
 def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Standing:
-    """In one scenario, of which there are so many."""
+    """Return the ranking in one scenario of several."""
     settings = list(_settings(results, points_of(results, where), metric))
     found = standing_of(settings, metric, results.config.get("reference"), times)
     return found._replace(where=where)
@@ -150,7 +150,7 @@ def standing_of(
     times: int = 1,
     apart: bool = False,
 ) -> Standing:
-    """Of filters, each with the best of its values, in one scenario of so many.
+    """Return the ranking of filters, each with its best values, in one scenario of several.
 
     ``apart``: of the values themselves.
     """
@@ -176,7 +176,7 @@ def standing_of(
 def _compared(
     found: Standing, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
 ) -> Standing:
-    """With the best and what the others are beside it, unless these contradict it."""
+    """Return the ranking with every comparison to the best, unless these contradict it."""
     ties: list[tuple[Candidate, Pair]] = []
     worse: list[tuple[Candidate, Pair]] = []
     for rival, pair in rivals:
@@ -193,7 +193,7 @@ def _pairs_of(n: int) -> int:
 def _settings(
     results: Results, points: Sequence[dict[str, Any]], metric: str
 ) -> Iterator[Candidate]:
-    """Each filter with each of the values that the grid gives it, once."""
+    """Yield each filter with each of the values that the grid gives it, once."""
     for label in results.filters:
         seen = set()
         for point in points:
@@ -211,7 +211,7 @@ def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Each filter at its best values, of which those with which it loses more runs are none."""
+    """Return each filter at its best values, of which those with which it loses more runs are none."""
     best = []
     for label in dict.fromkeys(c.label for c in settings):
         mine = [c for c in settings if c.label == label]
@@ -221,7 +221,7 @@ def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]
 
 
 def _losing(found: Sequence[Candidate]) -> list[Candidate]:
-    """Those that lose more of the same runs than another: sign tests, Holm over all of them."""
+    """Return the filters that lose more of the same runs: sign tests, Holm over all of them."""
     tests = [(a, b) for a in found for b in found if a is not b and len(a.lost) == len(b.lost)]
     if not any(c.losses for c in found):
         return []
@@ -233,7 +233,7 @@ def _losing(found: Sequence[Candidate]) -> list[Candidate]:
 def _to_the_best(
     best: Candidate, others: Sequence[Candidate], metric: str, factor: float
 ) -> dict[str, Pair]:
-    """Each filter minus the best by name; corrected over all pairs of both, and by the factor."""
+    """Return each filter minus the best by name; corrected over all pairs of both, and by the factor."""
     known = {c.name: c.values for c in (*others, best) if np.isfinite(c.values).any()}
     found = {p.filter_a: p for p in pairs_of(metric, list(known), known) if p.filter_b == best.name}
     return {

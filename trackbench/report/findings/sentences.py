@@ -1,4 +1,4 @@
-"""What an experiment says, in a few sentences, each decided by its runs; none where nothing is.
+"""Conclusions of an experiment in a few sentences, each decided by its runs.
 
 Which filter is best and which are not told apart from it (`standing`), by which other metric that is
 otherwise, which lose more runs, what the best costs and how calibrated it is (`merits`).
@@ -26,7 +26,7 @@ HOW_DECIDED = (
 
 
 def answer(results: Results) -> list[str]:
-    """Sentences on the filters of a results folder, a line each; none if nothing is decided."""
+    """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
     found = standings(results)
     if len(found) == 1:
         lines = [_best(found[0]), _otherwise(results, found[0]), _losing(found), _failed(results)]
@@ -61,7 +61,7 @@ def _extreme(standing: Standing) -> str:
 
 
 def _value(standing: Standing) -> str:
-    """``43.3 ± 0.2 m over 400 runs``, and how far it is above the reference."""
+    """Return ``43.3 ± 0.2 m over 400 runs``, and how far it is above the reference."""
     best, reference = standing.best, standing.reference
     assert best is not None
     left = int(np.isfinite(best.values).sum())
@@ -77,7 +77,7 @@ def _value(standing: Standing) -> str:
 
 
 def _room(standing: Standing) -> str:
-    """How much worse than the best those that are not told apart may be: upper end of 95 %."""
+    """Return how much worse the filters without a significant difference may be: upper 95 % limit."""
     assert standing.best is not None
     sign = -1.0 if standing.more_is_better else 1.0
     apart = [sign * without_rounding(*other.beside(standing.best)) for other, _ in standing.ties]
@@ -91,7 +91,7 @@ def _room(standing: Standing) -> str:
 
 
 def _others(standing: Standing) -> str:
-    """How far the filters that are worse are from the best, the nearest of them first."""
+    """Return how much worse the other filters are, the nearest first."""
     assert standing.nearest is not None
     nearest, pair = standing.nearest
     apart = "smaller" if standing.more_is_better else "larger"
@@ -104,7 +104,7 @@ def _others(standing: Standing) -> str:
 
 
 def _difference(standing: Standing, pair: Pair) -> str:
-    """``0.97 ± 0.08 m (2.2 %)``; of scores no share."""
+    """Return ``0.97 ± 0.08 m (2.2 %)``; of scores no share."""
     text = with_unit(rounded(abs(pair.difference), pair.stderr, 3), standing.metric)
     if standing.best is None or standing.metric.family[0].is_score:
         return text
@@ -112,7 +112,7 @@ def _difference(standing: Standing, pair: Pair) -> str:
 
 
 def _otherwise(results: Results, standing: Standing) -> str:
-    """By which other metrics another filter is better than the best."""
+    """Return the other metrics by which another filter is better than the best."""
     better: dict[str, list[str]] = {}
     for metric in ranking_metrics(results)[1:] if standing.best is not None else []:
         for other in standings(results, metric):
@@ -124,7 +124,7 @@ def _otherwise(results: Results, standing: Standing) -> str:
 
 
 def _over_points(found: Sequence[Standing]) -> str:
-    """At how many points each filter is among the best."""
+    """Return at how many points each filter is among the best."""
     counts = Counter(c.label for standing in found for c in standing.among_the_best)
     by_count: dict[int, list[str]] = {}
     for label, n in counts.most_common():
@@ -140,7 +140,7 @@ def _over_points(found: Sequence[Standing]) -> str:
 
 
 def _leader(results: Results, found: Sequence[Standing]) -> list[str]:
-    """Cost and calibration of the filter that is among the best at most points, if it is one."""
+    """Return cost and calibration of the filter that is best at most points, if any."""
     leaders: dict[str, list[Candidate]] = {}
     for candidate in (c for standing in found for c in standing.among_the_best):
         leaders.setdefault(candidate.label, []).append(candidate)
@@ -151,7 +151,7 @@ def _leader(results: Results, found: Sequence[Standing]) -> list[str]:
 
 
 def _losing(found: Sequence[Standing]) -> str:
-    """Which filters lose more runs than another, where each loses most."""
+    """Return the filters that lose more runs than another, at the point where each loses most."""
     most: dict[str, Candidate] = {}
     for candidate in sorted((c for s in found for c in s.losing), key=lambda c: -c.losses):
         most.setdefault(candidate.label, candidate)

@@ -81,7 +81,7 @@ def _card(folder: Path, results: Results, comparison: Comparison) -> Card:
 
 
 def _together(comparisons: list[Comparison]) -> Comparison:
-    """All of several experiments."""
+    """Return the summary over several experiments."""
     return Comparison(
         [row for c in comparisons for row in c.rows],
         [row for c in comparisons for row in c.claims],
@@ -122,5 +122,5 @@ def _ledger(folder: Path, found: Overview, everything: Comparison) -> str:
 
 
 def _times(found: Overview) -> list[TextTable]:
-    """The verdicts on CPU times of all experiments, apart from the others and not counted with them."""
+    """Return the verdicts on CPU times of all experiments, counted separately."""
     return time_tables(verdict for results, _ in found for verdict in time_verdicts(results))

@@ -1,4 +1,4 @@
-"""What the page's script needs to know of a figure: where its axes are, and which shapes are whose."""
+"""Metadata for the page's script: where a figure's axes are, and which shapes belong to which filter."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def mark(figure: Figure) -> list[str]:
 
 
 def marked(content: str, figure: Figure, labels: list[str]) -> str:
-    """The SVG of a figure that `mark` saw, with what was marked as data attributes."""
+    """Return the SVG of a figure that `mark` saw, with what was marked as data attributes."""
     content = _METADATA.sub("", content, count=1)
     if not labels:
         return content
@@ -60,7 +60,7 @@ def marked(content: str, figure: Figure, labels: list[str]) -> str:
 
 
 def _panels(figure: Figure) -> list[Axes]:
-    """The axes with curves over numbers."""
+    """Return the axes with curves over numbers."""
     return [
         ax
         for ax in figure.axes
@@ -84,12 +84,12 @@ def _shapes(ax: Axes) -> Iterator[tuple[Artist, str]]:
 
 
 def _is_called_zero(ax: Axes, tick: float) -> bool:
-    """Whether a logarithmic axis says that zero is here."""
+    """Return whether a logarithmic axis says that zero is here."""
     return ax.xaxis.get_major_formatter()(tick, None) == "0"
 
 
 def _told(figure: Figure, ax: Axes, labels: list[str]) -> dict[str, Any]:
-    """Left, top, right and bottom in the SVG's points; ends, scale and sharers of both axes; errors."""
+    """Return an axes' box in SVG points, limits, scales, shared axes, and error shapes."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()
     corners = (box.x0 * width, (1 - box.y1) * height, box.x1 * width, (1 - box.y0) * height)
@@ -111,7 +111,7 @@ def _told(figure: Figure, ax: Axes, labels: list[str]) -> dict[str, Any]:
 
 
 def _errors(figure: Figure, ax: Axes, labels: list[str]) -> Iterator[tuple[int, list[list[float]]]]:
-    """Abscissas and standard errors there of the curves, by number, as far as they are known."""
+    """Yield abscissas and standard errors there of the curves, by number, as far as they are known."""
     from trackbench.report.plotting.canvas import Canvas
 
     known = figure.errors if isinstance(figure, Canvas) else {}

@@ -23,7 +23,7 @@ class Drawing(NamedTuple):
 
 
 def drawings(results: Results) -> list[Drawing]:
-    """All figures, the key figure first; those of plugins that may not run as they are in the folder."""
+    """Return all figures, the key figure first; disallowed plugins' as stored."""
     from markupsafe import Markup
 
     found = []
@@ -38,7 +38,7 @@ def drawings(results: Results) -> list[Drawing]:
 
 
 def _told(results: Results, name: str, spec: FigureKind | None) -> str:
-    """What the figure says of itself, if it does."""
+    """Return the figure's caption, if it has one."""
     if spec is not None:
         with results.without(f"caption of figure {name}"), told(spec):
             return spec.tell(results)
@@ -46,7 +46,7 @@ def _told(results: Results, name: str, spec: FigureKind | None) -> str:
 
 
 def key_picture(results: Results) -> bytes | None:
-    """The SVG that the report begins with; None if there is none."""
+    """Return the SVG that the report begins with; None if there is none."""
     return next((content for _, _, content in _pictures(results)), None)
 
 

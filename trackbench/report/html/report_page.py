@@ -63,7 +63,7 @@ def write_report(
 
 
 def _rerun(results: Results) -> str:
-    """The config's path as it was given, for a shell; of an absolute one the end, as others have it."""
+    """Return the config's path for a shell; of an absolute path the last part."""
     path = results.folder / "config.yaml"
     shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
     return shlex.quote(shown) + (" --allow-plugins" if results.config.get("plugins") else "")
@@ -85,7 +85,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
 
 
 def _pairs(results: Results) -> tuple[TextTable, int]:
-    """All pairs, and how many of them do not differ significantly."""
+    """Return all pairs, and how many of them do not differ significantly."""
     heads = [*results.grid_heads, "a", "b", "Metric", "Mean of a - b", "z", "p (Holm)"]
     table = TextTable("Differences per run, corrected over all pairs of a metric (Holm)", heads)
     undecided = 0

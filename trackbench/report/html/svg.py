@@ -70,7 +70,7 @@ _POINT = re.compile(r"([MLZz])([^MLZz]*)")
 
 
 def compact(content: str) -> str:
-    """The same drawing in half the bytes: straight lines in hundredths of a point, from the last one."""
+    """Return the drawing in half the bytes: relative straight lines in hundredths of a point."""
     return _PATH.sub(lambda path: f' d="{_relative(path.group(1))}"', content)
 
 
@@ -97,7 +97,7 @@ def _hundredths(number: int) -> str:
 
 
 def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """The points of each stroke of a `compact` path, and whether it is closed; none of curves."""
+    """Yield the points of each stroke of a `compact` path, and whether it is closed; none of curves."""
     if not re.fullmatch(r"[MlLz0-9e.\s+-]*", d):
         return
     x = y = 0.0
@@ -125,7 +125,7 @@ def cleaned(content: bytes, name: str) -> ET.Element:
 
 
 def inline(content: bytes, name: str, title: str) -> str:
-    """The SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
+    """Return the SVG as an element; ids start with ``name``, ``title`` is what a screen reader says."""
     root = cleaned(content, name)
     for element in root.iter():
         for key, value in element.attrib.items():

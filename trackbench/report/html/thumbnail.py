@@ -15,7 +15,7 @@ _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*
 
 
 def thumbnail(content: bytes) -> str:
-    """The SVG as an element of some kilobytes, without ids, so that many may stand on a page."""
+    """Return the SVG as an element of some kilobytes, without ids, so that many may stand on a page."""
     root = cleaned(content, "a figure")
     small = ET.Element(f"{_SVG}svg", {"viewBox": root.get("viewBox", "0 0 504 252")})
     for element in _drawn(root):
@@ -37,7 +37,7 @@ _OF_IMAGE = ("href", "transform", "width", "height", "x", "y", "preserveAspectRa
 
 
 def _drawn(root: ET.Element) -> Iterator[ET.Element]:
-    """Paths and images in the data area of axes: what is clipped to it, but for the lines of a grid."""
+    """Yield paths and images in the data area of axes, without grid lines."""
     for element in root:
         if re.search(r"[xy]tick_\d+$", element.get("id", "")) or element.tag == f"{_SVG}defs":
             continue
@@ -50,7 +50,7 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
 
 
 def _coarse(d: str) -> str:
-    """A path of straight lines in whole points, without those that are hardly apart."""
+    """Return a path of straight lines in whole points, without those that are hardly apart."""
     parts = []
     for points, closed in outline(d):
         kept = [points[0]]

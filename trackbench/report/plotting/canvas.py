@@ -21,12 +21,12 @@ class Canvas(Figure):
         """abscissas and standard errors (n,) by axes and label, to be read off the page"""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
-        """The picture, and its size on the page in pixels, which are 1/100 in."""
+        """Return the picture, and its size on the page in pixels, which are 1/100 in."""
         return png(self), {"width": round(100 * self.get_figwidth())}
 
 
 def png(figure: Figure) -> bytes:
-    """A figure for a screen."""
+    """Return a figure for a screen."""
     out = io.BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None}, dpi=_DPI)
     return out.getvalue()

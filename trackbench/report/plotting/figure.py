@@ -13,7 +13,7 @@ _COMPRESSION = 1  # of PNG: the files are a tenth larger than at 6, for two thir
 
 
 def saved(figure: Figure, form: str) -> bytes:
-    """The figure's file in one of the `FORMATS`."""
+    """Return the figure's file in one of the `FORMATS`."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG

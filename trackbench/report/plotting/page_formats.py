@@ -1,4 +1,4 @@
-"""Where figures are going to stand: the report, or a column or a page of a paper."""
+"""Page formats of figures: the report, or a column or page of a paper."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ Style: TypeAlias = Literal["screen", "paper"]
 
 @dataclass(frozen=True)
 class Sheet:
-    """What a figure is drawn for: inches, panels beside each other, letters."""
+    """Format of a page: inches, panels side by side, font size."""
 
     name: str
     """what it is; nothing of a screen"""
@@ -34,7 +34,7 @@ class Sheet:
 
     @property
     def ending(self) -> str:
-        """What its files' names end in."""
+        """Return the ending of the file names."""
         return f"-{self.name}" if self.name else ""
 
 
@@ -64,12 +64,12 @@ _SHEET: ContextVar[Sheet] = ContextVar("sheet", default=SCREEN)
 
 
 def sheet() -> Sheet:
-    """What figures are being drawn for."""
+    """Return the current page format."""
     return _SHEET.get()
 
 
 def is_crowded(figure: Figure) -> bool:
-    """Whether so many panels stand beside each other that the figure is left to a wider sheet."""
+    """Return whether so many panels stand beside each other that the figure is left to a wider sheet."""
     specs = [ax.get_subplotspec() for ax in figure.axes]
     most = max((s.get_gridspec().ncols for s in specs if s is not None), default=0)
     return sheet().has_wider and most > sheet().across

@@ -58,7 +58,7 @@ def subplots(
     width_in: float | None = None,
     **kwargs: Any,
 ) -> Any:
-    """A figure and its axes; pyplot, which a notebook shows everything of, knows nothing of it."""
+    """Return a figure and its axes, unknown to pyplot, so that notebooks show it once."""
     from trackbench.report.plotting.canvas import Canvas
 
     figure = Canvas(width_in or sheet().width_in, height_in * sheet().heights)
@@ -66,7 +66,7 @@ def subplots(
 
 
 def line(index: int) -> dict[str, Any]:
-    """Colour and dash of the filter that stands at ``index`` among the experiment's filters."""
+    """Return color and dash of the filter at ``index`` among the experiment's filters."""
     colour = COLOURS[index % len(COLOURS)]
     dash = DASHES[(index + index // len(COLOURS)) % len(DASHES)]
     return {"color": colour, "linestyle": dash}
@@ -82,7 +82,7 @@ def spread(
     places: int,
     log: bool = False,
 ) -> None:
-    """Two standard errors around the line at ``place`` of so many, said in the legend and on the page.
+    """Draw two standard errors around line ``place``; explain the band in legend and page.
 
     A band; where there are more than three, which would lie over each other to a grey, bars at some
     of the x, no two lines' at the same. On a logarithmic axis none reaches below a tenth of the value.
@@ -107,7 +107,7 @@ def spread(
 
 
 def legend_outside(figure: Figure) -> None:
-    """One legend below the axes, each label once, in as many columns as there is room for."""
+    """Draw one legend below the axes, each label once, in as many columns as fit."""
     found = _legend(figure)
     if not found:
         return
@@ -126,7 +126,7 @@ _LETTER_IN, _LINE_IN, _HANDLE_IN = 0.066, 0.165, 0.55
 
 
 def _columns(labels: Sequence[str], width_in: float) -> int:
-    """How many columns of a legend stand beside each other; it is filled downwards."""
+    """Return the number of legend columns, which are filled downwards."""
     widths = [_HANDLE_IN + _LETTER_IN * max(map(len, b.split("\n"))) for b in labels]
     for rows in range(1, len(labels) + 1):
         if sum(max(widths[i : i + rows]) for i in range(0, len(labels), rows)) <= width_in:
@@ -135,7 +135,7 @@ def _columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _legend(figure: Figure) -> dict[str, Any]:
-    """What the lines are, by label; the first of those of one label."""
+    """Return the lines by label; the first of each label."""
     found: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -149,7 +149,7 @@ _MOSAIC = 3
 
 
 def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Figure, Any]:
-    """A figure and the axes (number, rows) of so many panels, four beside each other at most."""
+    """Return a figure and the axes (number, rows) of so many panels, four beside each other at most."""
     across = min(number, sheet().across)
     blocks = -(-number // across)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
@@ -160,7 +160,7 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Fig
 
 
 def mosaic(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[Axes]]:
-    """A figure and so many axes in rows of three, and those that fill the last row, left blank."""
+    """Return a figure with axes in rows of three, and the blank axes of the last row."""
     across = min(max(number, 1), _MOSAIC)
     rows = -(-max(number, 1) // across)
     figure, axes = subplots(rows, across, beside_in + row_in * rows, squeeze=False)
@@ -170,7 +170,7 @@ def mosaic(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[A
 
 
 def title(figure: Figure, text: str, points: int = 1) -> None:
-    """The heading, with how many of the grid's points are shown if there are too many."""
+    """Set the heading, with the number of shown grid points if there are too many."""
     part = f"the first {MOST_PANELS} of {points} points" if points > MOST_PANELS else ""
     if not sheet().titled:
         text = ""
@@ -179,18 +179,18 @@ def title(figure: Figure, text: str, points: int = 1) -> None:
 
 
 def headings(points: Sequence[dict[str, Any]]) -> list[str]:
-    """What the points of `panels` are, in lines that have room."""
+    """Set the panel titles, wrapped to the room."""
     across = min(len(points), sheet().across)
     return [wrapped(phrases.heading(point), across) for point in points]
 
 
 def wrapped(text: str, across: int = 1) -> str:
-    """A text in lines that have room over one of so many panels beside each other."""
+    """Return a text in lines that have room over one of so many panels beside each other."""
     return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
 def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
-    """Say 200 and not 2 x 10^2 on a logarithmic axis that spans that factor at most."""
+    """Write 200 instead of 2 x 10^2 on a logarithmic axis of at most this span."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     low, high = axis.get_view_interval()
@@ -202,7 +202,7 @@ def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
 
 
 def words(label: str, width: int = 24) -> str:
-    """A label as it is written, in lines of so many characters; a dollar starts no formula."""
+    """Return a label as it is written, in lines of so many characters; a dollar starts no formula."""
     return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
 
 
@@ -220,12 +220,12 @@ def house() -> Iterator[None]:
 
 
 def forms(formats: Iterable[str]) -> list[str]:
-    """The formats of figures among those of tables and figures: what is for LaTeX is a PDF."""
+    """Return the formats of figures among those of tables and figures: what is for LaTeX is a PDF."""
     return list(dict.fromkeys("pdf" if form == "tex" else form for form in formats))
 
 
 def content(figure: Figure, form: str) -> bytes:
-    """The figure as a file's content in one of the `saving.FORMATS`."""
+    """Return the figure as a file's content in one of the `saving.FORMATS`."""
     if form != "svg":
         return saved(figure, form)
     labels = interactive_svg.mark(figure)
@@ -233,7 +233,7 @@ def content(figure: Figure, form: str) -> bytes:
 
 
 def settled(figure: Figure) -> Figure:
-    """The figure, laid out here and now: what is left for later would be in the user's style."""
+    """Return the figure, laid out here and now: what is left for later would be in the user's style."""
     spell_out(figure)
     figure.draw_without_rendering()
     return figure

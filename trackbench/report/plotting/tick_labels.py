@@ -1,4 +1,4 @@
-"""Powers of ten along an axis in letters, 10⁻³, and not as a formula, which takes matplotlib long."""
+"""Powers of ten on an axis as letters, 10⁻³, because matplotlib parses formulas slowly."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def power_of_ten(exponent: int) -> str:
-    """A label as those of logarithmic axes are."""
+    """Return a label as those of logarithmic axes are."""
     formula = rf"$\mathdefault{{10^{{{exponent}}}}}$"
     return spelt(formula) if sheet().has_raised_digits else formula
 
@@ -33,7 +33,7 @@ def in_letters(figure: Figure) -> None:
 
 
 class _Letters(Formatter):
-    """What another formatter says, in letters."""
+    """Formatter that writes another formatter's powers of ten in raised digits."""
 
     def __init__(self, formulas: Formatter) -> None:
         self._formulas = formulas
@@ -52,7 +52,7 @@ class _Letters(Formatter):
 
 
 def spelt(formula: str) -> str:
-    r"""``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; what is more than that stays a formula."""
+    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; what is more than that stays a formula."""
     found = _FORMULA.fullmatch(formula)
     if found is None:
         return formula

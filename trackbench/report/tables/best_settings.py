@@ -29,7 +29,7 @@ class BestSettings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         found = best_settings(results)
         where = [phrases.axis(path) for path in (found[0].where if found else ())]
         heads = [*where, "Filter", "Best at", "Not told apart"]

@@ -50,11 +50,11 @@ class CalibrationTable(TableKind):
             check_rank(m, "rows", head)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Steps that there are not."""
+        """Return steps that there are not."""
         return steps_that_are_not("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         keys = [*results.grid_heads, "Filter", "PIT"]
         table = Table(self.title, keys, _HEADS, self.digits)
         every: list[tuple[str, str, Histogram]] = []
@@ -75,7 +75,7 @@ def _cells(found: Histogram) -> list[Cell]:
 
 
 def _verdict(found: Uniformity, alpha: float) -> Iterator[str]:
-    """Whose ranks are not uniform, and whose are not seen to be otherwise."""
+    """Return which ranks are not uniform, and which show no difference."""
     by = f"by {found.tests} tests, {alpha:g} for all of them (Holm)"
     if found.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in found.bad.items())

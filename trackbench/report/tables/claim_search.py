@@ -48,7 +48,7 @@ class ClaimReadings(TableKind):
     """how many readings are shown"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         heads, points = readings(results, list(results.filters))
         claims, verdicts = _judged(results, self._claims(results), [point for _, point in points])
         if not claims:
@@ -64,7 +64,7 @@ class ClaimReadings(TableKind):
         return table
 
     def _claims(self, results: Results) -> list[Claim]:
-        """What is said of the filters that are here."""
+        """Return the claims about the experiment's filters."""
         published = read_published(results.folder, results.config.get("published", []), self.of)
         here = set(results.filters)
         return [
@@ -79,7 +79,7 @@ class ClaimReadings(TableKind):
 def _judged(
     results: Results, claims: list[Claim], points: list[dict[str, Any]]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """The claims that any point decides, and the words on each of them at every point."""
+    """Return the claims that any point decides, and the words on each of them at every point."""
     evidence = [Expressions(results, point) for point in points]
     found = [[judge(claim, there).verdict.word for claim in claims] for there in evidence]
     measured = [any(at[i] != NOT_MEASURED for at in found) for i in range(len(claims))]

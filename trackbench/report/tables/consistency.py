@@ -34,7 +34,7 @@ class Consistency(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         labels = results.chosen(self.filters)
         heads = [
             "ANEES, median step",
@@ -68,7 +68,7 @@ class Consistency(TableKind):
 
 
 def _cells(value: Array, n: int, runs: Array) -> list[Cell]:
-    """Median over the steps, and the share of steps inside their bands."""
+    """Return the median over the steps, and the share of steps inside their bands."""
     if not len(value):
         return [Cell.missing(), Cell.missing()]
     bands = {m: anees_band(n, m) for m in set(runs.tolist())}

@@ -36,7 +36,7 @@ class Differences(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         labels = results.chosen(self.filters)
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
@@ -53,7 +53,7 @@ class Differences(TableKind):
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimRow(Labelled):
-    """That one filter's metric is less than another's."""
+    """Statement that one filter's metric is less than another's."""
 
     label_keys: ClassVar[tuple[str, ...]] = ("less", "than")
 
@@ -82,7 +82,7 @@ class Claims(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         points = results.points()
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
@@ -95,7 +95,7 @@ class Claims(TableKind):
 
 
 def _compared(evidence: Expressions, claim: ClaimRow) -> tuple[Term, str]:
-    """The difference of the two filters on common runs, and what it says of the claim."""
+    """Return the difference of the two filters on common runs, and what it says of the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
     off = evidence.difference(less, than)
@@ -103,7 +103,7 @@ def _compared(evidence: Expressions, claim: ClaimRow) -> tuple[Term, str]:
 
 
 def _ranges(names: list[str], words: list[str]) -> str:
-    """``holds at 0, 0.1; undecided at 1; fails at 10``."""
+    """Return ``holds at 0, 0.1; undecided at 1; fails at 10``."""
     found: dict[str, list[str]] = {"holds": [], "undecided": [], "fails": []}
     for name, word in zip(names, words, strict=True):
         found.get(word, found["undecided"]).append(name)

@@ -66,7 +66,7 @@ class EfficiencyTable(TableKind):
         return {} if self.metric.is_efficiency else {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every, labels = scenes(results), shown(results, self.filters)
         table = Table(self.title, [*map(phrases.axis, every[0]), "Filter"], heads, self.digits)
@@ -98,7 +98,7 @@ class EfficiencyTable(TableKind):
 def _forms(
     results: Results, scene: dict[str, Any], label: str
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The filter with each set of keys that it has there, named by what varies, and the first point."""
+    """Yield the filter with each of its varied key sets, their name, and the first point."""
     found: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):
@@ -110,7 +110,7 @@ def _forms(
 
 
 def _is_not_zero(cross: Cell) -> bool:
-    """By Student's t: the standard error of two or three runs may be small by chance."""
+    """Test by Student's t, as the error of two or three runs may be small by chance."""
     z = normal_of_t(z_score(cross.estimate), max(cross.runs - 1.0, 1.0))
     return abs(z) > _NOT_ZERO
 
@@ -149,11 +149,11 @@ class EqualCost(TableKind):
     """significant digits of the values"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """There must be a grid, and times of the named filter to look at."""
+        """Require a grid, and times of the named filter."""
         return cost_conflicts(points, self.metric, self.along, {"of": self.of})
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         every, metric = scenes(results), str(self.metric)
         heads = [*map(phrases.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
         values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
@@ -172,7 +172,7 @@ class EqualCost(TableKind):
         return table
 
     def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
-        """The rows at one CPU time, and what follows from them."""
+        """Add the rows at one CPU time, and the conclusion."""
         own = AtCost(budget.size, logged(budget.error), lost=budget.lost)
         found = {curve.name: curve.at(budget.cost) for curve in rivals}
         for name, at in found.items():
@@ -189,7 +189,7 @@ class EqualCost(TableKind):
 
 
 def _cells(at: AtCost, own: AtCost) -> list[Cell]:
-    """Size, error, what the interpolation leaves out, and the ratio to the named filter's error."""
+    """Return size, error, interpolation error, and the ratio to the named filter's error."""
     value, (difference, other) = float(exp(at.error.value)), beside(at, own)
     ratio = float(exp(difference.value))
     lost = int((at.lost > 0).sum())
@@ -204,7 +204,7 @@ def _cells(at: AtCost, own: AtCost) -> list[Cell]:
 
 
 def _best(found: dict[str, AtCost], higher: bool) -> str:
-    """The best filter, those that may be as good, and those that are but lose fewer runs."""
+    """Return the best filter, those that may be as good, and those that are but lose fewer runs."""
     sign = -1.0 if higher else 1.0
     first = min(found, key=lambda name: sign * found[name].error.value)
     open_, fewer = [], []

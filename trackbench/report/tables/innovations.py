@@ -51,7 +51,7 @@ class Innovations(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder; columns that no filter has are left out."""
+        """Return the table from a results folder; columns that no filter has are left out."""
         found = {
             tuple(point.items()): Expressions(results, point).stored for point in results.points()
         }
@@ -67,7 +67,7 @@ class Innovations(TableKind):
 
 
 def _errors(results: Results) -> dict[str, str]:
-    """Heading and metric of a column for each component of the measurement."""
+    """Return the heading and metric of a column for each component of the measurement."""
     found = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
@@ -78,7 +78,7 @@ def _errors(results: Results) -> dict[str, str]:
 
 
 def _bands(results: Results, labels: list[str]) -> list[str]:
-    """What a consistent filter's numbers lie between, and of which where it differs."""
+    """Return the bands of a consistent filter, and where filters leave them."""
     said: dict[str, list[str]] = {}
     for point in results.points():
         alike: dict[str, list[str]] = {}
@@ -95,7 +95,7 @@ def _bands(results: Results, labels: list[str]) -> list[str]:
 
 
 def _told(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
-    """The sentence on a filter's bands; none of one that foretells nothing."""
+    """Return the sentence on a filter's bands; none of one that foretells nothing."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     there = ~np.isnan(numbers)
     if not there.any():

@@ -47,7 +47,7 @@ class Metrics(TableKind):
     """a last row with one filter's improvement over another's, in percent"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         labels = results.chosen(self.filters)
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
@@ -77,19 +77,19 @@ class Metrics(TableKind):
 
 
 def _is_least_best(m: Measure) -> bool:
-    """Whether the least is the best: of a gain, and of a share of runs won, the most is."""
+    """Return whether the least is the best: of a gain, and of a share of runs won, the most is."""
     smaller = m.is_cpu_time or m.family[0].better == "lower"
     return smaller and m.relation not in ("gain", "below")
 
 
 def _cell(expressions: Expressions, m: Measure) -> Cell:
-    """A row of summary.csv as it stands there; else evaluated, such as a ratio to another filter."""
+    """Return a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
     return Cell.of(stored or expressions.term(m))
 
 
 def _lost_notes(results: Results, point: dict[str, Any], labels: list[str]) -> Iterator[str]:
-    """Why runs were lost, in words."""
+    """Return why runs were lost, in words."""
     runs = results.runs(point)
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))

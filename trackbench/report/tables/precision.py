@@ -32,7 +32,7 @@ class Precision(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         config = results.config
         wanted = [
             PrecisionTarget.read(metric, error) for metric, error in config.get("until", {}).items()
@@ -54,7 +54,7 @@ class Precision(TableKind):
 
 
 def _result(runs: dict[tuple[str, str], Array], label: str) -> FilterResult:
-    """What per_run.csv has of a filter."""
+    """Return a filter's values from per_run.csv."""
     per_run = {metric: values for (of, metric), values in runs.items() if of == label}
     return FilterResult(per_run, {}, {}, None, [])
 

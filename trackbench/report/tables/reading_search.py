@@ -35,7 +35,7 @@ class Number(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Of both numbers, before they are compared."""
+        """Return the power of ten by which both numbers are scaled for comparison."""
         return 0.5 if self.is_variance else 1.0
 
 
@@ -49,7 +49,7 @@ class Distance(NamedTuple):
 
     @property
     def cell(self) -> Cell:
-        """As a cell of a table; its error is of the runs, not of the choice among readings."""
+        """Return the cell; its error covers the runs, not the choice among interpretations."""
         runs = len(self.influences)
         return Cell(Estimate(self.value, mean(self.influences).stderr), runs - self.lost, self.lost)
 
@@ -82,7 +82,7 @@ class Readings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         numbers = self._numbers(results)
         labels = [b for b in results.filters if any(b in n.labels for n in numbers)]
         heads, points = readings(results, labels)
@@ -109,7 +109,7 @@ class Readings(TableKind):
         return table
 
     def _numbers(self, results: Results) -> list[PublishedNumber]:
-        """The printed numbers that the distance counts."""
+        """Return the printed numbers that the distance counts."""
         paths = results.config.get("published", [])
         published = read_published(results.folder, paths, self.of)
         wanted = results.filters if self.filters is None else self.filters
@@ -124,7 +124,7 @@ class Readings(TableKind):
 
 
 def distance(numbers: list[Number]) -> Distance:
-    """Distance of what is measured from what is printed."""
+    """Return the distance of what is measured from what is printed."""
     terms = [number.measured for number in numbers]
     runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
     lost = max((t.lost for t in terms), default=0)
@@ -146,7 +146,7 @@ def distance(numbers: list[Number]) -> Distance:
 def ways_to_measure(
     numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
 ) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
-    """Heads, and each way to measure the printed numbers: words under the heads, one row per number.
+    """Return heads and rows: each way to measure the printed numbers, one row per number.
 
     A printed number with rows of several expressions is measured by one of them at a time, the same for
     all numbers of its printed metric.
@@ -167,7 +167,7 @@ def ways_to_measure(
 
 
 def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
-    """The number as another statistic of the same errors; a variance stays one."""
+    """Return the number as another statistic of the same errors; a variance stays one."""
     m = number.expression
     if not statistic or m is None or not _is_average(m):
         return number
@@ -175,7 +175,7 @@ def _by(statistic: str, number: PublishedNumber) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
-    """Whether it is of the metric's unit, over the runs."""
+    """Return whether it is of the metric's unit, over the runs."""
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation
 
@@ -192,7 +192,7 @@ def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[
 def readings(
     results: Results, labels: list[str]
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
-    """Paths that concern these filters, and one point for each combination of their values."""
+    """Return paths that concern these filters, and one point for each combination of their values."""
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     points: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():

@@ -42,7 +42,7 @@ class TuningTable(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """The table from a results folder."""
+        """Return the table from a results folder."""
         tuning, runs = results.config["tuning"], results.runs({})
         objective = Objective.of(tuning["metric"], results.given({}).sizes)
         by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
@@ -57,7 +57,7 @@ class TuningTable(TableKind):
 
 
 def _trained_on(results: Results) -> str:
-    """The training runs, or the part of recorded ones, and what of the results they have not seen."""
+    """Return the training runs, or the part of recorded ones, and the runs held out."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
@@ -67,7 +67,7 @@ def _trained_on(results: Results) -> str:
 
 
 def words_of(metric: str | dict[str, float]) -> str:
-    """What is made small, as one writes a sum."""
+    """Return the objective, written as a sum."""
     if isinstance(metric, str):
         return objective_label(metric)
     return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
@@ -76,7 +76,7 @@ def words_of(metric: str | dict[str, float]) -> str:
 def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
 ) -> Score | None:
-    """A filter's score on the runs of the results; none if it was not run, or failed."""
+    """Return a filter's score on the runs of the results; none if it was not run, or failed."""
     mine = {metric: values for (of, metric), values in runs.items() if of == label}
     wanted = {*objective.metrics, "lost"}
     return objective.score(mine) if wanted <= mine.keys() else None
@@ -113,7 +113,7 @@ def _cell(score: Score | None) -> Cell:
 
 
 def _gained(found: Score | None, given: Score | None) -> Cell:
-    """Untuned less tuned, on common runs."""
+    """Return the untuned less tuned, on common runs."""
     if found is None or given is None:
         return Cell.missing()
     moved = given.influences - found.influences

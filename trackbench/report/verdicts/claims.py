@@ -1,4 +1,4 @@
-"""What is said in words of filters, as a test: a claim against the evidence."""
+"""Tests of claims in words against the results."""
 
 from dataclasses import replace
 from math import inf, isnan, nan
@@ -25,7 +25,7 @@ class Judged(NamedTuple):
 
 
 def judge(claim: Claim, evidence: Expressions | None) -> Judged:
-    """The verdict on a claim: it holds if it does against every filter that it names."""
+    """Return the verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     single = _at_each_step(claim, evidence)
@@ -55,7 +55,7 @@ def _unjudged(claim: Claim, why: str) -> Judged:
 
 
 def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
-    """The claim at each of the steps that it is about; or itself, if that is no matter of steps."""
+    """Return the claim at each of its steps, or itself without steps."""
     left, right = (
         whole.at_each_step(m.of(claim.left)) if m else [None]
         for m in (claim.expression, claim.right_expression)
@@ -67,21 +67,21 @@ def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
 
 
 class _Off(NamedTuple):
-    """What tells how far a claim's left side is off, what it is at the claim's edge, and its target."""
+    """Margin of a claim: the left side's estimate, its value at the claim's edge, and its target."""
 
     term: Term
     edge: float
     target: float
 
     def margin(self, claim: Claim) -> float:
-        """How far the number is on the claim's side of its edge."""
+        """Return the number's distance to the claim's edge, positive on the claim's side."""
         off = self.term.value - self.edge
         if claim.relation == "~":
             return claim.tolerance * abs(self.target) - abs(off)
         return -off if claim.relation == "<" else off
 
     def in_favour(self, claim: Claim) -> float:
-        """z of the claim."""
+        """Return z of the claim."""
         if claim.relation == "~":
             return z_score(Estimate(self.margin(claim), self.term.stderr))
         z = self.term.z(self.edge)
@@ -100,7 +100,7 @@ class _Score(NamedTuple):
 
 
 def _score(evidence: Expressions, claim: Claim, right: str) -> _Score:
-    """The claim against one filter of its right side, or against its factor if there is none."""
+    """Return the claim against one filter of its right side, or against its factor if there is none."""
     off = _off(evidence, claim, right)
     parts, stressed = (
         [off._replace(term=term).in_favour(claim) for term in terms]
@@ -118,7 +118,7 @@ def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
 
 
 def _why(whole: Expressions, score: _Score) -> str:
-    """Both sides of a comparison, in words."""
+    """Return both sides of a comparison, in words."""
     claim, right = score.claim, score.right
     why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
     why += [] if right else [f"{score.off.target:g}"]
@@ -126,7 +126,7 @@ def _why(whole: Expressions, score: _Score) -> str:
 
 
 def _of_steps(weakest: _Score, found: list[_Score]) -> str:
-    """Where the comparison is that is the weakest of those at many steps, and how many are strong."""
+    """Return the weakest of comparisons at many steps, and how many are significant."""
     steps = weakest.claim.expression and weakest.claim.expression.steps
     surely = sum(score.z >= rules.DECIDED for score in found)
     where = f"at step {steps.first}; " if steps else ""
@@ -138,7 +138,7 @@ def _in_words(label: str, term: Term) -> str:
 
 
 def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
-    """Why a filter whose error is said to be smaller is not better: it loses more of the same runs."""
+    """Return why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
     if claim.relation != better or a is None or b is None or not lost_runs.loses_more(a, b):
@@ -148,12 +148,12 @@ def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
 
 
 def no_results(row: PublishedNumber | Claim, evidence: Expressions | None) -> str:
-    """That the grid has not the point that a row names, if so."""
+    """Return a note if the grid lacks the point that a row names."""
     return "" if evidence is not None else f"no results at {row.point}"
 
 
 def noted(*notes: str) -> str:
-    """Those notes that say anything."""
+    """Join the nonempty notes."""
     return "; ".join(filter(None, notes))
 
 

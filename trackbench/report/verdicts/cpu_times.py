@@ -51,7 +51,7 @@ class TimeVerdict(NamedTuple):
 
     @property
     def statement(self) -> str:
-        """The claim, or what the number is of."""
+        """Return the claim, or what the number is of."""
         row = self.row
         return row.claim if isinstance(row, Claim) else f"{row.filter}: {row.metric}"
 
@@ -103,7 +103,7 @@ def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: s
 
 
 def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
-    """Ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
+    """Return ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
     relation = row.expression.relation if row.expression else ""
     if not all(m.is_cpu_time for m in row.expressions):
         return None
@@ -120,7 +120,7 @@ def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
 
 
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
-    """The verdict by the widened interval."""
+    """Return the verdict by the widened interval."""
     if isnan(low):
         return UNDECIDED
     outside = high <= least or low >= most
@@ -137,7 +137,7 @@ class _Stored(NamedTuple):
 
 
 def _stored(results: Results, point: dict[str, object]) -> dict[str, _Stored]:
-    """Each filter's repeats and operations; of a folder without measured times none."""
+    """Return each filter's repeats and operations; of a folder without measured times none."""
     found = {}
     for row in results.columns("timing", point).records():
         words = (f"{row.get(name, '-')} {name}" for name in ("likelihoods", "covariances"))
@@ -161,7 +161,7 @@ def _cells(v: TimeVerdict) -> list[object]:
 
 
 def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
-    """A table of them; none if there is none."""
+    """Return a table of them; none if there is none."""
     heads = ["Statement", "Verdict", "Filters", "Time, ratio", "95 %", "Published", "Operations"]
     table = TextTable("CPU times, on this machine", [*heads, "Source"], notes=[LEGEND])
     for v in verdicts:
@@ -173,7 +173,7 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
 
 
 def time_line(results: Results) -> list[str]:
-    """One line on these verdicts; none if there is none."""
+    """Return one line on these verdicts; none if there is none."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
     found = ", ".join(f"{number} {word}" for word, number in words.items())
     return [f"CPU times, on this machine: {found}; {FILE} has them"] if found else []

@@ -38,7 +38,7 @@ class Bar(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
+        """Return the bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
         parts = (
             f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
         )
@@ -46,7 +46,7 @@ class Bar(NamedTuple):
 
 
 def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
-    """The parts in a fixed order, without those of which there is none."""
+    """Return the parts in a fixed order, without those of which there is none."""
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
@@ -107,7 +107,7 @@ def write_paired(results: Results) -> None:
 
 
 def number_rows(comparison: Comparison) -> list[dict[str, object]]:
-    """Rows of comparison.csv: every reading of every number, the best ones marked."""
+    """Return rows of comparison.csv: every reading of every number, the best ones marked."""
     rows: list[dict[str, object]] = []
     best = {id(number.best) for number in comparison.numbers}
     for compared in comparison.rows:
@@ -123,7 +123,7 @@ def number_rows(comparison: Comparison) -> list[dict[str, object]]:
 
 
 def claim_rows(comparison: Comparison) -> list[dict[str, object]]:
-    """Rows of claims.csv."""
+    """Return rows of claims.csv."""
     rows = []
     for judged in comparison.claims:
         verdict, claim = judged.verdict, judged.claim
@@ -150,7 +150,7 @@ def summary_lines(comparison: Comparison) -> list[str]:
 
 
 def markdown(results: Results, comparison: Comparison) -> str:
-    """Counts, published numbers per table, rank agreement, claims."""
+    """Return counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
@@ -172,14 +172,14 @@ LEGEND = (
 
 
 def verdict_tables(comparison: Comparison) -> list[TextTable]:
-    """Numbers per published table, agreement of orders, claims."""
+    """Return numbers per published table, agreement of orders, claims."""
     tables = _number_tables(comparison)
     tables += [_rank_table(comparison.ranks)] if comparison.ranks else []
     return [*tables, _claim_table(comparison.claims)] if comparison.claims else tables
 
 
 def _number_tables(comparison: Comparison) -> list[TextTable]:
-    """A table of verdicts per published table, and of those with several readings all of them."""
+    """Return a table of verdicts per published table, and of those with several readings all of them."""
     tables: dict[str, dict[str, TextTable]] = {}
     for number in comparison.numbers:
         place = f"{number.best.published.paper}, {number.best.published.table}"
@@ -220,7 +220,7 @@ def _parts(verdict: Verdict) -> str:
 
 
 def _claim_table(claims: list[Judged]) -> TextTable:
-    """Claims with verdict and z."""
+    """Return claims with verdict and z."""
     table = TextTable(
         "Claims (z: standard errors in the claim's favour, weakest comparison)",
         [
@@ -242,7 +242,7 @@ def _claim_table(claims: list[Judged]) -> TextTable:
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:
-    """Agreement of orders per column."""
+    """Return the agreement of orders per column."""
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)
     for r in ranks:
@@ -252,7 +252,7 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
 
 
 def printed(number: PublishedNumber) -> str:
-    """The number with the decimals it is printed with."""
+    """Return the number with the decimals it is printed with."""
     if isinstance(number.value, str):
         return number.value
     return f"{number.value:.{number.digits}f}"

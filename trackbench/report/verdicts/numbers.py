@@ -50,12 +50,12 @@ class Reproduced(NamedTuple):
 
     @property
     def best(self) -> Compared:
-        """The reading that gives the number its verdict."""
+        """Return the reading that gives the number its verdict."""
         return min(self.rows, key=_rank)
 
     @property
     def readings(self) -> int:
-        """How many were tried."""
+        """Return the number of interpretations tried."""
         return len(self.rows)
 
 
@@ -73,7 +73,7 @@ class Comparison:
 
     @cached_property
     def numbers(self) -> list[Reproduced]:
-        """A verdict for each published number, however many readings of it were tried."""
+        """Return a verdict for each published number, however many readings of it were tried."""
         found: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         for row in self.rows:
             found[row.published.printed_at].append(row)
@@ -81,7 +81,7 @@ class Comparison:
 
 
 def _rank(row: Compared) -> tuple[int, float]:
-    """The best verdict first; of equal ones the nearest value."""
+    """Return the best verdict first; of equal ones the nearest value."""
     printed, value = row.published.value, row.measured.value
     off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
     return NUMBER_WORDS.index(row.verdict.word), off
@@ -96,7 +96,7 @@ def compare(results: Results) -> Comparison:
 
 
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
-    """Kendall's tau between the published and the measured order, per column with three filters."""
+    """Yield Kendall's tau of published and measured order, per column of three or more filters."""
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
     for row in rows:
         if isfinite(row.measured.value) and not isinstance(row.published.value, str):
@@ -111,7 +111,7 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
 
 
 def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
-    """Kendall's tau-b of two orders; NaN if all of one are equal (Kendall 1945, Biometrika 33, 239)."""
+    """Return Kendall's tau-b of two orders; NaN if one is constant (Kendall 1945, Biometrika 33)."""
     x, y = (np.sign(np.subtract.outer(values, values)) for values in (a, b))
     untied = [np.count_nonzero(signs) / 2 for signs in (x, y)]
     if not all(untied):

@@ -92,7 +92,7 @@ def of_claim(
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:
-    """The least z of comparisons that all have to hold, NaN before any; for certain, of many steps.
+    """Return the least z of comparisons that must all hold, NaN before any.
 
     That all hold needs no correction for their number, since each has to be shown (an intersection-union
     test; Berger 1982, Technometrics 24, 295). One of many steps that fails does: Bonferroni's.
@@ -138,7 +138,7 @@ def _difference(number: PublishedNumber, measured: Term, least: float) -> tuple[
 
 
 def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
-    """Standard error of the printed number: from its own spread, else from ours."""
+    """Return the standard error of the printed number: from its own spread, else from ours."""
     if not number.runs:
         return 0.0
     if number.variance is not None:

@@ -1,4 +1,4 @@
-"""What the columns of a user's table are called and measured in, and the quantities they give."""
+"""Names and units of a table's columns, and the quantities computed from them."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -74,14 +74,14 @@ class Naming:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
-        """The column of a quantity among ``names``; of 2.x, the second sensor's, also that of x."""
+        """Return the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
         for key in dict.fromkeys((name, name.rpartition(".")[2], _plain(name))):
             if self.columns.get(key, key) in names:
                 return self.columns.get(key, key)
         return None
 
     def scale(self, name: str) -> float:
-        """How much of SI a quantity is given in."""
+        """Return the factor from a quantity's unit to SI."""
         plain = _plain(name)
         unit = self.units.get(name) or self.units.get(plain) or _GIVEN_IN.get(plain)
         return 1.0 if unit is None else UNITS[unit]
@@ -99,10 +99,10 @@ def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
 
 
 class Columns:
-    """Where the quantities of one table come from: columns of their own, or others that give them."""
+    """Sources of one table's quantities: their own columns, or others that determine them."""
 
     def __init__(self, path: str, naming: Naming, wanted: Sequence[str], least: int = 1) -> None:
-        """Columns of a file for these quantities. Raises DataError if it has fewer than ``least``."""
+        """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist."""
         self.path, self.naming, self.names = path, naming, header(path)
         self.contents: dict[str, Content] = {}
         self.unavailable: Counter[str] = Counter()
@@ -116,11 +116,11 @@ class Columns:
             self.take(source, "number")
 
     def column(self, name: str) -> str | None:
-        """What a quantity's own column is called here."""
+        """Return the name of a quantity's column in this file."""
         return self.naming.called(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """The column of a quantity or of a key such as ``run``, which then is read.
+        """Return the column of a quantity or of a key such as ``run``, which then is read.
 
         Raises DataError if it is the column of another quantity, too.
         """
@@ -134,7 +134,7 @@ class Columns:
         return column
 
     def mistake(self, what: str) -> DataError:
-        """A mistake of the table as a whole."""
+        """Return a mistake of the table as a whole."""
         return DataError(Place(self.path, 1, 1, what))
 
     def read(self) -> Table:
@@ -155,7 +155,7 @@ class Columns:
         return table
 
     def first_place(self, table: Table) -> tuple[float, ...] | None:
-        """Latitude, longitude (deg) and height of the first row that has them."""
+        """Return the latitude, longitude (deg) and height of the first row that has them."""
         if not any("latitude" in sources for sources in self._of.values()):
             return None
         place = self._geodetic(table)
@@ -166,7 +166,7 @@ class Columns:
         return latitude * 180.0 / pi, longitude * 180.0 / pi, height
 
     def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
-        """The quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
+        """Return the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
         plane: Mapping[str, Array] = {}
         if origin is not None:
             latitude, longitude, *height = origin
@@ -189,7 +189,7 @@ class Columns:
         return out
 
     def _sources(self, name: str) -> tuple[str, ...]:
-        """What gives a quantity: itself, a place on the Earth, speed and course, or nothing."""
+        """Return the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
         if self.column(name) is not None:
             return (name,)
         plain = _plain(name)
@@ -215,7 +215,7 @@ class Columns:
         return Geodetic(latitude, longitude, np.zeros_like(latitude))
 
     def _along(self, table: Table, name: str) -> Array:
-        """The velocity east (vx) or north of a speed and a course clockwise from north."""
+        """Return the velocity east (vx) or north of a speed and a course clockwise from north."""
         speed, course = (self._value(table, part) for part in COURSE)
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
         velocity = speed * (s if _plain(name) == "vx" else c)
@@ -223,6 +223,6 @@ class Columns:
 
 
 def _plain(name: str) -> str:
-    """The quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
+    """Return the quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
     plain = name.rpartition(".")[2]
     return plain[1:] if plain in ("px", "py", "pz") else plain

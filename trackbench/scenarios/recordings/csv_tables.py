@@ -23,7 +23,7 @@ Parse = Callable[[str], float]
 
 
 def number(cell: str) -> float:
-    """A finite number, NaN for a cell that is empty or says so. ValueError says what it is not."""
+    """Return a finite number, NaN for an empty cell; raises ValueError."""
     if cell.lower() in ("", "nan"):
         return math.nan
     try:
@@ -37,7 +37,7 @@ def number(cell: str) -> float:
 
 
 def seconds(cell: str) -> float:
-    """A time in numbers, which is there."""
+    """Return a time in numbers, which is there."""
     value = number(cell)
     if math.isnan(value):
         raise ValueError("a time")
@@ -45,7 +45,7 @@ def seconds(cell: str) -> float:
 
 
 def instant(cell: str, zoned: bool | None = None) -> float:
-    """Microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC.
+    """Return the microseconds since 1970 of a time in ISO 8601, exactly; without a zone it is UTC.
 
     ``zoned`` says whether it must have a zone, None that it may. ValueError says what it is not.
     """
@@ -67,7 +67,7 @@ def has_zone(cell: str) -> bool:
 
 
 def whole(cell: str) -> float:
-    """A whole number from zero on."""
+    """Return a whole number from zero on."""
     if not (cell.isascii() and cell.isdigit()):
         raise ValueError("a whole number")
     if len(cell) > _DIGITS:
@@ -76,7 +76,7 @@ def whole(cell: str) -> float:
 
 
 def is_instant(cell: str) -> bool:
-    """Whether a time is written as a date."""
+    """Return whether a time is written as a date."""
     try:
         instant(cell.strip())
     except ValueError:
@@ -85,7 +85,7 @@ def is_instant(cell: str) -> bool:
 
 
 def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
-    """The values (R,) of a column's cells, and which are none and why."""
+    """Return the values (R,) of a column's cells, and which are none and why."""
     if parse in (number, seconds):
         values = _quickly(cells)
         if values is not None:
@@ -100,7 +100,7 @@ def parsed(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, s
 
 
 def _quickly(cells: Sequence[str]) -> Array | None:
-    """The numbers, if every cell is a plain finite one."""
+    """Return the numbers, if every cell is a plain finite one."""
     text = "".join(cells)
     if not text.isascii() or "_" in text:
         return None
@@ -134,7 +134,7 @@ class Table(NamedTuple):
 
 
 def header(path: str) -> list[str]:
-    """Names of a table's columns."""
+    """Return names of a table's columns."""
     if _is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
     for _, cells in _lines(path):
@@ -143,7 +143,7 @@ def header(path: str) -> list[str]:
 
 
 def read_table(path: str, contents: Mapping[str, Content]) -> Table:
-    """These columns of a table. Raises DataError with the line of every mistake, up to twenty."""
+    """Read columns of a table; raises DataError with up to twenty mistakes and their lines."""
     reading = _Reading(path, contents)
     if _is_parquet(path):
         frame = _parquet(path, list(contents))
@@ -183,7 +183,7 @@ class _Reading:
     def of_full_width(
         self, rows: Sequence[tuple[int, list[str]]], width: int
     ) -> Sequence[tuple[int, list[str]]]:
-        """The rows with a cell for each column; the others are mistakes."""
+        """Return the rows with a cell for each column; the others are mistakes."""
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
             return rows
@@ -192,7 +192,7 @@ class _Reading:
         return [row for row in rows if len(row[1]) == width]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
-        """Rows by column."""
+        """Append rows by column."""
         for name, content in self.contents.items():
             values: Column
             if content == "label":
@@ -206,7 +206,7 @@ class _Reading:
         self._lines.append(lines.astype(np.int32))
 
     def table(self) -> Table:
-        """All rows that were added. Raises DataError if any was mistaken, or there is none."""
+        """Return all rows that were added. Raises DataError if any was mistaken, or there is none."""
         if not self._lines and not self.mistakes:
             self.mistakes.append(Place(self.path, 1, 1, "has no rows"))
         if self.mistakes:
@@ -218,7 +218,7 @@ class _Reading:
         return Table(self.path, columns, words, np.concatenate(self._lines), self.dated or "")
 
     def _parser(self, content: Content, cells: Sequence[str]) -> Parse:
-        """What reads the cells: the first time says whether all are dates, and have a zone."""
+        """Return the parser of time cells; the first time decides between dates, zones and numbers."""
         if content != "time":
             return _PARSERS[content]
         if self.dated is None and cells:
@@ -235,7 +235,7 @@ class _Reading:
 
 
 def _lines(path: str) -> Iterator[tuple[int, list[str]]]:
-    """Line numbers and cells of every line that is not blank."""
+    """Yield line numbers and cells of every line that is not blank."""
     reader = None
     try:
         with require_regular_file(path).open(newline="", encoding="utf-8-sig") as file:
@@ -257,7 +257,7 @@ def _is_parquet(path: str) -> bool:
 
 
 def _parquet(path: str, columns: list[str] | None) -> Any:
-    """A data frame of these columns; without, the names of all there are."""
+    """Return a data frame of these columns; without, the names of all there are."""
     try:
         from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
@@ -274,5 +274,5 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 
 def _shown(value: object) -> str:
-    """A cell of a data frame as a CSV has it."""
+    """Return a cell of a data frame as a CSV has it."""
     return "" if value is None or value != value or str(value) == "NaT" else str(value)

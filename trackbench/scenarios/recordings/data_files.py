@@ -1,4 +1,4 @@
-"""What stands on files: it is another when they are, so that no block of old data is taken for new."""
+"""Base of components that read data files; their equality includes the files' content."""
 
 import hashlib
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ class FromFiles:
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """All files, as the config names them."""
+        """Return all files, as the config names them."""
         raise NotImplementedError
 
     @property
@@ -41,7 +41,7 @@ class FromFiles:
         object.__setattr__(self, "_content", digest.hexdigest())
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Size and time of every file."""
+        """Return the size and time of every file."""
         out = {}
         for path in (path for pattern in self.patterns for path in files_of(pattern)):
             try:
@@ -58,7 +58,7 @@ class FromFiles:
         return (type(self), keys, self.__dict__["_content"])
 
     def _named(self, value: Any) -> str:
-        """A key as a word; a file is what it holds, wherever it lies."""
+        """Return a key as a word; a file is what it holds, wherever it lies."""
         if isinstance(value, tuple) and value:
             return ",".join(map(self._named, value))
         return "file" if isinstance(value, str) and value in self.patterns else repr(value)
@@ -71,7 +71,7 @@ class FromFiles:
 
 
 def recorded_columns(values: Array, rng: Streams) -> Array:
-    """The columns (..., M) of the runs that have these streams, NaN for runs that were not recorded.
+    """Return the columns (..., M) of these streams' runs, NaN for runs without a recording.
 
     Training runs, -1 and so on, are the last ones: run -1 is the last of all.
     """

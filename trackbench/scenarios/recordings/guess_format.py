@@ -51,7 +51,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Guess:
-    """What a table seems to hold: columns by quantity, units, and numbers for a first try."""
+    """Guess at a table: columns by quantity, units, and noise levels for a first try."""
 
     columns: dict[str, Found]
     units: dict[str, str]
@@ -62,19 +62,19 @@ class Guess:
 
     @property
     def places(self) -> tuple[str, str]:
-        """The two quantities that tell where the target is."""
+        """Return the two quantities that tell where the target is."""
         return places_of(self.columns)
 
     @property
     def moves(self) -> bool:
-        """Whether velocities are measured, too."""
+        """Return whether velocities are measured, too."""
         both = [("vx", "vy"), ("speed", "course")]
         polar = self.places == ("range", "azimuth")
         return not polar and any(all(name in self.columns for name in pair) for pair in both)
 
 
 def places_of(columns: dict[str, Found]) -> tuple[str, str]:
-    """Which pair of quantities tells a position."""
+    """Return the pair of quantities that determines a position."""
     for pair in (("x", "y"), ("latitude", "longitude"), ("range", "azimuth")):
         if all(name in columns for name in pair):
             return pair
@@ -82,7 +82,7 @@ def places_of(columns: dict[str, Found]) -> tuple[str, str]:
 
 
 def recognised(path: str) -> Guess:
-    """The guess. Raises DataError if no time or no position can be made out."""
+    """Return the guess. Raises DataError if no time or no position can be made out."""
     names = header(path)
     columns, there = dict(_recognised(names)), ", ".join(names)[:200]
     if "time" not in columns and "step" not in columns:
@@ -119,7 +119,7 @@ def recognised(path: str) -> Guess:
 
 
 def _recognised(names: list[str]) -> Iterator[tuple[str, Found]]:
-    """Each quantity with the first column that may be it."""
+    """Yield each quantity with the first column that may be it."""
     for quantity, words in _CALLED.items():
         for name in names:
             parts = re.findall(r"[a-z0-9/]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
@@ -131,7 +131,7 @@ def _recognised(names: list[str]) -> Iterator[tuple[str, Found]]:
 
 
 def _scatter(time: Array, value: Array) -> float:
-    """Standard deviation of errors: how far values are from the line between their neighbours."""
+    """Return the errors' deviation, from distances to the line between neighbors."""
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
         return 1.0
@@ -142,7 +142,7 @@ def _scatter(time: Array, value: Array) -> float:
 
 
 def _speed(time: Array, x: Array, y: Array) -> float:
-    """The usual speed, m/s, over a tenth of the recording, where errors matter less."""
+    """Return the usual speed, m/s, over a tenth of the recording, where errors matter less."""
     lag = max(1, len(time) // 10)
     if len(time) <= lag:
         return 1.0
@@ -151,7 +151,7 @@ def _speed(time: Array, x: Array, y: Array) -> float:
 
 
 def config_parts(guess: Guess) -> dict[str, str]:
-    """The parts of a config that are guessed, as lines of YAML."""
+    """Return the parts of a config that are guessed, as lines of YAML."""
     polar, speed = guess.places == ("range", "azimuth"), guess.speed
     each = ["ekf", "ukf"] if polar else ["kf"]
     lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in each]
@@ -201,5 +201,5 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
 
 
 def _quoted(word: str) -> str:
-    """A word of YAML; in quotes if it is more than letters, digits and lines."""
+    """Return a word of YAML; in quotes if it is more than letters, digits and lines."""
     return word if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) else json.dumps(word)

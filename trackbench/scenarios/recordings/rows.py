@@ -1,4 +1,4 @@
-"""The rows of all files by sensor: whose they are, when they were, what they say."""
+"""Rows of all files by sensor: run, time and values."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -32,19 +32,19 @@ class Rows(NamedTuple):
     line: Numbers
 
     def at(self, chosen: Numbers) -> "Rows":
-        """Some of the rows, or all in another order."""
+        """Return some of the rows, or all in another order."""
         run, time, values, file, line = self
         return Rows(run[chosen], time[chosen], values[:, chosen], file[chosen], line[chosen])
 
     @property
     def ticks(self) -> Numbers:
-        """Times as whole numbers of `TICK`, by which they are told apart."""
+        """Return times as whole numbers of `TICK`, by which they are told apart."""
         return np.rint(self.time / TICK).astype(np.int64)
 
 
 @dataclass
 class Gathered:
-    """What the files have in common, found as they are read.
+    """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
     The first file (``clock_of``) says which. ``unavailable`` counts cells with codes of "not available".
@@ -62,11 +62,11 @@ class Gathered:
     told: list[str] = field(default_factory=list)
 
     def place(self, rows: Rows, i: int, what: str) -> Place:
-        """A mistake at a row."""
+        """Return a mistake at a row."""
         return Place(self.files[rows.file[i]], int(rows.line[i]), 1, what)
 
     def timed(self, columns: Columns, table: Table, clock: str) -> Array:
-        """Times of a table's rows; all tables have clocks of one kind."""
+        """Return times of a table's rows; all tables have clocks of one kind."""
         stepped = columns.contents[clock] == "step"
         if self.since is None:
             self.stepped, self.dated, self.clock_of = stepped, table.dated, columns.path
@@ -94,7 +94,7 @@ class Gathered:
         return time
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
-        """The runs' numbers."""
+        """Return the runs' numbers."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
@@ -106,7 +106,7 @@ def _clock(stepped: bool, dated: str) -> str:
 
 
 def files_of(pattern: str) -> list[str]:
-    """The file, or all that a pattern matches, in order. Raises DataError if it matches none."""
+    """Return the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
     if not any(c in pattern for c in "*?["):
         return [pattern]
     found = sorted(glob(pattern))
@@ -121,7 +121,7 @@ def read_rows(
     sensors: Sequence[Sequence[str]],
     least: int | None = None,
 ) -> list[Rows]:
-    """Rows of the quantities that each sensor measures, from one file for all or a file for each.
+    """Return rows of the quantities that each sensor measures, from one file for all or a file for each.
 
     A pattern may match a file per run. ``least`` quantities must be there, by default all. Raises
     DataError with the line of every mistake.
@@ -149,7 +149,7 @@ def read_rows(
 def _rows_of_file(
     found: Gathered, path: str, sensors: Sequence[Sequence[str]], least: int | None, name: str
 ) -> list[Rows]:
-    """The rows by sensor of one file, which is the run of this name if it does not name runs."""
+    """Return the rows by sensor of one file, which is the run of this name if it does not name runs."""
     wanted = [quantity for components in sensors for quantity in components]
     columns = Columns(path, found.naming, wanted, len(wanted) if least is None else least)
     clock = columns.take("time", "time") or columns.take("step", "step")
@@ -181,7 +181,7 @@ def _rows_of_file(
 def _of_sensor(
     columns: Columns, table: Table, which: str, m: int, sensors: Sequence[Sequence[str]]
 ) -> Numbers:
-    """The rows of one sensor, which the column names by its place in the config's list, from 1 on."""
+    """Return the rows of one sensor, numbered in the column from 1 on as in the config."""
     words, numbers = table.words[which], [str(n + 1) for n in range(len(sensors))]
     if strange := [word for word in words if word not in numbers]:
         what = f"{which}: {strange[0][:40]!r} is not the number of a sensor, 1 to {len(sensors)}"
@@ -193,7 +193,7 @@ def _of_sensor(
 def chosen_runs(
     found: Gathered, rows: list[Rows], chosen: Collection[str], within: tuple[str, ...] = ("runs",)
 ) -> list[Rows]:
-    """The rows of the chosen runs (default: all), which are then numbered in their order.
+    """Return the rows of the chosen runs (default: all), which are then numbered in their order.
 
     That is the order they are chosen in, or that of their numbers if all are whole, or that in the file.
     """
@@ -217,7 +217,7 @@ def chosen_runs(
 
 
 def in_order(found: Gathered, rows: Rows) -> Rows:
-    """The rows by run and time; what is out of order, or there twice, is told.
+    """Return the rows by run and time; what is out of order, or there twice, is told.
 
     Raises DataError where two rows of a run and time differ.
     """
@@ -235,7 +235,7 @@ def in_order(found: Gathered, rows: Rows) -> Rows:
 
 
 def _without_twins(found: Gathered, rows: Rows, again: Numbers) -> Rows:
-    """The rows without those that say again what the one before says."""
+    """Return the rows without those that say again what the one before says."""
     now, before = rows.values[:, again], rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     if differ.any():

@@ -26,7 +26,7 @@ class Clock(NamedTuple):
 
 
 class Opened(NamedTuple):
-    """Where each run's first state is: time (M,) and scans (n, s, M), the time between the last two."""
+    """First state of each run: time (M,), scans (n, s, M), and the time between the last two."""
 
     time: Array
     scans: Array
@@ -34,7 +34,7 @@ class Opened(NamedTuple):
 
 
 def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
-    """The first scans of each run that are whole, from rows in order."""
+    """Return the first scans of each run that are whole, from rows in order."""
     runs = len(found.runs)
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
     first = np.searchsorted(rows.run[whole], np.arange(runs))
@@ -51,7 +51,7 @@ def initial_scans(found: Gathered, rows: Rows, scans: int) -> Opened:
 def common_clock(
     found: Gathered, sensors: Sequence[Rows], start: Opened | None, T: float, resample: float | None
 ) -> Clock:
-    """The steps of all runs, their first states laid over each other where the scans give them.
+    """Return the steps of all runs, their first states laid over each other where the scans give them.
 
     Steps are the file's own, all between the first and the last of them, T s apart; or the times at
     which any run measured; or, if they are resampled, so many seconds apart. Without scans the first
@@ -85,7 +85,7 @@ def _counted(found: Gathered, number: float) -> int:
 
 
 def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) -> float:
-    """How long before the first row a state stands that no scan gives."""
+    """Return how long before the first row an initial state without scans lies."""
     if found.stepped:
         return 1.0
     if resample is not None:
@@ -95,7 +95,7 @@ def _before(found: Gathered, sensors: Sequence[Rows], resample: float | None) ->
 
 
 def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
-    """Times at which any run measured, from the first state's on."""
+    """Return times at which any run measured, from the first state's on."""
     parts = [np.array([begin])]
     for rows in sensors:
         times = rows.time + shift[rows.run]
@@ -106,7 +106,7 @@ def _union(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
 
 
 def _distance(times: Array) -> float | None:
-    """The distance of times that are equally far from each other."""
+    """Return the distance of times that are equally far from each other."""
     apart = np.diff(times)
     if not len(apart):
         return None
@@ -124,7 +124,7 @@ def _checked(found: Gathered, clock: Clock) -> Clock:
 def measurement_array(
     found: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> Array:
-    """Measurements (n_z, K, M) by step and run. Of rows in one step the nearest to its time is taken."""
+    """Return measurements (n_z, K, M) by step and run, of several rows the nearest."""
     steps, runs = len(clock.steps), len(found.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
@@ -149,7 +149,7 @@ def measurement_array(
 
 
 def _placed(found: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
-    """The place (R,) of each row among the steps, and how far from its time it is, s."""
+    """Return the place (R,) of each row among the steps, and how far from its time it is, s."""
     times = rows.time + clock.shift[rows.run]
     if found.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
@@ -160,7 +160,7 @@ def _placed(found: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
 
 
 def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
-    """Of rows in the same step of the same run, the nearest to its time."""
+    """Return the row nearest to the step's time, among rows of a run in the same step."""
     order = among[np.lexsort((away[among], place[among], run[among]))]
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
@@ -168,7 +168,7 @@ def _nearest(run: Numbers, place: Index, away: Array, among: Index) -> Index:
 
 
 def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock:
-    """The clock with the steps before the first state's that its scans take."""
+    """Return the clock with the steps before the first state's that its scans take."""
     used = max(0, scans - 1)
     before = np.arange(-used, 0)
     if not used:
@@ -184,7 +184,7 @@ def with_scans(clock: Clock, found: Gathered, scans: int, apart: Array) -> Clock
 def truth_at(
     found: Gathered, rows: Rows, clock: Clock, runs: list[str], gap: float | None
 ) -> Array:
-    """States (n, K + 1, M) at the steps; a truth without runs of its own is that of every run.
+    """Return states (n, K + 1, M) at the steps; a truth without runs of its own is that of every run.
 
     Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line; NaN
     elsewhere. Raises DataError if there is none at any step.
@@ -206,7 +206,7 @@ def truth_at(
 
 
 def _between(at: Array, values: Array, times: Array, gap: float | None) -> Array:
-    """Values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
+    """Return values (n, K) at ``times`` of a curve through (n, R) at ``at``, in order."""
     after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
     out = np.full((len(values), len(times)), np.nan)
     if len(at) > 1 and gap is not None:

@@ -1,4 +1,4 @@
-"""What a start is: from the first scans, or from what is known, the distribution of the first state."""
+"""Base of initializations: distribution of the first state from scans or prior knowledge."""
 
 from abc import abstractmethod
 from typing import ClassVar, NamedTuple
@@ -14,7 +14,7 @@ from trackbench.models.sensors.stacked import Sensors, each, rows_of
 
 
 class InitialScans(NamedTuple):
-    """What a start may look at: truth (n_x, M) at the first scan, the first scans (n_z, scans, M).
+    """Data for an initialization: truth (n_x, M) at the first scan, first scans (n_z, scans, M).
 
     ``T`` is the time between two scans, s; of recorded runs perhaps each one's own (M,).
     """
@@ -35,29 +35,29 @@ class Start(Part):
     """whether the prior is made of the truth, which no recorded target has"""
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
-        """The class of `prior`, which filters may ask for more than moments."""
+        """Return the class of `prior`, which filters may ask for more than moments."""
         return Gaussian
 
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """Raise InvalidKeyError if it cannot start such a target seen so."""
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
-        """The true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
+        """Return the true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
         return nominal
 
     @abstractmethod
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """The first state's distribution; ``nominal`` is the mean it was drawn about, if it was."""
+        """Return the first state's distribution; ``nominal`` is the mean of its draw, if any."""
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Covariance (n, n) of the first state at the truth, ``path`` (n, K) from step k on."""
+        """Return the covariance (n, n) of the first state at the truth, path (n, K) from step k."""
         raise NotImplementedError
 
 
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
-    """The first sensor that tells a position, and where its components stand."""
+    """Return the first sensor that tells a position, and where its components stand."""
     for one, where in zip(each(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):
             return one, where
@@ -65,5 +65,5 @@ def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
 
 
 def repeated(state: Array, runs: int) -> Array:
-    """A state (n,) in every run (n, M)."""
+    """Return a state (n,) in every run (n, M)."""
     return np.tile(state[:, None], runs)

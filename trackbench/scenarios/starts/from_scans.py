@@ -21,7 +21,7 @@ from trackbench.scenarios.starts.base import InitialScans, Start, position_part
 @dataclass(frozen=True, kw_only=True)
 class _FromScans(Start):
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
-        """A sensor that tells the position, along every axis of the target."""
+        """Check that a sensor measures the position along every axis of the target."""
         if components not in (moving(2), moving(3)):
             raise InvalidKeyError("scans start a target in the plane or in space only", "start")
         found = position_part(sensor)
@@ -32,7 +32,7 @@ class _FromScans(Start):
             raise InvalidKeyError(what, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
-        """The position (axes, M) at one of the scans."""
+        """Return the position (axes, M) at one of the scans."""
         found = position_part(sensor)
         assert found is not None
         one, rows = found
@@ -40,7 +40,7 @@ class _FromScans(Start):
 
 
 def _position_information(sensor: Sensors, x: Array, k: int) -> Gaussian:
-    """The true position (axes, 1) and the covariance of what one scan tells of it."""
+    """Return the true position (axes, 1) and the covariance of what one scan tells of it."""
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
 
@@ -57,13 +57,13 @@ class TwoScan(_FromScans):
     scans: ClassVar[int] = 2
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
-        """The two scans themselves, of a radar at the origin."""
+        """Return the two scans themselves, of a radar at the origin."""
         return TwoPoint if gives_scans(sensor) else Gaussian
 
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """The state at the second scan."""
+        """Return the state at the second scan."""
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first, second = opening.scans[:, 0], opening.scans[:, 1]
@@ -73,7 +73,7 @@ class TwoScan(_FromScans):
         return differenced(one, two, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Two-point differencing at the truth, which knows no velocity beforehand."""
+        """Return two-point differencing at the truth, which knows no velocity beforehand."""
         one, two = (_position_information(sensor, path[:, i], k + i) for i in range(2))
         return differenced(one, two, T, diffusion).cov
 
@@ -94,7 +94,7 @@ class OneScan(_FromScans):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """The state at the first scan."""
+        """Return the state at the first scan."""
         seen = self.located(opening, sensor, 0)
         n = 2 * len(seen.mean)
         mean, cov = np.zeros((n, seen.mean.shape[1])), np.zeros((n, n, *seen.cov.shape[2:]))
@@ -104,7 +104,7 @@ class OneScan(_FromScans):
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """The scan's covariance, and the velocity's."""
+        """Return the scan's covariance, and the velocity's."""
         told = _position_information(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))
@@ -113,5 +113,5 @@ class OneScan(_FromScans):
 
 
 def gives_scans(sensor: object) -> bool:
-    """Whether two scans of it are a prior of their own: a radar at the origin that measures no more."""
+    """Return whether two scans are a prior of their own: a plain radar at the origin."""
     return type(sensor) is RangeAzimuth and sensor.at_origin

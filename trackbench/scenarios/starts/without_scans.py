@@ -22,13 +22,13 @@ class Known(Start):
     of_truth: ClassVar[bool] = True
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
-        """A point."""
+        """Return a point."""
         return PointMass
 
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """All of it at the truth."""
+        """Return point masses at the truth."""
         return PointMass(opening.truth)
 
 
@@ -54,23 +54,23 @@ class GaussianStart(Start):
 
     @property
     def cov(self) -> Array:
-        """Covariance (n, n)."""
+        """Return the covariance (n, n)."""
         return np.diag(np.square(self.sigma))
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
-        """Drawn about the configured state."""
+        """Return the drawn about the configured state."""
         return Gaussian(nominal, self.cov).sample(rng)
 
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """About what the truth was drawn about, or about a draw about the truth."""
+        """Return the about what the truth was drawn about, or about a draw about the truth."""
         if nominal is not None:
             return Gaussian(nominal, self.cov)
         return Gaussian(Gaussian(opening.truth, self.cov).sample(rng), self.cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """The covariance."""
+        """Return the covariance."""
         return self.cov
 
 
@@ -94,10 +94,10 @@ class GivenStart(Start):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """What is given, in every run."""
+        """Return the given prior, the same in every run."""
         mean = repeated(np.array(self.mean), opening.truth.shape[1])
         return Gaussian(mean, np.diag(np.square(self.sigma)))
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """The covariance."""
+        """Return the covariance."""
         return np.diag(np.square(self.sigma))

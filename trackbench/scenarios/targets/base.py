@@ -1,4 +1,4 @@
-"""What a target is: it flies, and is measured while it does."""
+"""Base of targets: fly a path and measure it."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -60,12 +60,12 @@ class Launch:
 
     @property
     def axes(self) -> int:
-        """Axes of the space the target moves in."""
+        """Return axes of the space the target moves in."""
         return 2 if self.z is None else 3
 
     @property
     def state(self) -> Array:
-        """(px, vx, py, vy[, pz, vz])."""
+        """Return (px, vx, py, vy[, pz, vz])."""
         z = () if self.z is None else (self.z, self.vz)
         return np.array([self.x, self.vx, self.y, self.vy, *z])
 
@@ -75,41 +75,41 @@ class Target(Part):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the truth's components, in order."""
+        """Return names of the truth's components, in order."""
         return moving(self.axes)
 
     @property
     @abstractmethod
     def axes(self) -> int:
-        """Axes of the space it moves in."""
+        """Return axes of the space it moves in."""
 
     @property
     def own_motion(self) -> Motion | None:
-        """The motion that drives it, which filters assume if they are not told otherwise."""
+        """Return the motion that drives it, which filters assume if they are not told otherwise."""
         return None
 
     @property
     def diffusion(self) -> float:
-        """Spectral density of the white acceleration that drives it, m^2/s^3, as far as it is one."""
+        """Return the spectral density of its white acceleration, m^2/s^3, if it has one."""
         return 0.0
 
     @property
     def has_truth(self) -> bool:
-        """Whether it is known where it really is."""
+        """Return whether it is known where it really is."""
         return True
 
     @property
     def recorded_runs(self) -> int | None:
-        """How many runs there are, if one cannot have as many as one likes."""
+        """Return the number of recorded runs; None for simulated targets."""
         return None
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Sentences on what is no mistake in its data but should be known."""
+        """Return sentences on what is no mistake in its data but should be known."""
         return ()
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
-        """The time there is, if its data say so: steps of T seconds, if they say only steps.
+        """Return the time there is, if its data say so: steps of T seconds, if they say only steps.
 
         Raises DataError with the mistakes of the data, InvalidKeyError for what does not go with them.
         """
@@ -117,22 +117,22 @@ class Target(Part):
 
     @property
     def why_no_bound(self) -> str | None:
-        """Why a bound along its path would be none, if so."""
+        """Return the reason why a bound along its path is invalid; None if it is valid."""
         return None
 
     @abstractmethod
     def start(self, timeline: Timeline) -> Array:
-        """The state (n_x,) at the first scan, as far as it is not drawn."""
+        """Return the state (n_x,) at the first scan, as far as it is not drawn."""
 
     @abstractmethod
     def path(self, timeline: Timeline) -> Array:
-        """States (n_x, K) without process noise, along which a bound is reckoned."""
+        """Return states (n_x, K) without process noise, along which a bound is reckoned."""
 
     @abstractmethod
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Truth from ``start`` (n_x, M) on, and its measurements from the second step on.
+        """Return the truth from ``start`` (n_x, M) on, and its measurements from the second step on.
 
         With ``scans``, of which a start is made, from the first on, and so many without a miss.
         """
@@ -141,7 +141,7 @@ class Target(Part):
         """Raise InvalidKeyError if it does not fit the time there is."""
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """Stretches (K,) of the target's own by name, of the times (K,) that are scored."""
+        """Return stretches (K,) of the target's own by name, of the times (K,) that are scored."""
         return {}
 
     @property
@@ -151,11 +151,11 @@ class Target(Part):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Sizes of the accelerations of its turns, m/s^2."""
+        """Return sizes of the accelerations of its turns, m/s^2."""
         return ()
 
     def run_metrics(self, values: Mapping[str, Array], scored: "Scored") -> dict[str, Array]:
-        """Further numbers per run (M,) by name, from the series (K, M)."""
+        """Return further numbers per run (M,) by name, from the series (K, M)."""
         return {}
 
 
@@ -167,7 +167,7 @@ class Scored(NamedTuple):
     sigma: float
 
     def of_peaks(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
-        """``peak_position``, m, and ``strayed`` (M,) of the largest error in each window (M,)."""
+        """Return ``peak_position``, m, and ``strayed`` (M,) of the largest error in each window (M,)."""
         out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         strayed = (peaks[""] > STRAY * self.sigma).astype(float)
         return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
@@ -176,7 +176,7 @@ class Scored(NamedTuple):
 def measured_along(
     truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
 ) -> Flight:
-    """A path (n, K, M), or of all runs (n, K, 1), and measurements whose noise is drawn in one go."""
+    """Return a path (n, K, M), or (n, K, 1) for all runs, and its noisy measurements."""
     first = 0 if scans else 1
     steps = timeline.steps.tolist()[first:]
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))

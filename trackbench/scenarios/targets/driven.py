@@ -34,7 +34,7 @@ class PolarLaunch:
 
     @property
     def state(self) -> Array:
-        """(px, vx, py, vy)."""
+        """Return (px, vx, py, vy)."""
         a = np.array(np.deg2rad(self.azimuth_deg))
         u, w = position(np.array(1.0), a), position(np.array(1.0), a + 0.5 * np.pi)
         out = np.empty(4)
@@ -65,31 +65,31 @@ class Driven(Target):
 
     @property
     def axes(self) -> int:
-        """Axes of the space it moves in."""
+        """Return axes of the space it moves in."""
         return self._first.axes
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Position and velocity, or the scalar that the motion has."""
+        """Return the position and velocity, or the scalar that the motion has."""
         every = self.motion.sampled(1.0, self.axes)
         return every.components[: len(every.components) - len(extra_std(every))]
 
     @property
     def own_motion(self) -> Motion | None:
-        """The motion that drives it."""
+        """Return the motion that drives it."""
         return self.motion
 
     @property
     def diffusion(self) -> float:
-        """Spectral density of its white acceleration, m^2/s^3."""
+        """Return the spectral density of its white acceleration, m^2/s^3."""
         return self.motion.q if isinstance(self.motion, WhiteAcceleration) else 0.0
 
     def start(self, timeline: Timeline) -> Array:
-        """The first state (n_x,)."""
+        """Return the first state (n_x,)."""
         return self._first.state[: len(self.components)]
 
     def path(self, timeline: Timeline) -> Array:
-        """States (n_x, K) without process noise."""
+        """Return states (n_x, K) without process noise."""
         motion = self.motion.sampled(timeline.T, self.axes)
         path = [self.start(timeline)]
         for k in timeline.steps[1:].tolist():
@@ -99,7 +99,7 @@ class Driven(Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Transition and measurement drawn step by step; what a target has beside ``start`` is drawn."""
+        """Draw transition and measurement step by step, with the target's other noise."""
         motion = self.motion.sampled(timeline.T, self.axes)
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
         truth = [with_rest(start, extra_std(motion), rng)]

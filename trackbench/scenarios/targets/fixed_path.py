@@ -16,26 +16,26 @@ class Flown(Target):
     """Base of the targets with a path of their own."""
 
     def states(self, times: Array) -> Array:
-        """Exact states (n_x, K) at these times, s."""
+        """Return exact states (n_x, K) at these times, s."""
         raise NotImplementedError
 
     def start(self, timeline: Timeline) -> Array:
-        """The state (n_x,) at the first scan."""
+        """Return the state (n_x,) at the first scan."""
         return self.states(timeline.times[:1])[:, 0]
 
     def path(self, timeline: Timeline) -> Array:
-        """States (n_x, K)."""
+        """Return states (n_x, K)."""
         return self.states(timeline.times)
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """The path, and measurements whose noise is drawn in one go."""
+        """Return the path, and measurements whose noise is drawn in one go."""
         path = self.path(timeline)[..., None]
         return measured_along(path, timeline, sensor, rng, scans, start.shape[1])
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """``peak_position`` largest error in a window, m, and ``strayed``: 1 where it strayed.
+        """Return ``peak_position`` largest error in a window, m, and ``strayed``: 1 where it strayed.
 
         Beyond ten standard deviations of a measurement none would be taken for the track's any more.
         """

@@ -38,12 +38,12 @@ class Leg:
 
     @property
     def acceleration(self) -> tuple[float, float, float]:
-        """(ax, ay, az), m/s^2."""
+        """Return (ax, ay, az), m/s^2."""
         return self.ax, self.ay, self.az
 
     @property
     def size(self) -> float:
-        """Size of the acceleration, m/s^2; zero of a turn at a constant rate."""
+        """Return the size of the acceleration, m/s^2; zero of a turn at a constant rate."""
         ax, ay, az = self.acceleration
         return float(np.sqrt(ax * ax + ay * ay + az * az))
 
@@ -68,11 +68,11 @@ class Legs(Flown):
 
     @property
     def axes(self) -> int:
-        """Axes of the space it moves in."""
+        """Return axes of the space it moves in."""
         return self.launch.axes
 
     def check(self, timeline: Timeline) -> None:
-        """The legs are in order, no two at once, and within the run."""
+        """Check that the legs are ordered, disjoint, and within the run."""
         end = float(timeline.times[-1])
         for n, leg in enumerate(self.legs):
             if leg.end <= leg.start:
@@ -85,7 +85,7 @@ class Legs(Flown):
                 raise InvalidKeyError(what, *_KEY, n, "start")
 
     def states(self, times: Array) -> Array:
-        """Exact states (n, K): each leg adds its acceleration's two integrals.
+        """Return exact states (n, K): each leg adds its acceleration's two integrals.
 
         A turn at a constant rate starts anew from the state at its beginning, and at its end.
         """
@@ -104,7 +104,7 @@ class Legs(Flown):
         return out
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """``quiet``: settled straight flight; of the turns, if there are any:
+        """Return ``quiet``: settled straight flight; of the turns, if there are any:
 
         ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
@@ -127,11 +127,11 @@ class Legs(Flown):
 
     @property
     def turns(self) -> tuple[float, ...]:
-        """Sizes of the legs' accelerations, m/s^2."""
+        """Return sizes of the legs' accelerations, m/s^2."""
         return tuple(leg.size for leg in self.legs if leg.size)
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """The same, overshoots, and how a filter that switches meets the onsets of the turns.
+        """Return the base's metrics, overshoots, and the metrics of maneuver detection.
 
         ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end.
         """
@@ -155,7 +155,7 @@ class Legs(Flown):
         return quiet
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
-        """From signed errors (K, M): a filter that still turns is ahead, on the side it turned to."""
+        """Return overshoots from signed errors (K, M): a filter that still turns is ahead."""
         out = {}
         straight = scored & ~self._inside(t).any(axis=0)
         for n, leg in enumerate(self.legs):
@@ -171,7 +171,7 @@ _KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
-    """States (n, K) from ``start`` (n,) at time ``begun`` on: position and velocity along each axis."""
+    """Return states (n, K) from ``start`` (n,) at time ``begun`` on."""
     t, out = times - begun, []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
         position, velocity = p + v * t, np.full_like(t, v)
@@ -185,7 +185,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 
 
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
-    """States (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
+    """Return states (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
     t = times - leg.start
     planar = turned(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
     rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
@@ -193,5 +193,5 @@ def _turned(start: Array, leg: Leg, times: Array) -> Array:
 
 
 def _fill(out: Array, times: Array, since: float, states: Array) -> None:
-    """The states of all times from ``since`` on; later stretches write over them."""
+    """Fill the states of all times from ``since`` on; later legs overwrite them."""
     out[:, times >= since] = states[:, times >= since]

@@ -1,4 +1,4 @@
-"""How a filter that switches meets the onsets of the turns: delays, misses, false alarms."""
+"""Metrics of maneuver detection: delays, missed maneuvers, false maneuvers."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Onsets:
     def metrics(
         self, mode: Array, alarm: Array | None, age: Array | None = None
     ) -> dict[str, Array]:
-        """Numbers per run (M,) from weight of the maneuvering mode, alarms and their age in s (K, M).
+        """Return numbers per run (M,) from mode weight, alarms and their age in s (K, M).
 
         ``delay_s[leg n]`` time from the onset to the first sample in the maneuvering mode, NaN where
         there is none; ``missed[leg n]`` 1 where the leg went by without one; ``already_on[leg n]`` 1
@@ -59,7 +59,7 @@ class Onsets:
 
 
 def _last(rows: Array) -> Array:
-    """The last value (K, M) up to each row; NaN before the first."""
+    """Return the last value (K, M) up to each row; NaN before the first."""
     number = np.arange(len(rows))[:, None]
     latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, number), axis=0)
     return np.asarray(np.take_along_axis(rows, latest, axis=0))

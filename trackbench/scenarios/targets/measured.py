@@ -78,7 +78,7 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """All files, as they are given."""
+        """Return all files, as they are given."""
         return self._measured if self.truth is None else (*self._measured, self.truth)
 
     @property
@@ -88,31 +88,31 @@ class Measured(FromFiles, Naming, Target):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the truth's components, in order."""
+        """Return names of the truth's components, in order."""
         return moving(self.axes) if self.axes else ("x",)
 
     @property
     def has_truth(self) -> bool:
-        """Whether there is a file of it."""
+        """Return whether there is a file of it."""
         return self.truth is not None
 
     @property
     def recorded_runs(self) -> int:
-        """How many runs there are."""
+        """Return the number of recorded runs."""
         return self._recording.seen.shape[-1]
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What was done to the rows."""
+        """Return notes on changes to the rows."""
         return self._recording.told
 
     @property
     def _recording(self) -> "Recording":
-        """What was read for the scenario's own sensor and start."""
+        """Return the recording read for the scenario's sensor and start."""
         return self.__dict__["_read"][1]
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
-        """The steps of the files, those first that the start uses up."""
+        """Return the steps of the files, those first that the start uses up."""
         self._check(sensor, start)
         asked = (sensor.components, start.scans, T)
         if self.__dict__.get("_read", (None,))[0] != asked:
@@ -165,7 +165,7 @@ class Measured(FromFiles, Naming, Target):
             raise InvalidKeyError(what, "target", "measurements")
 
     def _truth(self, found: Gathered, clock: Clock) -> Array:
-        """The truth (n_x, K + 1, M) at the clock's steps."""
+        """Return the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
         naming = self.truth_naming or self
         of_truth = replace(found, naming=naming, runs=[], files=[], told=[], unavailable=Counter())
@@ -176,17 +176,17 @@ class Measured(FromFiles, Naming, Target):
         return truth_at(of_truth, rows, clock, found.runs, self.truth_gap)
 
     def start(self, timeline: Timeline) -> Array:
-        """No more than where the first scan stands: there is no true state at hand."""
+        """Return the position of the first scan, as the true state is unknown."""
         return np.full(len(self.components), np.nan)
 
     def path(self, timeline: Timeline) -> Array:
-        """The first run's truth (n_x, K), NaN where there is none."""
+        """Return the first run's truth (n_x, K), NaN where there is none."""
         return self._padded()[:, : len(timeline.steps), 0]
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """The recorded runs of these numbers; a run beyond the last is empty."""
+        """Return the recorded runs of these numbers; a run beyond the last is empty."""
         made, steps = self._recording, len(timeline.steps)
         seen = np.concatenate([made.scans, made.seen], axis=1)
         end = seen.shape[1] - (len(made.clock.steps) - steps)
@@ -194,7 +194,7 @@ class Measured(FromFiles, Naming, Target):
         return Flight(truth, recorded_columns(seen[:, :end], rng))
 
     def _padded(self) -> Array:
-        """The truth at every step, those that the start uses up included."""
+        """Return the truth at every step, those that the start uses up included."""
         made = self._recording
         runs, steps = self.recorded_runs, len(made.clock.steps)
         out = np.full((len(self.components), steps, runs), np.nan)
@@ -203,7 +203,7 @@ class Measured(FromFiles, Naming, Target):
         return out
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """``peak_position``, largest error in a window, m, and ``strayed``, where there is a truth."""
+        """Return the largest error in a window, m, and runs beyond ten sigmas, given a truth."""
         squared = values.get("squared_position")
         if squared is None:
             return {}

@@ -52,27 +52,27 @@ class RandomLegs(Target):
 
     @property
     def why_no_bound(self) -> str | None:
-        """There is no path that it flies in every run."""
+        """Return the reason: every run flies another path."""
         return "the target flies another path in every run"
 
     def start(self, timeline: Timeline) -> Array:
-        """At rest in the corner of the area: as far from a sensor at the origin as it starts."""
+        """Return rest in the area's corner, as far from a sensor at the origin as possible."""
         return np.array([self.area, 0.0, self.area, 0.0])
 
     def path(self, timeline: Timeline) -> Array:
-        """The same at every step."""
+        """Return the first state at every step."""
         return np.repeat(self.start(timeline)[:, None], len(timeline.steps), axis=1)
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Truth drawn anew, NaN after its last leg, and its measurements."""
+        """Return the truth drawn anew, NaN after its last leg, and its measurements."""
         runs = start.shape[1]
         truth = self._flown(len(timeline.steps), timeline.T, rng, runs)
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """States (4, K, M)."""
+        """Return states (4, K, M)."""
         x, y, share, heading, many = rng.random((5, runs))
         most, number = self.legs[1], _whole(self.legs, many)
         lengths = _whole(self.leg_steps, rng.random((most, runs)))
@@ -100,17 +100,17 @@ class RandomLegs(Target):
 
 
 def _whole(ends: tuple[int, int], shares: Array) -> Index:
-    """Whole numbers from the least to the largest, each as probable."""
+    """Return whole numbers from the least to the largest, each as probable."""
     return (ends[0] + np.floor(shares * (ends[1] - ends[0] + 1))).astype(np.intp)
 
 
 def _alternating(first: _Rows, second: _Rows) -> _Rows:
-    """Rows (2 L, M) of both (L, M), one after the other."""
+    """Return rows (2 L, M) of both (L, M), one after the other."""
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
 
 def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
-    """The state (4, M) after T seconds of an acceleration along and across its velocity, in m/s^2."""
+    """Return the state (4, M) after T seconds of along- and cross-track acceleration, m/s^2."""
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
     u, w = vx / speed, vy / speed

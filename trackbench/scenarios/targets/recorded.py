@@ -40,7 +40,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         object.__setattr__(self, "_read", (fixed(times), fixed(states)))
 
     def _rows(self) -> tuple[Array, Array]:
-        """Times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
+        """Return times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
         (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
@@ -70,17 +70,17 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """The file."""
+        """Return the file."""
         return (self.file,)
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What was done to the rows."""
+        """Return notes on changes to the rows."""
         return self.__dict__["_told"]
 
     @property
     def axes(self) -> int:
-        """Axes of the space it moves in."""
+        """Return axes of the space it moves in."""
         return 2 if np.isnan(self._path[1][2, 0]) else 3
 
     @property
@@ -88,14 +88,14 @@ class RecordedPath(FromFiles, Naming, Flown):
         return self.__dict__["_read"]
 
     def check(self, timeline: Timeline) -> None:
-        """The file covers the time there is."""
+        """Check that the file covers the run's time."""
         first, last = self._path[0][[0, -1]]
         if timeline.times[0] < first or timeline.times[-1] > last:
             span = f"{timeline.times[0]:g} to {timeline.times[-1]:g} s"
             raise self._mistake(f"covers {first:g} to {last:g} s of {span} (see `begin`)")
 
     def states(self, times: Array) -> Array:
-        """States (n, K) at these times."""
+        """Return states (n, K) at these times."""
         at, values = self._path
         positions, velocities = values[: self.axes], values[3 : 3 + self.axes]
         if np.isnan(velocities).any():

@@ -40,11 +40,11 @@ class Waypoints(Flown):
 
     @property
     def axes(self) -> int:
-        """Axes of the space it moves in."""
+        """Return axes of the space it moves in."""
         return 2 if self.z is None else 3
 
     def states(self, times: Array) -> Array:
-        """States (n, K): the spline and its derivative."""
+        """Return states (n, K): the spline and its derivative."""
         return smooth_path(self._times, self._points, times)
 
     @property
@@ -61,7 +61,7 @@ class Waypoints(Flown):
 
 
 def smooth_path(at: Array, points: Array, times: Array) -> Array:
-    """States (2 axes, K) on Akima's spline through points (axes, P) at times ``at`` (P,)."""
+    """Return states (2 axes, K) on Akima's spline through points (axes, P) at times ``at`` (P,)."""
     from scipy.interpolate import Akima1DInterpolator
 
     within = np.clip(times, at[0], at[-1])
