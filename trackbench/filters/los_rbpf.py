@@ -1,6 +1,6 @@
 """Particle filter in the line-of-sight frame: particles of bearing and cross speed, Kalman in range.
 
-docs/static/line-of-sight.svg shows the geometry. With u = (cos theta, sin theta) along the line of
+docs/pictures/line-of-sight.svg shows the geometry. With u = (cos theta, sin theta) along the line of
 sight of a particle and t = (-sin theta, cos theta) across it::
 
     p = r u,    v = r' u + v_c t,    v_c = (px vy - py vx) / r,    r' = (px vx + py vy) / r
@@ -102,7 +102,7 @@ class LineOfSight(ParticleFilter):
     therefore need not hit the thin banana of the posterior, as those of `mpf` must. The sign of the
     cross speed can be ambiguous: while both signs are possible, each has at least a quarter of the
     particles. A fast target loses most of the first particles at its third range: at 5 km/s it
-    takes some 8000 particles in the first three scans (`boost`). docs/static/line-of-sight.svg
+    takes some 8000 particles in the first three scans (`boost`). docs/pictures/line-of-sight.svg
     shows the geometry.
     """
 
