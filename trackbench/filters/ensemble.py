@@ -16,7 +16,7 @@ from trackbench.core.particles import Evidence, Particles, uniform
 from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
-from trackbench.filters.particle_base import ParticleState, WeightedParticlesFilter
+from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
 from trackbench.models.base import DifferentiableSensor, Model, log_likelihood
 from trackbench.registry import register
 
@@ -32,24 +32,22 @@ class GaussianPF(WeightedParticlesFilter):
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior and take the moments."""
         x, log_w = covering(prior, rng, self.N)
         return _weigh(x, log_w)
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw from the Gaussian, move, weigh, take the moments."""
         x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
         return _weigh(x, log_likelihood(model.sensor, z, x, k))
 
 
-def _weigh(x: Array, log_w: Array) -> ParticleState:
+def _weigh(x: Array, log_w: Array) -> PFState:
     """Return the state of draws (n, M, N) with log-weights (M, N)."""
     w, collapsed, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
-    return ParticleState(
+    return PFState(
         particles=cloud,
         weighted=cloud,
         estimate=cloud.moments(),

@@ -9,7 +9,7 @@ selection is greedy. The paper leaves ten points open: the keys of `reading`.
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -30,7 +30,7 @@ from trackbench.filters.kalman_proposal import (
     TransitionReading,
     UnscentedProposal,
 )
-from trackbench.filters.particle_base import ParticleState
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
@@ -76,16 +76,6 @@ class HybridReading(Reading):
     """selection: Metropolis criterion (section III.A, step 4), or strictly better trials only"""
 
 
-class Selection(Protocol):
-    """Rule by which a trial replaces its parent."""
-
-    def accept(self, gain: Array, rng: Streams) -> Mask:
-        """Return which trials (M, N) replace their parents, given the gains in fitness."""
-
-    def cool(self) -> "Selection":
-        """Return the rule of the next generation."""
-
-
 class Greedy:
     """Selection of strictly better trials: ``>=`` would walk where all fitness has underflowed."""
 
@@ -111,6 +101,10 @@ class Metropolis(NamedTuple):
     def cool(self) -> "Metropolis":
         """Return the rule at the temperature ``rho T``."""
         return self._replace(T=self.T * self.rho)
+
+
+Selection: TypeAlias = Greedy | Metropolis
+"""Rule by which a trial replaces its parent: ``accept(gain, rng)``, and ``cool()`` for the next."""
 
 
 class Evolved(NamedTuple):
@@ -165,9 +159,7 @@ class EvolutionFilter(ProposalFilter):
             idle["reading.final_weights"] = "with `estimate_from: before`"
         return idle
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw, weigh, evolve and estimate (section III.B)."""
         # First step: draw each particle from its proposal q, and weigh by
         # w = p(z|x) p(x|x_{k-1}) / q(x) (eq. 7).
@@ -186,7 +178,7 @@ class EvolutionFilter(ProposalFilter):
         if self.reading.estimate_from == "after":
             weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
         ratio = _spread(evolved.x) / _spread(proposals.x)
-        return ParticleState(
+        return PFState(
             particles=Particles(evolved.x, particles.uniform(*w.shape)),
             weighted=weighted,
             estimate=weighted.moments(),
@@ -283,7 +275,7 @@ class PFDE(EvolutionFilter):
         return 12 * self.N
 
     def _draw_proposals(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
+        self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
         transition = model.motion.transition(state.particles.x, k)
         return Proposals(transition.sample(rng), transition)

@@ -58,6 +58,7 @@ class IMM(JumpMarkov[ModelBank]):
     """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
     Kalman filter"""
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
+    diagnostic_names = frozenset({"nis", "mode"})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,11 +143,6 @@ class IMM(JumpMarkov[ModelBank]):
             return np.full(state.nis.shape, np.nan)
         each = np.stack([innovation.log_likelihood for innovation in state.innovations])
         return log_mixture(state.predicted, each)
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
-        return frozenset({"nis", "mode"})
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Return ``nis``, the models' weighted mean, and ``mode``: weight of all but the first."""

@@ -60,6 +60,7 @@ class InputEstimation(Filter[Corrected]):
     """least age of an onset, s: a more recent one postpones the correction"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
+    diagnostic_names = frozenset({"nis", "mode", "alarm", "alarm_age_s"})
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     @property
@@ -119,11 +120,6 @@ class InputEstimation(Filter[Corrected]):
             return np.full(state.nis.shape, np.nan)
         log_likelihood = sum_over_axes(state.innovation.log_likelihood)
         return np.where(is_missing(state.innovation), np.nan, log_likelihood)
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
-        return frozenset({"nis", "mode", "alarm", "alarm_age_s"})
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
         """Return ``nis``, ``alarm_age_s``, and ``mode`` and ``alarm``: 1 where just corrected."""

@@ -16,7 +16,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Share
 from trackbench.filters.base import OWN_MOTION, Filter, State
-from trackbench.filters.particle_base import ParticleFilter, ParticleState
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
 from trackbench.models.motions.irregular import alike
 from trackbench.registry import register
@@ -86,7 +86,7 @@ def shared_components(motion: SampledMotion) -> tuple[str, ...]:
 
 @register("filters", "mmpf")
 @dataclass(frozen=True, kw_only=True)
-class MultipleModelPF(JumpMarkov[ParticleState], ParticleFilter):
+class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
     """Multiple-model particle filter: each particle follows one of the motions.
 
     McGinnity & Irwin 2000; Ristic, Arulampalam & Gordon 2004, section 3.5.5, with the regularization of
@@ -98,8 +98,9 @@ class MultipleModelPF(JumpMarkov[ParticleState], ParticleFilter):
     """regularization kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth; 0 is plain resampling"""
+    diagnostic_names = ParticleFilter.diagnostic_names | {"mode"}
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw particles from the prior, each with a motion."""
         x, log_w = covering(prior, rng, self._size(0))
         runs, N = x.shape[1:]
@@ -108,18 +109,10 @@ class MultipleModelPF(JumpMarkov[ParticleState], ParticleFilter):
         shared = x[: len(shared_components(model.motion))]
         weighted = Particles(shared, particles.normalise(log_w).w)
         x = np.concatenate([shared, _draw_extra(extra, mode, rng)])
-        return ParticleState(
-            particles=Particles(x, weighted.w),
-            weighted=weighted,
-            estimate=weighted.moments(),
-            collapsed=np.zeros(runs, dtype=np.bool_),
-            log_w=log_w,
-            mode=mode,
-        )
+        state = PFState.first(weighted, log_w)
+        return state._replace(particles=Particles(x, weighted.w), mode=mode)
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw each particle's motion, then its state from that motion; weigh, resample."""
         assert state.mode is not None
         models, n = self.models(model), len(shared_components(model.motion))
@@ -140,7 +133,7 @@ class MultipleModelPF(JumpMarkov[ParticleState], ParticleFilter):
         for j, (rows, spread) in enumerate(zip(_rows_of(models), spreads, strict=True)):
             kernels = [spread._replace(there=mode == j)]
             x[rows] = jitter_each(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
-        return ParticleState(
+        return PFState(
             particles=Particles(x, particles.uniform(*index.shape)),
             weighted=weighted,
             estimate=weighted.moments(),
@@ -151,12 +144,7 @@ class MultipleModelPF(JumpMarkov[ParticleState], ParticleFilter):
             evidence=evidence,
         )
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
-        return super().diagnostic_names | {"mode"}
-
-    def diagnostics(self, state: ParticleState) -> dict[str, Array]:
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Return also ``mode``: share of particles that follow another motion than the first."""
         assert state.mode is not None
         others = (state.mode != 0).sum(axis=-1) / state.mode.shape[-1]

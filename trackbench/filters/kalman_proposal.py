@@ -8,7 +8,7 @@ draws each particle from a Kalman filter of its own (de Freitas et al. 2000; van
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from annotated_types import Ge
@@ -24,7 +24,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
 from trackbench.filters.base import Filter
-from trackbench.filters.particle_base import ParticleState
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
 from trackbench.models.gaussian_steps import (
     Assumed,
@@ -37,21 +37,11 @@ from trackbench.models.gaussian_steps import (
 TransitionReading = Literal["model", "increment"]
 
 
-class Density(Protocol):
-    """Density that proposes one draw per particle."""
-
-    def sample(self, rng: Streams) -> Array:
-        """Return one draw per particle (n, M, N)."""
-
-    def log_prob(self, x: Array) -> Array:
-        """Return the log-density (M, N) at x (n, M, N)."""
-
-
 class Proposals(NamedTuple):
     """Draws x (n, M, N), their density q, and the Kalman posterior of each particle, if any."""
 
     x: Array
-    q: Density
+    q: "Density"
     kalman: Gaussian | None = None
 
 
@@ -74,8 +64,12 @@ class DefensiveMixture(NamedTuple):
         return logaddexp(kalman, log(self.share) + self.transition.log_prob(x))
 
 
+Density: TypeAlias = Distribution | DefensiveMixture
+"""Density that proposes one draw per particle."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class ProposalFilter(Filter[ParticleState]):
+class ProposalFilter(Filter[PFState]):
     """Base of the filters that weigh each draw by likelihood * prior / proposal (hdepf paper, eq. 7)."""
 
     N: Annotated[int, Ge(2)] = 100
@@ -91,31 +85,25 @@ class ProposalFilter(Filter[ParticleState]):
 
     @abstractmethod
     def _draw_proposals(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
+        self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
         """Draw one candidate per particle."""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior."""
         x = prior.sample(rng, self.N)
         cloud = Particles(x, particles.uniform(*x.shape[1:]))
-        return ParticleState(
-            particles=cloud,
-            weighted=cloud,
-            estimate=cloud.moments(),
-            collapsed=np.zeros(x.shape[1], dtype=np.bool_),
-            w=cloud.w,
-        )
+        return PFState.first(cloud)._replace(w=cloud.w)
 
-    def estimate(self, state: ParticleState) -> Gaussian:
+    def estimate(self, state: PFState) -> Gaussian:
         """Return the weighted mean and covariance."""
         return state.estimate
 
-    def posterior(self, state: ParticleState) -> Posterior:
+    def posterior(self, state: PFState) -> Posterior:
         """Return the weighted particles."""
         return CloudPosterior(state.weighted)
 
-    def log_likelihood(self, state: ParticleState) -> Array:
+    def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""
         _, transition = self._weight_reading
         densities = transition == "model"
@@ -126,7 +114,7 @@ class ProposalFilter(Filter[ParticleState]):
         """Return the names of `diagnostics`."""
         return frozenset({"dead_steps", "ess", "distinct"}) | self._extra_diagnostics
 
-    def diagnostics(self, state: ParticleState) -> dict[str, Array]:
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Return ``dead_steps``, ``ess`` and ``distinct``.
 
         ``dead_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
@@ -179,7 +167,7 @@ class KalmanProposalFilter(ProposalFilter):
     defensive: Share = 0.0
     """share of draws taken from the transition instead, which bounds the weights"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior, each with its own covariance."""
         state = super().init(model, prior, rng)
         shape = state.particles.x.shape
@@ -202,7 +190,7 @@ class KalmanProposalFilter(ProposalFilter):
         return self.N * self._kalman_memory(model)
 
     def _draw_proposals(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
+        self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
         """Draw each particle from its Kalman posterior, or from the transition (defensive)."""
         assert state.P is not None

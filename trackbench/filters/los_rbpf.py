@@ -23,7 +23,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
-from trackbench.filters.particle_base import ParticleFilter, ParticleState
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.angular_base import seen_along
@@ -113,11 +113,7 @@ class LineOfSight(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`, without ``ess``: the weights are not stored."""
-        return super().diagnostic_names - {"ess"}
+    diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return that weights are logarithms, and the radar is at the origin."""
@@ -127,7 +123,7 @@ class LineOfSight(ParticleFilter):
             return {"": "los-rbpf looks from the origin; the sensor it assumes stands elsewhere"}
         return {}
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the azimuths of both scans; cross speed and range rate follow from the triangle."""
         assert isinstance(prior, TwoPoint)
         T, variance = prior.T, cast(RangeAzimuth, model.sensor).R[0, 0]
@@ -144,18 +140,10 @@ class LineOfSight(ParticleFilter):
         P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
         cloud = Particles(x, particles.normalise(log_w).w)
-        return ParticleState(
-            particles=cloud,
-            weighted=cloud,
-            estimate=_mixture_moments(cloud, P),
-            collapsed=np.zeros(len(r1), dtype=np.bool_),
-            P=P,
-            log_w=log_w,
-        )
+        state = PFState.first(cloud, log_w)
+        return state._replace(estimate=_add_range_covariance(state.estimate, P), P=P)
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Move the particles, weigh by range and azimuth, correct along the line of sight, resample."""
         motion, sensor = cast("tuple[Linear, RangeAzimuth]", model)
         # Step 1: predict the particles and the covariance P of (r, r').
@@ -177,10 +165,10 @@ class LineOfSight(ParticleFilter):
         # Step 3: correct each particle by K nu along its own line of sight.
         relative_innovation = np.divide(nu, r, out=nu)
         weighted = Particles(_apply_gain(x, K, relative_innovation), w)
-        new = ParticleState(
+        new = PFState(
             particles=weighted,
             weighted=weighted,
-            estimate=_mixture_moments(weighted, P),
+            estimate=_add_range_covariance(weighted.moments(), P),
             collapsed=collapsed,
             age=state.age + 1,
             P=P,
@@ -190,9 +178,7 @@ class LineOfSight(ParticleFilter):
         # Step 4: resample and regularize the runs with few effective particles.
         return self._resample_degenerate(new, k, rng, self._size(new.age))
 
-    def _resample_degenerate(
-        self, state: ParticleState, k: int, rng: Generator, size: int
-    ) -> ParticleState:
+    def _resample_degenerate(self, state: PFState, k: int, rng: Generator, size: int) -> PFState:
         """Resample and regularize the runs whose effective sample size is below the threshold."""
         x, w = state.weighted
         degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
@@ -234,7 +220,7 @@ class LineOfSight(ParticleFilter):
         return Particles(x, particles.normalise(log_w).w), log_w
 
 
-def _propagate(motion: Linear, state: ParticleState, rng: Generator) -> tuple[Array, Array]:
+def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
     """Return the particles (px, vx, py, vy) one step on, and the covariance of (r, r').
 
     Noise across the line of sight is drawn; noise along it goes to the covariance.
@@ -283,13 +269,12 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
     return K, S, P - linalg.outer(K, K) * S
 
 
-def _mixture_moments(cloud: Particles, P: Array) -> Gaussian:
+def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
     """Return the moments of the particles, plus the covariance P along the mean line of sight.
 
     The particles' own lines of sight differ, which turns P. This changes the covariance by less than
     sigma_range^2 / r^2 of the particles' covariance across.
     """
-    moments = cloud.moments()
     u = moments.mean[0::2] / np.sqrt(total(np.square(moments.mean[0::2]), axis=0))
     cov = moments.cov.copy()
     # cov[(p_i, v_i), (p_j, v_j)] += u_i u_j P

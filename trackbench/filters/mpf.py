@@ -26,7 +26,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kernel_smoothing import Kernel, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
-from trackbench.filters.particle_base import ParticleFilter, ParticleState
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
 from trackbench.models.two_point_prior import TwoPoint
@@ -49,11 +49,7 @@ class MPF(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`, without ``ess``: the weights are not stored."""
-        return super().diagnostic_names - {"ess"}
+    diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return that the filter needs process noise, which moves the positions."""
@@ -66,7 +62,7 @@ class MPF(ParticleFilter):
         idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
         return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the positions of both scans; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
         first, second, log_w = prior.positions(rng, self._size(0))
@@ -75,18 +71,10 @@ class MPF(ParticleFilter):
         cloud = Particles(x, particles.normalise(log_w).w)
         # Velocity variance given both positions, of a white acceleration over T: C = q T / 3.
         C = np.array(prior.q * prior.T / 3.0)
-        return ParticleState(
-            particles=cloud,
-            weighted=cloud,
-            estimate=_add_velocity_variance(cloud.moments(), C),
-            collapsed=np.zeros(len(vx), dtype=np.bool_),
-            P=C,
-            log_w=log_w,
-        )
+        state = PFState.first(cloud, log_w)
+        return state._replace(estimate=_add_velocity_variance(state.estimate, C), P=C)
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw positions, condition the velocities on them, weigh, resample, regularize."""
         # Steps 1 and 2: draw the positions, condition the velocities on the displacements.
         x, C = _propagate(cast(Linear, model.motion), state, rng)
@@ -96,7 +84,7 @@ class MPF(ParticleFilter):
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
         resampled = self._resample(weighted, rng, self._size(age))
-        return ParticleState(
+        return PFState(
             particles=Particles(self._jitter(resampled.x, moments.cov, rng), resampled.w),
             weighted=weighted,
             estimate=_add_velocity_variance(moments, C),
@@ -115,7 +103,7 @@ class MPF(ParticleFilter):
         return jitter(x, cov, self.kernel, rng, self.bandwidth_scale)
 
 
-def _propagate(motion: Linear, state: ParticleState, rng: Generator) -> tuple[Array, Array]:
+def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
     """Return the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
     x, C = state.particles.x, state.P
     assert C is not None

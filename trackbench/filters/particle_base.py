@@ -20,7 +20,7 @@ from trackbench.filters.base import Filter
 from trackbench.models.base import Model, Scene, log_likelihood
 
 
-class ParticleState(NamedTuple):
+class PFState(NamedTuple):
     """State of a particle filter: N particles in each of M runs."""
 
     particles: Particles
@@ -44,6 +44,12 @@ class ParticleState(NamedTuple):
     """factors of the likelihood of the last measurement"""
     extra_diagnostics: tuple[tuple[str, Array], ...] = ()
 
+    @classmethod
+    def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
+        """Return the state before the first measurement."""
+        collapsed = np.zeros(len(cloud.w), dtype=np.bool_)
+        return cls(cloud, cloud, cloud.moments(), collapsed, log_w=log_w)
+
     @property
     def log_likelihood(self) -> Array:
         """Logarithm (M,) of the mean unnormalized weight; -inf where every likelihood was zero."""
@@ -55,31 +61,27 @@ class ParticleState(NamedTuple):
         return {"dead_steps": self.collapsed.astype(float)} | ess | dict(self.extra_diagnostics)
 
 
-class WeightedParticlesFilter(Filter[ParticleState]):
+class WeightedParticlesFilter(Filter[PFState]):
     """Base of the filters whose estimate is the mean of weighted particles."""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    diagnostic_names = frozenset({"dead_steps", "ess"})
 
-    def estimate(self, state: ParticleState) -> Gaussian:
+    def estimate(self, state: PFState) -> Gaussian:
         """Return the weighted mean and covariance."""
         return state.estimate
 
     def expectation(
-        self, state: ParticleState, g: Callable[[Array], dict[str, Array]]
+        self, state: PFState, g: Callable[[Array], dict[str, Array]]
     ) -> dict[str, Array]:
         """Return posterior means (M,) of functions of the state."""
         return state.weighted.expectation(g)
 
-    def log_likelihood(self, state: ParticleState) -> Array:
+    def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean unnormalized weight; -inf where all were zero."""
         return state.log_likelihood
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
-        return frozenset({"dead_steps", "ess"})
-
-    def diagnostics(self, state: ParticleState) -> dict[str, Array]:
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Return ``dead_steps`` and ``ess``.
 
         ``dead_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
@@ -113,19 +115,12 @@ class ParticleFilter(WeightedParticlesFilter):
         out = {} if self.boost_scans else {"boost": "with `boost_scans: 0`"}
         return out | ({"boost_scans": "with `boost: 1`"} if self.boost == 1 else {})
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> ParticleState:
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior, with weights if the draws cover its tails."""
         x, log_w = covering(prior, rng, self._size(0))
-        cloud = Particles(x, particles.normalise(log_w).w)
-        return ParticleState(
-            particles=cloud,
-            weighted=cloud,
-            estimate=cloud.moments(),
-            collapsed=np.zeros(x.shape[1], dtype=np.bool_),
-            log_w=log_w,
-        )
+        return PFState.first(Particles(x, particles.normalise(log_w).w), log_w)
 
-    def posterior(self, state: ParticleState) -> Posterior | None:
+    def posterior(self, state: PFState) -> Posterior | None:
         """Return the weighted particles; None if each particle carries a Gaussian."""
         return CloudPosterior(state.weighted) if state.P is None else None
 
@@ -133,7 +128,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
     def _weigh(
-        self, model: Model, state: ParticleState, z: Array, x: Array, k: int
+        self, model: Model, state: PFState, z: Array, x: Array, k: int
     ) -> tuple[Array, Mask, tuple[Evidence, ...]]:
         """Return weights (M, N) of the moved particles x, collapsed runs, and the evidence."""
         log_w = self._log_likelihood(model, z, x, k)

@@ -14,7 +14,7 @@ from trackbench.core.metropolis import independence_moves
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
-from trackbench.filters.particle_base import ParticleFilter, ParticleState
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
@@ -33,10 +33,9 @@ class PF(ParticleFilter):
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's transition"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """particles the estimate is taken from: before resampling, or after it and the moves (demo)"""
+    diagnostic_names = ParticleFilter.diagnostic_names | {"distinct"}
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh (eq. 7 with the prior as q), resample, move."""
         # Step 1: draw each particle from the transition.
         origin = state.particles.x
@@ -54,7 +53,7 @@ class PF(ParticleFilter):
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ParticleState(
+        return PFState(
             particles=resampled,
             weighted=source,
             estimate=source.moments(),
@@ -64,12 +63,7 @@ class PF(ParticleFilter):
             evidence=evidence,
         )
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """Return the names of `diagnostics`."""
-        return super().diagnostic_names | {"distinct"}
-
-    def diagnostics(self, state: ParticleState) -> dict[str, Array]:
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Return also ``distinct``: share of particles that are no copies after resampling."""
         return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
 
@@ -109,9 +103,7 @@ class RPF(ParticleFilter):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth; 0 is plain resampling"""
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh, resample, jitter."""
         # Steps 1 and 2: draw from the transition, weigh by the likelihood.
         x = model.motion.transition(state.particles.x, k).sample(rng)
@@ -121,7 +113,7 @@ class RPF(ParticleFilter):
         moments = weighted.moments()
         resampled = self._resample(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        return ParticleState(
+        return PFState(
             particles=Particles(x, resampled.w),
             weighted=weighted,
             estimate=moments,
@@ -153,9 +145,7 @@ class APF(ParticleFilter):
         idle = {"carried": "with `stages: 2`"} if self.stages == 2 else {}
         return super().idle_keys(scenario) | idle
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Choose ancestors by p(z|mu), move them, weigh by p(z|x) / p(z|mu)."""
         cloud, size = state.particles, self._size(state.age + 1)
         # First stage: resample the ancestors by w p(z|mu).
@@ -174,7 +164,7 @@ class APF(ParticleFilter):
             Evidence(mass, 0.0, w.shape[1]),
         )
         weighted = Particles(x, w)
-        new = ParticleState(
+        new = PFState(
             particles=weighted,
             weighted=weighted,
             estimate=weighted.moments(),
@@ -189,7 +179,7 @@ class APF(ParticleFilter):
         log_w = elementary.log(w) if in_float64 else np.where(collapsed[:, None], 0.0, second)
         return new._replace(log_w=log_w)
 
-    def log_likelihood(self, state: ParticleState) -> Array:
+    def log_likelihood(self, state: PFState) -> Array:
         """Return the log-product (M,) of both stages' mean weights (Pitt 2002, section 2.2)."""
         if not state.evidence:
             return np.full(state.collapsed.shape, np.nan)

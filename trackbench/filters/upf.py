@@ -21,7 +21,7 @@ from trackbench.filters.kalman_proposal import (
     TransitionReading,
     UnscentedProposal,
 )
-from trackbench.filters.particle_base import ParticleState
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import Assumed, extended_step
 from trackbench.registry import register
@@ -52,9 +52,7 @@ class _ResamplingFilter(KalmanProposalFilter):
     def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:
         return self.weights, self.transition_density
 
-    def step(
-        self, model: Model, state: ParticleState, z: Array, k: int, rng: Generator
-    ) -> ParticleState:
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw from each particle's Kalman posterior, weigh, resample, move."""
         # Step 1: draw each particle from its own Kalman posterior q.
         origin = state.particles.x
@@ -80,7 +78,7 @@ class _ResamplingFilter(KalmanProposalFilter):
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        return ParticleState(
+        return PFState(
             particles=resampled,
             weighted=source,
             estimate=source.moments(),

@@ -53,7 +53,7 @@ class Parameters(NamedTuple):
 
     @property
     def estimates_inputs(self) -> bool:
-        """Whether the MF or the onset needs the estimated inputs."""
+        """True if the MF or the onset needs the estimated inputs."""
         return self.initialise == "ie" or self.detector.onset_rule == "argmax"
 
 
@@ -160,7 +160,8 @@ class VariableDimension(Filter[AdaptiveState]):
     ) -> AdaptiveState:
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p, sampling = self.parameters, sampling_of(model)
-        state = _run_filters(p, state, z, k, sampling)
+        state = _run_filters(p, state, z, sampling)
+        state = _update_statistics(p, state, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
         state, alarm, slot = _first_decision(p, state, k, sampling)
         if alarm.any():
@@ -223,58 +224,50 @@ class VariableDimension(Filter[AdaptiveState]):
 
 
 def _run_filters(
-    p: Parameters, state: AdaptiveState, z: Array, k: int, sampling: Sampling
+    p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
 ) -> AdaptiveState:
-    """Predict and update both filters (section 3.2), and update the statistics of the decisions."""
+    """Predict and update both filters (section 3.2), and compare them while both are on."""
     (T, R), on = sampling, state.mode.on
     # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf, of_mf = state.mf, None
+    nis, evidence = sum_over_axes(of_nmf.nis), np.zeros_like(state.mode.evidence)
     if (on != NMF).any():
         mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
-    # Reported NIS: of the MF where it is on alone.
-    missing, nis = is_missing(of_nmf), sum_over_axes(of_nmf.nis)
-    reported = nis if of_mf is None else np.where(on == MF, sum_over_axes(of_mf.nis), nis)
-    # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
-    evidence = np.zeros_like(nis)
-    if of_mf is not None and (on == BOTH).any():
-        ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
-        evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
-    # Statistic of the exit test: a' P_a^-1 a of the MF's acceleration.
-    detector = _update_detector(p, state.detector, nmf, of_nmf, nis, z, k, sampling)
-    if of_mf is not None:
-        significance = sum_over_axes(np.square(mf.mean[2]) / mf.cov[2, 2])
-        last_samples = np.concatenate([detector.significance[1:], significance[None]])
-        detector = detector._replace(significance=last_samples)
-    record = state.record._replace(
-        nis=np.where(missing, np.nan, reported), nmf=of_nmf, mf=of_mf, reports_mf=on == MF
-    )
-    return AdaptiveState(nmf, mf, state.mode._replace(evidence=evidence), detector, record)
+        # The NIS of the MF is reported where it is on alone.
+        nis = np.where(on == MF, sum_over_axes(of_mf.nis), nis)
+        # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
+        if (on == BOTH).any():
+            ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
+            evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
+    nis = np.where(is_missing(of_nmf), np.nan, nis)
+    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=on == MF)
+    mode = state.mode._replace(evidence=evidence)
+    return state._replace(nmf=nmf, mf=mf, mode=mode, record=record)
 
 
-def _update_detector(
-    p: Parameters,
-    detector: DetectorState,
-    nmf: Gaussian,
-    innovation: Innovation,
-    nis: Array,
-    z: Array,
-    k: int,
-    sampling: Sampling,
-) -> DetectorState:
-    """Update the statistics of the first decision from the NMF's posterior and innovation."""
-    T, R = sampling
+def _update_statistics(
+    p: Parameters, state: AdaptiveState, z: Array, k: int, sampling: Sampling
+) -> AdaptiveState:
+    """Update the statistics of the first decision and of the exit test."""
+    (T, R), (rho, inputs, past, significance) = sampling, state.detector
+    innovation = state.record.nmf
+    assert innovation is not None
     # rho(k) = gamma rho(k-1) + NIS(k)
-    faded = p.detector.gamma * detector.rho + nis
-    rho = np.where(is_missing(innovation), detector.rho, faded)
+    faded = p.detector.gamma * rho + sum_over_axes(innovation.nis)
+    rho = np.where(is_missing(innovation), rho, faded)
     # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
     if p.estimates_inputs:
         g = np.array([T * T / 2, T])
-        inputs = detector.inputs.advanced(k, p.nmf.axis(T).F, g, nmf, innovation, R)
+        inputs = inputs.advanced(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
-        inputs = detector.inputs.begun(k)
-    past = None if detector.history is None else detector.history.add_measurement(z, k)
-    return detector._replace(rho=rho, inputs=inputs, history=past)
+        inputs = inputs.begun(k)
+    past = None if past is None else past.add_measurement(z, k)
+    # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
+    if state.record.mf is not None:
+        newest = sum_over_axes(np.square(state.mf.mean[2]) / state.mf.cov[2, 2])
+        significance = np.concatenate([significance[1:], newest[None]])
+    return state._replace(detector=DetectorState(rho, inputs, past, significance))
 
 
 def _first_decision(
