@@ -51,7 +51,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
 
     def __post_init__(self) -> None:
         if (self.alpha is None) != (self.beta is None):
-            raise ValueError("alpha and beta are given together or not at all")
+            raise ValueError("give both alpha and beta, or neither")
         if self.alpha is not None and self.beta is not None and self.beta >= 4 - 2 * self.alpha:
             raise InvalidKeyError(f"unstable: beta must be below {4 - 2 * self.alpha:g}", "beta")
 

@@ -38,7 +38,7 @@ class CMKF(GaussianFilter):
         """Return ``start`` without two scans to convert."""
         if issubclass(scenario.prior_type, Convertible):
             return {}
-        return {"start": "as there are no two scans of range and azimuth to start from"}
+        return {"start": "as this scenario does not start from two scans of a radar"}
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Return two-point differencing of converted scans; without scans the prior's moments."""

@@ -105,10 +105,10 @@ class NonlinearFilter(GaussianFilter):
         """Return a conversion without two scans of a radar, and variances of several components."""
         out, (motion, sensor) = {}, scenario.model
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
-            out["start"] = "there are no two scans of range and azimuth to start from"
+            out["start"] = "needs a start from two radar scans, such as `start: two-scan`"
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:
-                out[key] = "one variance for several components: say what is assumed by `assume`"
+                out[key] = "is one variance for several components; set the noise by `assume`"
         return out
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:

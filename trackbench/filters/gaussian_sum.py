@@ -63,9 +63,8 @@ class GaussianSum(Filter[Mixture]):
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:
-            raise ValueError(
-                f"split = {self.split} over +-{self.span} is coarser than what is split"
-            )
+            what = f"split = {self.split} over +-{self.span} leaves components wider than the prior"
+            raise ValueError(f"{what}; raise `split`")
 
     @property
     def _width(self) -> float:

@@ -63,9 +63,11 @@ class IMM(JumpMarkov[ModelBank]):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.filter, GaussianFilter):
-            raise InvalidKeyError("is no filter of one Gaussian", "filter")
+            raise InvalidKeyError("must be a filter of one Gaussian, such as ekf or ukf", "filter")
         if self.filter.gate is not None:
-            raise InvalidKeyError("the models of an IMM refuse no measurement", "filter", "gate")
+            raise InvalidKeyError(
+                "must be left out: the models of an IMM use every measurement", "filter", "gate"
+            )
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
@@ -106,7 +108,7 @@ class IMM(JumpMarkov[ModelBank]):
         predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
         models, states, innovations = self.models(model), [], []
         names = [m.motion.components for m in models]
-        for j, own in enumerate(models):
+        for j, model_j in enumerate(models):
             # Step 2: mix the states, each filled up to the components of model j.
             like = state.states[j]
             filled = [
@@ -115,7 +117,7 @@ class IMM(JumpMarkov[ModelBank]):
             ]
             # Step 3: filter with model j.
             mixed = combined(filled, mixing[:, j])
-            posterior, innovation = self.filter.update(own, mixed, z, k)
+            posterior, innovation = self.filter.update(model_j, mixed, z, k)
             states.append(posterior)
             innovations.append(innovation)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).

@@ -120,7 +120,7 @@ class LineOfSight(ParticleFilter):
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         if not cast(RangeAzimuth, scenario.model.sensor).at_origin:
-            return {"": "los-rbpf looks from the origin; the sensor it assumes stands elsewhere"}
+            return {"": "los-rbpf needs a radar at the origin; the assumed one is elsewhere"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:

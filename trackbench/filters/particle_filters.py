@@ -68,7 +68,7 @@ class PF(ParticleFilter):
         return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
-        """Return children (n, M, N) moved given their parents, from (children, parents) (2 n, M, N)."""
+        """Return children (n, M, N) moved from their parents, of (children, parents) (2 n, M, N)."""
         x, parents = np.split(joint.x, 2)
         transition = model.motion.transition(parents, k)
 
