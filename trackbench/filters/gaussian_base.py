@@ -105,7 +105,7 @@ class NonlinearFilter(GaussianFilter):
         """Return a conversion without two scans of a radar, and variances of several components."""
         out, (motion, sensor) = {}, scenario.model
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
-            out["start"] = "needs a start from two radar scans, such as `start: two-scan`"
+            out["start"] = "needs a start from two scans, such as `start: two-scan`"
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:
                 out[key] = "is one variance for several components; set the noise by `assume`"
