@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from trackbench import registry
+from trackbench.config.build_dataclass import hints_of
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask, simulate
@@ -47,7 +48,9 @@ def shipped(name: str) -> Experiment:
 def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:
     """A filter by its kind, as a config would make it."""
     cls = kinds("filters")[kind]
-    return cls(**({**cls.presets[preset], **keys} if preset else keys))
+    given = {**cls.presets[preset], **keys} if preset else keys
+    hints = hints_of(cls)
+    return cls(**{k: hints[k](**v) if isinstance(v, dict) else v for k, v in given.items()})
 
 
 def track(

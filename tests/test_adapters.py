@@ -12,7 +12,7 @@ from tests.filters.test_nonlinear_oracles import RADAR
 from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
 from tests.papers import maneuver, seen_as
 from trackbench.adapters import FilterPy, PerRun, StoneSoup
-from trackbench.adapters.per_run import looped
+from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.build_dataclass import help_texts
 from trackbench.contract import check_filter
 from trackbench.core.arrays import Array
@@ -41,7 +41,7 @@ SPREAD = {"alpha": 0.8, "beta": 1.5, "kappa": 1.0}
 
 
 def run(one: type[PerRun], scenario: Any = SHORT, **keys: Any) -> FilterOutput:
-    return track(scenario, looped(one)(**keys), RUNS)
+    return track(scenario, loop_over_runs(one)(**keys), RUNS)
 
 
 def equal(theirs: FilterOutput, ours: FilterOutput, within: float) -> None:
@@ -51,6 +51,13 @@ def equal(theirs: FilterOutput, ours: FilterOutput, within: float) -> None:
         assert_allclose(
             theirs.diagnostics[name], ours.diagnostics[name], rtol=100 * within, atol=within
         )
+
+
+def skip_without_package(one: type[PerRun]) -> None:
+    """Skip the test of an adapter whose package is not installed."""
+    for base, package in ((FilterPy, "filterpy"), (StoneSoup, "stonesoup")):
+        if issubclass(one, base):
+            pytest.importorskip(package)
 
 
 class Plain(PerRun):
@@ -289,13 +296,12 @@ def test_an_angle_may_cross_the_cut() -> None:
 
 @pytest.mark.parametrize("one", [Plain, StoneSoupKF])
 def test_steps_that_differ_come_with_their_intervals(one: type[PerRun]) -> None:
-    for name in getattr(one, "packages", ()):
-        pytest.importorskip(name)
+    skip_without_package(one)
     intervals = np.random.default_rng(1).uniform(0.2, 3.0, len(SHORT.steps))
     model = Model(Irregular(MOTION, 2, int(SHORT.steps[0]), intervals), SHORT.model.sensor)
     data = simulate(SHORT, 1, 0, RUNS)
     states = []
-    for tracker in (looped(one)(), EKF()):
+    for tracker in (loop_over_runs(one)(), EKF()):
         rng = block_stream(1, 0)
         state = tracker.init(model, data.prior, rng)
         for i, k in enumerate(SHORT.steps[1:40]):
@@ -317,14 +323,13 @@ def seen_with_gaps(missing: Any) -> Any:
 
 @pytest.mark.parametrize("one", [Plain, FilterPyKF, StoneSoupKF])
 def test_a_missing_measurement_is_predicted_over(one: type[PerRun]) -> None:
-    for name in getattr(one, "packages", ()):
-        pytest.importorskip(name)
+    skip_without_package(one)
     missing = np.zeros((2, 39, RUNS), dtype=bool)
     missing[:, 3:7, 0] = missing[:, 5, 1] = True
     data = seen_with_gaps(missing)
     mine, ours = (
         run_filter(BlockTask(SHORT, tracker, 1, 0, RUNS, RUNS), data)
-        for tracker in (looped(one)(), KF())
+        for tracker in (loop_over_runs(one)(), KF())
     )
     assert_allclose(mine.mean[:, :20], ours.mean[:, :20], rtol=1e-9)
     assert np.isnan(ours.diagnostics["nis"][4:8, 0]).all()
@@ -348,14 +353,14 @@ def test_half_a_measurement_and_the_log_score_are_ours(
     one: type[PerRun], other: Any, scenario: Any
 ) -> None:
     """Each is judged by what was measured of it."""
-    pytest.importorskip(one.packages[0])  # type: ignore[attr-defined]
+    skip_without_package(one)
     data = simulate(scenario, 1, 0, RUNS)
     seen = data.measurements.copy()
     seen[0, 3:9, 0] = seen[1, 5:12, 1] = np.nan
     data = data._replace(measurements=seen)
     mine, ours = (
         run_filter(BlockTask(scenario, f, 1, 0, RUNS, RUNS, predictive_metrics=("score",)), data)
-        for f in (looped(one)(), other)
+        for f in (loop_over_runs(one)(), other)
     )
     assert np.isnan(mine.diagnostics["log_likelihood"]).sum() == RUNS  # the first state
     assert_allclose(
@@ -379,13 +384,15 @@ def test_where_a_half_would_be_wrong_it_is_refused() -> None:
     data = simulate(RADAR_SCENARIO, 1, 0, RUNS)
     seen = data.measurements.copy()
     seen[0, 3, 1] = np.nan
-    task = BlockTask(RADAR_SCENARIO, looped(OfUnscented)(), 1, 0, RUNS, RUNS)
+    task = BlockTask(RADAR_SCENARIO, loop_over_runs(OfUnscented)(), 1, 0, RUNS, RUNS)
     with pytest.raises(ValueError, match="a part of a measurement is missing"):
         run_filter(task, data._replace(measurements=seen))
 
 
 def test_who_tells_no_likelihood_has_no_score() -> None:
-    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS, predictive_metrics=("score",))
+    task = BlockTask(
+        SHORT, loop_over_runs(Plain)(), 1, 0, RUNS, RUNS, predictive_metrics=("score",)
+    )
     found = run_filter(task, simulate(SHORT, 1, 0, RUNS))
     assert "log_likelihood" not in found.diagnostics
 
@@ -439,7 +446,7 @@ def test_noise_is_each_runs_own_and_the_same_again() -> None:
     first, again = run(Draws), run(Draws)
     assert_array_equal(first.mean, again.mean)
     assert np.unique(first.mean[0, 5]).size == RUNS
-    tracker, data, rng = looped(Draws)(), simulate(SHORT, 1, 0, RUNS), block_stream(1, 0)
+    tracker, data, rng = loop_over_runs(Draws)(), simulate(SHORT, 1, 0, RUNS), block_stream(1, 0)
     z = data.measurements[:, 0].copy()
     z[0] = [-1.0, -1.0, -1.0]
     state = tracker.init(SHORT.model, data.prior, rng)
@@ -466,12 +473,12 @@ def test_another_interval_gives_the_filter_another_motion() -> None:
 
 
 def test_runs_that_are_looped_over_come_in_narrow_blocks() -> None:
-    assert block_width(looped(Plain)(), SHORT) == 10
+    assert block_width(loop_over_runs(Plain)(), SHORT) == 10
     assert block_width(KF(), SHORT) > 100
 
 
 def test_the_keys_are_the_attributes() -> None:
-    made = looped(Plain)
+    made = loop_over_runs(Plain)
     assert made(q=0.5) == made(q=0.5) != made()
     assert hash(made(q=0.5)) == hash(made(q=0.5))
     assert made.__doc__ == Plain.__doc__
@@ -512,20 +519,19 @@ class Unsettled(Plain):
         (FilterPyKF, {}),
         (StoneSoupKF, {}),
         (Draws, {}),
-        (Shared, {"a run does not see the others"}),
-        (Unsettled, {"the same runs give the same again", "a run does not see the others"}),
+        (Shared, {"runs are independent"}),
+        (Unsettled, {"equal runs give equal estimates", "runs are independent"}),
     ],
 )
 def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> None:
-    for name in getattr(one, "packages", ()):
-        pytest.importorskip(name)
-    found = check_filter(looped(one))
+    skip_without_package(one)
+    found = check_filter(loop_over_runs(one))
     assert {f.check for f in found if f.verdict == "bad"} == set(bad), [*map(str, found)]
 
 
 def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
     """A prediction is a step without a measurement, of a copy; it is the Kalman filter's."""
-    task = BlockTask(SHORT, looped(Plain)(), 1, 0, RUNS, RUNS)
+    task = BlockTask(SHORT, loop_over_runs(Plain)(), 1, 0, RUNS, RUNS)
     data = simulate(SHORT, 1, 0, RUNS)
     asked = replace(task, predictive_metrics=("prediction",))
     plain, told = run_filter(task, data), run_filter(asked, data)

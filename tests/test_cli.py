@@ -64,7 +64,7 @@ def test_the_files_agree_with_each_other(hdepf: Path) -> None:
 def test_resolved_config_has_every_key(hdepf: Path) -> None:
     config = yaml.safe_load((hdepf / "config.yaml").read_text())
     assert config["runs"] == 20
-    assert config["filters"]["HDEPF"]["fitness"] == "log"
+    assert config["filters"]["HDEPF"]["reading"]["fitness"] == "log"
     assert config["scenario"]["target"]["motion"]["gamma_rate"] == 2.0
 
 

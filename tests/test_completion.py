@@ -57,7 +57,10 @@ def completed_by(shell: str, line: str) -> list[str]:
         ("trackbench run hdepf --only HD", ["HDEPF"]),
         ("trackbench run hdepf --only UKF --only HD", ["HDEPF"]),
         ("trackbench check hdepf --set see", ["seed="]),
-        ("trackbench run hdepf --set filters.HDEPF.fit", ["filters.HDEPF.fitness="]),
+        (
+            "trackbench run hdepf --set filters.HDEPF.reading.fit",
+            ["filters.HDEPF.reading.fitness="],
+        ),
         ("trackbench run hdepf --set filters.UKF.assume.m", ["filters.UKF.assume.motion="]),
         ("trackbench sweep hdepf --set scenario.sensor.R", ["scenario.sensor.R="]),
         ("trackbench run hdepf --set tables.table1.dig", ["tables.table1.digits="]),

@@ -81,10 +81,10 @@ SETTINGS: dict[str, list[Keys]] = {
     "mpf": [{"regularise": "none"}],
     "epf": [{"defensive": 1.0}],
     "upf": [{"defensive": 1.0}],
-    "pfde": [{"proposal": "ukf"}, {"estimate_from": "before"}, {"G": 0}],
+    "pfde": [{"reading": {"estimate_from": "before"}}, {"G": 0}],
     "hdepf": [
-        {"select": "greedy", "N": 30},
-        {"estimate_from": "before"},
+        {"reading": {"select": "greedy"}, "N": 30},
+        {"reading": {"estimate_from": "before"}},
         {"G": 0},
         {"defensive": 1.0},
     ],
@@ -122,7 +122,17 @@ def variants(kind: str, setting: Keys) -> dict[str, Keys]:
     base |= NEEDED.get(kind, {}) | setting
     out: dict[str, Keys] = {"base": base}
     for field in fields(cls):
-        if not field.init or field.name in setting:
+        if not field.init or (field.name in setting and field.name != "reading"):
+            continue
+        if field.name == "reading":
+            for key in fields(hints_of(cls)["reading"]):
+                given = setting.get("reading", {})
+                values = others(hints_of(hints_of(cls)["reading"])[key.name], key.name, key.default)
+                for i, value in enumerate(values if key.name not in given else ()):
+                    out[f"{key.name} {i}"] = {
+                        **base,
+                        "reading": {**given, key.name: value},
+                    }
             continue
         values = others(hints_of(cls)[field.name], field.name, base.get(field.name, field.default))
         for i, value in enumerate(values):
@@ -185,7 +195,9 @@ def test_it_changes_something_or_is_refused(kind: str, setting: Keys, tmp_path: 
             if label.split()[0] in left and numbers(point, label) != base:
                 left.remove(label.split()[0])
     presets = kinds("filters")[kind].presets.values()
-    usual = {key for preset in presets for key in preset}  # a preset may stand beside any key
+    # A preset may stand beside any key.
+    usual = {key for preset in presets for key in preset}
+    usual |= {key for preset in presets for key in preset.get("reading", {})}
     assert left - refused_there <= ({*SAME, *usual} if setting or kind == "pfde" else set())
 
 
@@ -203,7 +215,7 @@ def told(folder: Path, keys: Keys, **more: Any) -> list[str]:
     return []
 
 
-GREEDY: Keys = {"kind": "hdepf", "select": "greedy"}
+GREEDY: Keys = {"kind": "hdepf", "reading": {"select": "greedy"}}
 
 
 def test_the_line_says_what_makes_the_key_idle(tmp_path: Path) -> None:
@@ -212,14 +224,45 @@ def test_the_line_says_what_makes_the_key_idle(tmp_path: Path) -> None:
         f"filters.F.T0: {why}",
         f"filters.F.rho: {why}",
     ]
-    assert told(tmp_path, {"kind": "pfde", "Q": 1.5}) == [
-        "filters.F.Q: has no effect with `proposal: prior`; leave it out"
+    assert told(tmp_path, {"kind": "hdepf", "defensive": 1, "Q": 2.5}) == [
+        "filters.F.Q: has no effect with `defensive: 1`; leave it out"
     ]
+    before = {"kind": "hdepf", "reading": {"estimate_from": "before", "final_weights": "uniform"}}
+    assert told(tmp_path, before) == [
+        "filters.F.reading.final_weights: has no effect with `estimate_from: before`; leave it out"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"kind": "hdepf", "bounds": "cloud"}, ["filters.F: `bounds` is now `reading.bounds`"]),
+        ({"kind": "hdepf", "select": "greedy"}, ["filters.F: `select` is now `reading.select`"]),
+        ({"kind": "pfde", "weights": "log"}, ["filters.F: `weights` is now `reading.weights`"]),
+        (
+            {"kind": "pfde", "proposal": "ukf"},
+            ["filters.F: `proposal` is now `{kind: hdepf, reading: {select: greedy}}`"],
+        ),
+    ],
+)
+def test_a_former_key_is_one_line_that_names_the_new_one(
+    tmp_path: Path, keys: Keys, expected: list[str]
+) -> None:
+    assert told(tmp_path, keys) == expected
+    kind, (key, value) = {"kind": keys["kind"]}, list(keys.items())[1]
+    assert told(tmp_path, kind, grid={f"filters.F.{key}": [value]}) == expected
+
+
+def test_a_grid_varies_a_nested_key_of_a_filter_without_the_mapping(tmp_path: Path) -> None:
+    assert (
+        told(tmp_path, {"kind": "hdepf"}, grid={"filters.F.reading.bounds": ["none", "cloud"]})
+        == []
+    )
 
 
 def test_defaults_and_what_a_grid_uses_somewhere_may_stand(tmp_path: Path) -> None:
     assert told(tmp_path, {**GREEDY, "T0": 100, "rho": 0.9}) == []
-    grid = {"filters.F.select": ["metropolis", "greedy"]}
+    grid = {"filters.F.reading.select": ["metropolis", "greedy"]}
     assert told(tmp_path, {"kind": "hdepf", "T0": 5}, grid=grid) == []
     assert len(told(tmp_path, {**GREEDY, "T0": 5}, grid={"filters.F.G": [1, 2]})) == 1
 

@@ -14,6 +14,22 @@ from inspect import getattr_static
 from types import new_class
 from typing import Any, ClassVar, NamedTuple
 
+FORMER_HOOKS = {
+    "needs": "requires",
+    "counts": "summed_diagnostics",
+    "excused": "contract_exemptions",
+    "one_by_one": "loops_over_runs",
+    "notes": "diagnostic_names",
+    "held": "extra_memory",
+    "told": "notices",
+    "tells_likelihood": "has_likelihood",
+    "besides": "optional_capabilities",
+    "prior_kind": "prior_type",
+    "no_bound": "why_no_bound",
+    "believing": "with_assumptions",
+    "unscored": "without_scoring",
+}
+"""Hooks by their former names."""
 _ALIKE = 0.8  # of two names: `bound` and `bounds` are 0.91, `estimated` and `estimate` 0.94
 _NOTHING = object()
 
@@ -25,6 +41,8 @@ class Part:
     """the name under which the class is registered"""
     presets: ClassVar[dict[str, dict[str, Any]]] = {}
     """named sets of keys, chosen in a config by ``preset: NAME``"""
+    renamed_keys: ClassVar[dict[str, str]] = {}
+    """former names of keys, each with what to write instead"""
     optional_capabilities: ClassVar[tuple[type, ...]] = ()
     """protocols of hooks that have no default: a class has them or not"""
 
@@ -156,6 +174,9 @@ def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
         for name in (n for n in names if not n.startswith("_")):
+            if FORMER_HOOKS.get(name) in known:
+                yield *_place(owner, name), f"the hook `{name}` is now `{FORMER_HOOKS[name]}`"
+                continue
             near = get_close_matches(name, known, 1, _ALIKE)
             what = f"`{name}` is no hook; did you mean `{''.join(near)}`? What is your own begins with _"
             yield from [(*_place(owner, name), what)] if near else []

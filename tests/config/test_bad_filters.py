@@ -155,11 +155,14 @@ BAD: dict[str, tuple[str, int, str, str]] = {
     "one run: a key in the way": (
         one("    model: str = 'cv'\n    def step(self, z, dt):\n        return self.x, self.P\n"),
         INPUT, "class Bad(PerRun", "a key cannot be called 'model'"),
+    "one run: a former hook": (
+        one("    excused = {}\n    def step(self, z, dt):\n        return self.x, self.P\n"),
+        INPUT, "class Bad(PerRun", "Bad: the hook `excused` is now `contract_exemptions`"),
     "one run: raises": (one("    def step(self, z, dt):\n        return z[7], self.P\n"), RUN,
                         "z[7]", "IndexError: index 7 is out of bounds"),
     "one run: another sensor": (
         one("    measured = ('range', 'azimuth')\n    def step(self, z, dt):\n        pass\n"),
-        INPUT, "", "it takes range, azimuth, and what is measured here is x, y"),
+        INPUT, "", "it takes range, azimuth; this scenario measures x, y"),
     "one run: another state": (
         one("    state = ('px', 'py')\n    def step(self, z, dt):\n        pass\n"), INPUT, "",
         "its state (px, py) has no vx"),

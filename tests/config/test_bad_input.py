@@ -91,7 +91,7 @@ def mistakes(tmp_path: Path, text: str, **options: object) -> list[str]:
         (
             "kind: pf\n    N: 10",
             "kind: ukf\n    start: mucm",
-            "7:12: filters.PF.start: there are no two scans of range and azimuth to start from",
+            "7:12: filters.PF.start: needs a start from two scans, such as `start: two-scan`",
         ),
         (
             "kind: pf\n    N: 10",

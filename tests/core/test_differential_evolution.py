@@ -5,7 +5,10 @@ import pytest
 
 from trackbench.core.differential_evolution import crossover, distinct_pairs, metropolis
 from trackbench.core.random_streams import block_stream
-from trackbench.filters.hdepf import HDEPF, PFDE
+from trackbench.filters.hdepf import HDEPF, PFDE, HybridReading
+
+LAST = HybridReading(keep_best="none")
+CLIPPED = HybridReading(bounds="cloud", keep_best="none")
 
 
 @pytest.mark.parametrize("N", [4, 5, 10])
@@ -49,7 +52,9 @@ def test_metropolis_accepts_losses_with_their_probability(rng: np.random.Generat
 def test_greedy_needs_a_strict_gain(rng: np.random.Generator) -> None:
     """Zero fitness against zero fitness must not walk."""
     x = rng.standard_normal((1, 20, 10))
-    evolved = PFDE(F=0.9, CR=1.0, G=5).evolved(x, lambda x: np.full(x.shape[1:], -np.inf), rng)
+    evolved = PFDE(F=0.9, CR=1.0, G=5).differential_evolution(
+        x, lambda x: np.full(x.shape[1:], -np.inf), rng
+    )
     np.testing.assert_array_equal(evolved.x, x)
     assert not evolved.acceptance.any()
 
@@ -58,8 +63,8 @@ def test_greedy_finds_a_maximum(rng: np.random.Generator) -> None:
     """The best of each population does; a straggler can be left behind when the others agree."""
     x = rng.uniform(-5, 5, (2, 30, 20))
     target = np.array([1.0, -2.0])[:, None, None]
-    de = PFDE(F=0.7, CR=0.9, G=120, keep_best="none")
-    evolved = de.evolved(x, lambda x: -np.square(x - target).sum(axis=0), rng)
+    de = PFDE(F=0.7, CR=0.9, G=120, reading=LAST)
+    evolved = de.differential_evolution(x, lambda x: -np.square(x - target).sum(axis=0), rng)
     assert evolved.log_fitness.max(axis=1).min() > -1e-5
     start = -np.square(x - target).sum(axis=0)
     assert (evolved.log_fitness >= start).all()
@@ -72,18 +77,18 @@ def test_hot_metropolis_samples_and_best_slot_remembers(rng: np.random.Generator
     def log_normal(x: np.ndarray) -> np.ndarray:
         return -0.5 * np.square(x[0])
 
-    free = HDEPF(F=0.9, CR=0.6, G=40, T0=1.0, rho=1.0, keep_best="none")
-    spread = free.evolved(x, log_normal, rng).x.std()
+    free = HDEPF(F=0.9, CR=0.6, G=40, T0=1.0, rho=1.0, reading=LAST)
+    spread = free.differential_evolution(x, log_normal, rng).x.std()
     assert 0.7 < spread < 1.3
-    kept = replace(free, keep_best="slot")
-    best = kept.evolved(x, log_normal, rng)
+    kept = replace(free, reading=HybridReading())
+    best = kept.differential_evolution(x, log_normal, rng)
     assert (best.log_fitness >= log_normal(x) - 1e-12).all()
 
 
 def test_cloud_bounds_hold(rng: np.random.Generator) -> None:
     x = rng.standard_normal((1, 50, 10))
-    wild = HDEPF(F=2.0, CR=1.0, G=10, T0=1e9, rho=1.0, bounds="cloud", keep_best="none")
-    evolved = wild.evolved(x, lambda x: np.zeros(x.shape[1:]), rng).x
+    wild = HDEPF(F=2.0, CR=1.0, G=10, T0=1e9, rho=1.0, reading=CLIPPED)
+    evolved = wild.differential_evolution(x, lambda x: np.zeros(x.shape[1:]), rng).x
     assert (evolved >= x.min(axis=2, keepdims=True)).all()
     assert (evolved <= x.max(axis=2, keepdims=True)).all()
 
@@ -100,11 +105,12 @@ def test_acceptance_counts_trials_that_are_new(rng: np.random.Generator) -> None
         trials.append(x.copy())
         return log_normal(x)
 
-    hybrid = HDEPF(F=0.9, CR=0.6, G=6, T0=0.5, rho=0.9, keep_best="none")
-    found = hybrid.evolved(start, recorded, block_stream(1, 0))
+    hybrid = HDEPF(F=0.9, CR=0.6, G=6, T0=0.5, rho=0.9, reading=LAST)
+    found = hybrid.differential_evolution(start, recorded, block_stream(1, 0))
     # The population before each generation, from runs of fewer of them on the same noise.
     before = [
-        replace(hybrid, G=g).evolved(start, log_normal, block_stream(1, 0)).x[0] for g in range(7)
+        replace(hybrid, G=g).differential_evolution(start, log_normal, block_stream(1, 0)).x[0]
+        for g in range(7)
     ]
     taken, tried = np.zeros(30), np.zeros(30)
     for g, m, i in np.ndindex(6, 30, 8):
@@ -124,7 +130,7 @@ def test_acceptance_is_one_where_all_is_taken_and_zero_without_trials(
     def flat(x: np.ndarray) -> np.ndarray:
         return np.zeros(x.shape[1:])
 
-    hot = HDEPF(F=0.9, CR=0.3, G=20, T0=100.0, rho=1.0, keep_best="none")
-    np.testing.assert_array_equal(hot.evolved(x, flat, rng).acceptance, 1.0)
-    assert not replace(hot, G=0).evolved(x, flat, rng).acceptance.any()
-    assert not replace(hot, CR=0.0).evolved(x, flat, rng).acceptance.any()
+    hot = HDEPF(F=0.9, CR=0.3, G=20, T0=100.0, rho=1.0, reading=LAST)
+    np.testing.assert_array_equal(hot.differential_evolution(x, flat, rng).acceptance, 1.0)
+    assert not replace(hot, G=0).differential_evolution(x, flat, rng).acceptance.any()
+    assert not replace(hot, CR=0.0).differential_evolution(x, flat, rng).acceptance.any()

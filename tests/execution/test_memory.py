@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import PLANE
+from tests.conftest import PLANE, make_filter
 from tests.papers import banana, maneuver, merwe, merwe_text
 from trackbench import api
 from trackbench.config.load import load
@@ -48,15 +48,15 @@ def peak(function: Callable[..., object], *args: object) -> int:
         ("upf", {}),
         ("upf", {"defensive": 0.2, "resampling": "residual"}),
         ("pfde", {}),
-        ("pfde", {"proposal": "ukf"}),
-        ("hdepf", {"target": "ratio", "final_weights": "importance"}),
+        ("hdepf", {"reading": {"select": "greedy"}}),
+        ("hdepf", {"reading": {"target": "ratio", "final_weights": "importance"}}),
     ],
 )
 def test_a_block_takes_no_more_than_estimated(
     kind: str, keys: dict[str, Any], scenario: str
 ) -> None:
     model, width = SCENARIOS[scenario], 4
-    tracker = kinds("filters")[kind](N=5000, **keys)
+    tracker = make_filter(kind, N=5000, **keys)
     task = BlockTask(model, tracker, 0, 0, width, width)
     run_whole_block(replace(task, index=1))  # what only the first block takes
     taken = peak(run_whole_block, task)

@@ -177,8 +177,8 @@ def test_rho_itself_has_the_hypo_exponential_tail() -> None:
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
     p = tail(eta, 0.8)
-    assert abs((state.watch.rho > eta).mean() - p) < 3.5 * np.sqrt(p * (1 - p) / runs)
-    assert abs(state.watch.rho.mean() - 10.0) < 3.5 * np.sqrt(4.0 / (1.0 - 0.64) / runs)
+    assert abs((state.detector.rho > eta).mean() - p) < 3.5 * np.sqrt(p * (1 - p) / runs)
+    assert abs(state.detector.rho.mean() - 10.0) < 3.5 * np.sqrt(4.0 / (1.0 - 0.64) / runs)
 
 
 def test_second_decision_denies_false_alarms() -> None:
@@ -202,8 +202,8 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
     for i, k in enumerate(TURN.steps[1:]):
         z, before = data.measurements[:, i], state
         state = tracker.step(TURN.model, state, z, int(k), rng)
-        _, quiet = axis_step(before.quiet, CV.axis(1.0), z, R)
-        _, turning = axis_step(before.turning, CA.axis(1.0), z, R)
+        _, quiet = axis_step(before.nmf, CV.axis(1.0), z, R)
+        _, turning = axis_step(before.mf, CA.axis(1.0), z, R)
         ratio = (turning.log_likelihood - quiet.log_likelihood).sum(axis=0)
         expected += np.where(before.mode.on == BOTH, ratio, 0.0)
     assert (state.mode.on == BOTH).any()
@@ -212,7 +212,9 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
 
 def test_the_second_decision_believes_what_is_more_likely_than_not() -> None:
     """After n steps of both filters, by the sign of the log-likelihood ratio."""
-    logic = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=15.0), dlw=SecondDecision(n=5)).logic
+    logic = AdaptiveKF(
+        nmf=CV, mf=CA, detector=Detector(eta=15.0), dlw=SecondDecision(n=5)
+    ).parameters
     mode = Mode(np.full(4, BOTH), np.array([3, 3, 3, 4]), np.array([-0.1, 0.1, 2.0, 2.0]))
     believed, decided = _second_decision(logic, mode, np.zeros(4, bool), 8)
     np.testing.assert_array_equal(believed, [False, True, True, False])

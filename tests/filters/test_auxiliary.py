@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import block_stream
-from trackbench.filters.particle_base import Cloud
+from trackbench.filters.particle_base import PFState
 from trackbench.filters.particle_filters import APF
 from trackbench.models.base import Model
 
@@ -39,7 +39,7 @@ def test_a_weight_that_underflows_still_counts(carried: float, survivor: float) 
     x = np.repeat([[0.0, 1.0]], 3, axis=0)[None]
     log_w = np.repeat([[0.0, carried]], 3, axis=0)
     cloud = Particles(x, np.exp(log_w - np.log1p(np.exp(carried))))
-    state = Cloud(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1, log_w=log_w)
+    state = PFState(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1, log_w=log_w)
     model = Model(Still(), Direct())
     found = APF(N=2).step(model, state, np.ones((1, 3)), 2, block_stream(1, 0))
     np.testing.assert_allclose(found.particles.x, survivor, atol=1e-3)
@@ -50,11 +50,11 @@ class Wide(Still):
         return Gaussian(x, np.array([[1.0]]))
 
 
-def stepped(**keys: Any) -> Cloud:
+def stepped(**keys: Any) -> PFState:
     """Forty particles after a step by which the likelihoods of most are beyond float64."""
     x = np.zeros((1, 3, 40))
     cloud = Particles(x, np.full((3, 40), 1.0 / 40))
-    state = Cloud(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1)
+    state = PFState(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1)
     model = Model(Wide(), Direct())
     return APF(N=40, **keys).step(model, state, np.full((1, 3), 0.2), 2, block_stream(1, 0))
 
@@ -92,7 +92,7 @@ def test_a_product_below_float64_is_zero() -> None:
     x = np.repeat([[1.0, 1.5]], 3, axis=0)[None]
     log_w = np.repeat([[-500.0, 0.0]], 3, axis=0)
     cloud = Particles(x, np.full((3, 2), 0.5))
-    state = Cloud(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1, log_w=log_w)
+    state = PFState(cloud, cloud, cloud.moments(), np.zeros(3, dtype=bool), 1, log_w=log_w)
     z = np.full((1, 3), 1.0 - np.sqrt(2.0 * R * 600.0))  # e^-600 of the first, less of the second
     model = Model(Still(), Direct())
     for keys, survivors in (({"weights": "naive"}, 2), ({"weights": "naive", "carried": "log"}, 1)):

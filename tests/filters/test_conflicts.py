@@ -63,7 +63,7 @@ def test_the_line_of_sight_is_that_of_the_scans() -> None:
     radar = banana(scans=4)
     elsewhere = Assume(sensor=replace(radar.sensor, at=(1e3, 0.0)))
     (refused,) = refusals(make_filter("los-rbpf"), radar.with_assumptions(elsewhere))
-    assert "looks from the origin" in refused.what
+    assert "needs a radar at the origin" in refused.what
 
 
 @pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])

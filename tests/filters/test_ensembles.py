@@ -12,7 +12,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.ensemble import _lengths
+from trackbench.filters.ensemble import _step_lengths
 from trackbench.filters.gaussian_base import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
@@ -120,7 +120,7 @@ def test_the_next_lines_are_the_papers() -> None:
 
     tracker = make_filter("iplf", iterations=4)
     state = Gaussian(np.array([[over[0]]]), np.array([[[over[1]]]]))
-    got, _ = tracker.updated(Model(Still(), model.sensor), state, np.array([[z]]), 5)
+    got, _ = tracker.update(Model(Still(), model.sensor), state, np.array([[z]]), 5)
     np.testing.assert_allclose([got.mean.item(), got.cov.item()], [m, P], rtol=1e-10)
 
 
@@ -201,6 +201,6 @@ def test_a_split_start_may_have_more_components_than_the_target() -> None:
 @pytest.mark.parametrize("steps", [1, 3, 29])
 def test_the_steps_of_a_flow_grow_by_a_fifth_and_fill_its_time(steps: int) -> None:
     """Li & Coates 2017, section V: pseudo-time runs from zero to one."""
-    lengths = np.array(_lengths(steps))
+    lengths = np.array(_step_lengths(steps))
     assert lengths.sum() == pytest.approx(1.0)
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], 1.2)

@@ -31,9 +31,9 @@ def test_nonlinear(tracker: Any) -> None:
     both = Model(MOTION, Several((POSITION, BEARING)))
     z = np.array([[3020.0], [1990.0], [0.59]]) * np.ones((3, 3))
     z[2, 0], z[:2, 1], z[:, 2] = np.nan, np.nan, np.nan
-    found, seen = tracker.updated(both, state, z, 1)
-    position, alone = tracker.updated(Model(MOTION, POSITION), state, z[:2], 1)
-    bearing, single = tracker.updated(Model(MOTION, BEARING), state, z[2:], 1)
+    found, seen = tracker.update(both, state, z, 1)
+    position, alone = tracker.update(Model(MOTION, POSITION), state, z[:2], 1)
+    bearing, single = tracker.update(Model(MOTION, BEARING), state, z[2:], 1)
     rtol = 1e-9 if tracker != UKF() else 1e-3  # its points spread with the noise of all components
     for run, expected in ((0, position), (1, bearing), (2, position)):
         np.testing.assert_allclose(found.mean[:, run], expected.mean[:, run], rtol=rtol)
@@ -51,7 +51,7 @@ def test_linear_with_one_covariance_for_all_runs() -> None:
     """Alike in all runs, as of a sensor that measures at every other step: the covariance stays one."""
     state = Gaussian(prior(3).mean, prior(3).cov[..., 0])
     z = np.array([[3020.0], [np.nan]]) * np.ones((2, 3))
-    found, seen = KF().updated(Model(MOTION, POSITION), state, z, 1)
+    found, seen = KF().update(Model(MOTION, POSITION), state, z, 1)
     assert found.cov.ndim == 2
     P = MOTION.F @ state.cov @ MOTION.F.T + MOTION.Q
     x = MOTION.F @ state.mean

@@ -92,7 +92,7 @@ def test_ratio_and_proposal_are_those_of_each_particles_parent(
     children = (
         scenario.model.motion.transition(state.particles.x, k).sample(before)
         if kind == "pf"
-        else own._proposed(scenario.model, state, z, k, before).x
+        else own._draw_proposals(scenario.model, state, z, k, before).x
     )
     index = np.array([[list(children[0, m]).index(v) for v in x[0, m]] for m in range(runs)])
     assert len({tuple(row) for row in index}) > 1

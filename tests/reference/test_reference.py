@@ -60,7 +60,7 @@ CASES = {
     "hdepf, eq. 9": (
         1e-7,
         MERWE,
-        make_filter("hdepf", N=10, population="uniform"),
+        make_filter("hdepf", N=10, reading={"population": "uniform"}),
         hdepf,
         (10, False, True),
     ),

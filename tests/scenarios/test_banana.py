@@ -82,7 +82,7 @@ filters:
         (
             f"PCRLB\nscenario: {SCENARIO}\nfilters:\n  RPF:\n    kind: rpf\n    N: 10",
             f"~\nscenario: {merwe_text()}\nfilters:\n  RPF:\n    kind: ekf\n    start: ccm",
-            "8:12: filters.RPF.start: there are no two scans of range and azimuth to start from",
+            "8:12: filters.RPF.start: needs a start from two scans, such as `start: two-scan`",
         ),
     ],
 )

@@ -1,47 +1,55 @@
-"""``FilterPy``: any Kalman filter of filterpy, as an object that a method makes."""
+"""``FilterPy``: adapter for any Kalman filter of filterpy."""
 
 import inspect
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from trackbench.adapters.component_order import Pair
-from trackbench.adapters.partial_measurements import measured_part, partial_update
+from trackbench.adapters.components import Pair, measured_part, partial_update
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.mixtures import log_mixture
 from trackbench.filters.base import WrongReturnError
 
 _BANK = "filters"
-"""Where filterpy's IMM keeps its filters."""
+"""Attribute of filterpy's IMM that holds its filters."""
 
 
 class FilterPy(PerRun):
-    """An object of filterpy per run: write ``make(dt)``, which gives it.
+    """A filterpy object per run: write ``make(dt)``, which returns it.
 
-    ``KalmanFilter``, ``ExtendedKalmanFilter``, ``UnscentedKalmanFilter``, ``CubatureKalmanFilter``,
-    ``IMMEstimator`` and whatever else has ``x``, ``P``, ``predict`` and ``update``. Its ``x`` and ``P``
-    are set to the scenario's prior, whatever ``make`` gave them. What ``update`` wants beside z, such
-    as an extended filter's ``HJacobian`` and ``Hx``, is a mapping beside the object: ``return ekf,
-    {"HJacobian": jacobian, "Hx": h}``. A missing measurement is predicted over, and what is missing of
-    one left out of an object with ``R`` (in an IMM, of filters with ``H``).
-
-    ``nis`` is noted of a filter with an innovation, ``mode`` (weight of all models but the first) of an
-    IMM; the log score is that of the object's own innovations ``y`` and ``S``.
+    The object is a ``KalmanFilter``, ``ExtendedKalmanFilter``, ``UnscentedKalmanFilter``,
+    ``CubatureKalmanFilter``, ``IMMEstimator`` or any other with ``x``, ``P``, ``predict`` and
+    ``update``. trackbench sets its ``x`` and ``P`` to the scenario's prior. It predicts over a
+    missing measurement, and leaves missing components out of an object with ``R`` (in an IMM, of
+    filters with ``H``). The diagnostics are ``nis`` of a filter with an innovation, and ``mode``
+    (weight of all models but the first) of an IMM. The log score comes from the object's
+    innovations ``y`` and ``S``.
     """
 
-    packages: ClassVar[tuple[str, ...]] = ("filterpy",)
-
     def make(self, dt: float) -> Any:
-        """The object for steps of dt seconds, or the object and the keywords of its ``update``."""
+        """Return the object for steps of dt seconds.
+
+        Parameters
+        ----------
+        dt : float
+            Seconds from one step to the next.
+
+        Returns
+        -------
+        object or tuple
+            The filterpy object. If its ``update`` takes further arguments, such as an extended filter's
+            ``HJacobian`` and ``Hx``, the object and a dict of them:
+            ``return ekf, {"HJacobian": jacobian, "Hx": h}``.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no make(dt)")
 
     def start(self, mean: Array, cov: Array) -> None:
-        """Make the object, and set the state of it and of the filters in it."""
-        self._object, self._keywords = self._making(self.dt)
-        self._by_dt, self._noted = {self.dt: self._object}, {"nis": np.nan}
-        self._there: Mask | None = None
-        for part in (*_within(self._object), self._object):
+        """Make the object, and set its state and those of the filters in it."""
+        self._object, self._keywords = self._make(self.dt)
+        self._by_dt, self._diagnostics = {self.dt: self._object}, {"nis": np.nan}
+        self._is_measured: Mask | None = None
+        for part in (*_bank_of(self._object), self._object):
             if np.size(part.x) != len(mean):
                 what = f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
                 raise WrongReturnError("make", f"{what}: name them in `state`")
@@ -50,77 +58,77 @@ class FilterPy(PerRun):
         self._takes_dt = "dt" in inspect.signature(self._object.predict).parameters
 
     def predict(self, dt: float) -> Pair:
-        """The object's own prediction."""
-        self._noted, self._there = dict.fromkeys(self._noted, np.nan), None
+        """Call the object's prediction, with the motion of this interval."""
+        self._diagnostics, self._is_measured = dict.fromkeys(self._diagnostics, np.nan), None
         if dt not in self._by_dt:
-            self._by_dt[dt], _ = self._making(dt)
-        own = self._object
+            self._by_dt[dt], _ = self._make(dt)
         if dt != self.dt or len(self._by_dt) > 1:
-            _retimed(own, self._by_dt[dt])
-        own.predict(**({"dt": dt} if self._takes_dt else {}))
-        return own.x, own.P
+            _copy_motion(self._by_dt[dt], self._object)
+        self._object.predict(**({"dt": dt} if self._takes_dt else {}))
+        return self._object.x, self._object.P
 
     def update(self, z: Array) -> Pair:
-        """The object's own update."""
-        own, self._there = self._object, np.asarray(z == z)
-        self._predicted = getattr(own, "cbar", None)
-        each = _within(own) or (own,)
-        if self._there.all():
-            own.update(_as_state(z, each[0]), **self._keywords)
+        """Call the object's update, with the measured components."""
+        target, self._is_measured = self._object, np.asarray(z == z)
+        self._predicted_weights = getattr(target, "cbar", None)
+        parts = _bank_of(target) or (target,)
+        if self._is_measured.all():
+            target.update(_as_state(z, parts[0]), **self._keywords)
         else:
-            with partial_update(each, z, self._there, self._keywords) as (part, keywords):
-                own.update(_as_state(part, each[0]), **keywords)
-        if hasattr(own, "mu"):
-            self._noted = {"mode": 1.0 - float(own.mu[0])}
-        elif hasattr(own, "SI"):
-            self._noted = {"nis": self._nis()}
-        return own.x, own.P
+            with partial_update(parts, z, self._is_measured, self._keywords) as (part, keywords):
+                target.update(_as_state(part, parts[0]), **keywords)
+        if hasattr(target, "mu"):
+            self._diagnostics = {"mode": 1.0 - float(target.mu[0])}
+        elif hasattr(target, "SI"):
+            self._diagnostics = {"nis": self._nis()}
+        return target.x, target.P
 
     def _nis(self) -> float:
-        y, there = np.ravel(self._object.y), self._there
-        if there is None or there.all():
+        y, is_measured = np.ravel(self._object.y), self._is_measured
+        if is_measured is None or is_measured.all():
             return float(y @ self._object.SI @ y)
-        return measured_part(y, self._object.S, there).nis.item()
+        return measured_part(y, self._object.S, is_measured).nis.item()
 
     def log_likelihood(self) -> float:
-        """By the innovation of the object; of an IMM by those of its filters and their weights."""
-        own, there = self._object, self._there
-        each = _within(own) or (own,)
-        if there is None or not all(hasattr(one, "y") and hasattr(one, "S") for one in each):
+        """Return the log score from the innovations: an IMM's are summed with predicted weights."""
+        is_measured = self._is_measured
+        parts = _bank_of(self._object) or (self._object,)
+        if is_measured is None or not all(hasattr(p, "y") and hasattr(p, "S") for p in parts):
             return float("nan")
-        told = [measured_part(one.y, one.S, there).log_likelihood for one in each]
-        weights = np.ones(1) if len(told) == 1 else self._predicted
+        each = [measured_part(part.y, part.S, is_measured).log_likelihood for part in parts]
+        weights = np.ones(1) if len(each) == 1 else self._predicted_weights
         if weights is None:
             return float("nan")
-        return log_mixture(np.asarray(weights)[:, None], np.array(told)).item()
+        return log_mixture(np.asarray(weights)[:, None], np.array(each)).item()
 
     def diagnostics(self) -> dict[str, float]:
-        """NIS, or the weight of an IMM's models."""
-        return self._noted
+        """Return the NIS, or the weight of an IMM's models."""
+        return self._diagnostics
 
-    def _making(self, dt: float) -> tuple[Any, dict[str, Any]]:
-        made = self.make(dt)
-        own, keywords = made if isinstance(made, tuple) else (made, {})
+    def _make(self, dt: float) -> tuple[Any, dict[str, Any]]:
+        returned = self.make(dt)
+        target, keywords = returned if isinstance(returned, tuple) else (returned, {})
         for name in ("x", "P", "predict", "update"):
-            if not hasattr(own, name):
-                what = f"make(dt) gives a {type(own).__name__}, which has no {name}"
+            if not hasattr(target, name):
+                what = f"make(dt) gives a {type(target).__name__}, which has no {name}"
                 raise WrongReturnError("make", what)
-        return own, keywords
+        return target, keywords
 
 
-def _as_state(z: Array, one: Any) -> Array:
-    """z in the form of the object's state, a column or a vector."""
-    return z.reshape((-1, *[1] * (np.ndim(one.x) - 1)))
+def _as_state(z: Array, part: Any) -> Array:
+    """Return z in the form of the object's state, a column or a vector."""
+    return z.reshape((-1, *[1] * (np.ndim(part.x) - 1)))
 
 
-def _within(own: Any) -> tuple[Any, ...]:
-    """The filters of an IMM."""
-    return tuple(getattr(own, _BANK, ()))
+def _bank_of(target: Any) -> tuple[Any, ...]:
+    """Return the filters of an IMM."""
+    return tuple(getattr(target, _BANK, ()))
 
 
-def _retimed(own: Any, other: Any) -> None:
-    """Give a filter, and those within it, the motion of one that was made for another interval."""
-    for one, of in zip((own, *_within(own)), (other, *_within(other)), strict=True):
+def _copy_motion(source: Any, target: Any) -> None:
+    """Copy the motion of a filter made for another interval, and of the filters in it."""
+    pairs = zip((source, *_bank_of(source)), (target, *_bank_of(target)), strict=True)
+    for one, other in pairs:
         for name in ("F", "Q", "B"):
-            if hasattr(of, name):
-                setattr(one, name, getattr(of, name))
+            if hasattr(one, name):
+                setattr(other, name, getattr(one, name))

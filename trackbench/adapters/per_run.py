@@ -1,4 +1,4 @@
-"""``PerRun``: what a filter of one run is, as its author writes it."""
+"""``PerRun``: base class of a filter for one run, and the filter of all runs made from it."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -10,103 +10,102 @@ from typing import Any, ClassVar, NamedTuple, cast, dataclass_transform
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
 
-from trackbench.adapters.component_order import Order, Pair, as_numbers, mistakes
+from trackbench.adapters.components import Order, Pair, as_numbers, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
+from trackbench.extension_points import FORMER_HOOKS
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model
 from trackbench.models.motions.irregular import Irregular
 from trackbench.registry import register
 
-_PURITY = "keeps its state in an object per run"
 
+class RunObjects(NamedTuple):
+    """One object per run, and the last estimate of each in the filter's own order."""
 
-class Objects(NamedTuple):
-    """An object per run, and the last estimate of each: mean (n, M), cov (n, n, M), own order."""
-
-    each: tuple[Any, ...]
+    objects: tuple[Any, ...]
     order: Order
     mean: Array
     cov: Array
 
 
-class Looped(Filter[Objects]):
-    """Base of the filters that `looped` makes of a class of one run, which is ``one``."""
+class LoopFilter(Filter[RunObjects]):
+    """Base of the filters that `loop_over_runs` makes."""
 
     one: ClassVar[Any]
     """the class of one run, a `trackbench.adapters.PerRun`"""
     loops_over_runs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        self._made()  # what the keys have to be among themselves, its own class says
+        self._make()  # the class's own checks of its keys
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _again, (self.one, self._keys)
+        return _restore, (self.one, self._keys)
 
     @cached_property
     def _keys(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
-    def _made(self) -> Any:
+    def _make(self) -> Any:
         return self.one(**self._keys)
 
     def conflicts(self, scenario: Any) -> dict[str, str]:
-        """Components that are not the scenario's."""
+        """Return components that differ from the scenario's."""
         one = self.one
-        why = mistakes(scenario.model, one.state, one.measured, one.extra_std)
+        why = component_mismatch(scenario.model, one.state, one.measured, one.extra_std)
         return {"": why} if why else {}
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Objects:
-        """An object per run, each started from the prior's moments of its run."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
+        """Make an object per run, and start it from the moments of its run's prior."""
         one, runs = self.one, prior.mean.shape[1]
         order = Order.of(model, one.state, one.measured, one.extra_std)
-        n, given = len(order.first_cov), np.asarray(with_trailing(prior.cov, 1, leading=2))
+        n, prior_cov = len(order.first_cov), np.asarray(with_trailing(prior.cov, 1, leading=2))
         mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
-        each = tuple(self._made() for _ in range(runs))
-        for m, own in enumerate(each):
-            own.model, own.dt, own.rng = model, interval(model), _Stream(rng, m)
-            first_cov = given[..., m % given.shape[2]]
-            mean[:, m], cov[..., m] = order.started(prior.mean[:, m], first_cov)
-            own.start(mean[:, m].copy(), cov[..., m].copy())
-        return Objects(each, order, mean, cov)
+        objects = tuple(self._make() for _ in range(runs))
+        for m, run in enumerate(objects):
+            run.model, run.dt, run.rng = model, step_length(model), _LazyGenerator(rng, m)
+            cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
+            mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
+            run.start(mean[:, m].copy(), cov[..., m].copy())
+        return RunObjects(objects, order, mean, cov)
 
-    def step(self, model: Model, state: Objects, z: Array, k: int, rng: Generator) -> Objects:
-        """Every run's own step, one after the other."""
-        mean, cov, dt = np.empty_like(state.mean), np.empty_like(state.cov), interval(model, k)
+    def step(self, model: Model, state: RunObjects, z: Array, k: int, rng: Generator) -> RunObjects:
+        """Call every object's step, one after the other."""
+        mean, cov, dt = np.empty_like(state.mean), np.empty_like(state.cov), step_length(model, k)
         missing: Mask = np.asarray(np.isnan(z).all(axis=0))
-        seen = z[state.order.rows].T.copy()
-        for m, own in enumerate(state.each):
-            own.k = k
-            found = own.step(None if missing[m] else seen[m], dt)
-            mean[:, m], cov[..., m] = _moments(found, len(mean), type(own))
+        measurements = z[state.order.rows].T.copy()
+        for m, run in enumerate(state.objects):
+            run.k = k
+            returned = run.step(None if missing[m] else measurements[m], dt)
+            mean[:, m], cov[..., m] = _moments(returned, len(mean), type(run))
         return state._replace(mean=mean, cov=cov)
 
-    def estimate(self, state: Objects) -> Gaussian:
-        """The scenario's components."""
-        return state.order.reported(state.mean, state.cov)
+    def estimate(self, state: RunObjects) -> Gaussian:
+        """Return the scenario's components."""
+        return state.order.to_scenario(state.mean, state.cov)
 
-    def diagnostics(self, state: Objects) -> dict[str, Array]:
-        """What the objects note of themselves."""
-        rows = [own.diagnostics() for own in state.each]
+    def diagnostics(self, state: RunObjects) -> dict[str, Array]:
+        """Return the objects' diagnostics."""
+        rows = [run.diagnostics() for run in state.objects]
         if any(row.keys() != rows[0].keys() for row in rows):
-            raise WrongReturnError(
-                "diagnostics", "the names of the diagnostics differ between runs"
-            )
+            what = "the names of the diagnostics differ between runs"
+            raise WrongReturnError("diagnostics", what)
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-class Telling(Looped):
-    """The same of a class that tells what it thought of each measurement before it saw it."""
+class LoopFilterWithLikelihood(LoopFilter):
+    """Base of the filters made from a class with `log_likelihood`."""
 
-    def log_likelihood(self, state: Objects) -> Array:
-        """What each object says."""
-        return np.array([own.log_likelihood() for own in state.each])
+    def log_likelihood(self, state: RunObjects) -> Array:
+        """Return the objects' log-likelihoods."""
+        return np.array([run.log_likelihood() for run in state.objects])
 
 
-def looped(one: type[Any]) -> type[Looped]:
-    """The filter of a class of one run: its keys, its name, its docstring."""
-    keys = [(f.name, f.type, _like(f)) for f in fields(one)]
+def loop_over_runs(one: type[Any]) -> type[LoopFilter]:
+    """Return the filter of a class of one run, with its keys, its name and its docstring."""
+    keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
+    purity = {"purity": "keeps its state in an object per run"}
     about = {
         "one": one,
         "__doc__": one.__doc__,
@@ -114,80 +113,77 @@ def looped(one: type[Any]) -> type[Looped]:
         "__qualname__": one.__qualname__,
         "requires": one.requires,
         "summed_diagnostics": one.summed_diagnostics,
-        "contract_exemptions": {"purity": _PURITY, **one.contract_exemptions},
+        "contract_exemptions": purity | one.contract_exemptions,
         "presets": one.presets,
     }
-    base = Telling if one.has_likelihood() else Looped
-    made = make_dataclass(
+    base = LoopFilterWithLikelihood if one.has_likelihood() else LoopFilter
+    filter_class = make_dataclass(
         one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
     )
-    one._looped = made
-    return made
+    one._loop_filter = filter_class
+    return filter_class
 
 
-def _like(key: Any) -> Any:
-    """The key once more: a field belongs to one class."""
+def _copy_field(key: Any) -> Any:
+    """Return another field like the key: a field belongs to one class."""
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
 
 
-def _again(one: Any, keys: dict[str, Any]) -> Looped:
-    return one._looped(**keys)
+def _restore(one: Any, keys: dict[str, Any]) -> LoopFilter:
+    return one._loop_filter(**keys)
 
 
-def interval(model: Model, k: int | None = None) -> float:
-    """Seconds to step k from the one before it, by default of the first step there is.
-
-    A motion without a time goes by one.
-    """
+def step_length(model: Model, k: int | None = None) -> float:
+    """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
     motion: Any = model.motion
     if isinstance(motion, Irregular):
         return float(motion.intervals[0 if k is None else k - motion.first])
     return float(getattr(motion, "T", 1.0))
 
 
-def _moments(found: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
-    """Mean (n,) and covariance (n, n) that a step gave."""
+def _moments(returned: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
+    """Return the mean (n,) and the covariance (n, n) that a step returned."""
     method = "step" if "step" in vars(one) or not hasattr(one, "update") else "update"
-    if not isinstance(found, tuple | list) or len(found) != 2:
-        what = f"{one.__name__} gives a {type(found).__name__}, not a mean and a covariance"
+    if not isinstance(returned, tuple | list) or len(returned) != 2:
+        what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         raise WrongReturnError(method, what)
-    kept = []
-    for what, given, shape in (("mean", found[0], (n,)), ("covariance", found[1], (n, n))):
-        array = as_numbers(given, shape)
+    arrays = []
+    for what, value, shape in (("mean", returned[0], (n,)), ("covariance", returned[1], (n, n))):
+        array = as_numbers(value, shape)
         if array is None:
-            text = f"the {what} of a run is {_described(given)}, not {shape} real numbers"
+            text = f"the {what} of a run is {_describe(value)}, not {shape} real numbers"
             raise WrongReturnError(method, text)
-        kept.append(array)
-    return kept[0], kept[1]
+        arrays.append(array)
+    return arrays[0], arrays[1]
 
 
-def _described(given: Any) -> str:
-    shape, kind = getattr(given, "shape", None), getattr(given, "dtype", "")
-    return f"a {type(given).__name__}" if shape is None else f"an array {shape} of {kind}"
+def _describe(value: Any) -> str:
+    shape, kind = getattr(value, "shape", None), getattr(value, "dtype", "")
+    return f"a {type(value).__name__}" if shape is None else f"an array {shape} of {kind}"
 
 
-class _Stream:
-    """Stands for a run's own generator until it is first asked for anything."""
+class _LazyGenerator:
+    """Generator of one run, created when it is first used."""
 
     def __init__(self, block: Generator, run: int) -> None:
         self._block, self._run = block, run
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # asked by whoever copies or pickles it
+        if name.startswith("__"):  # looked up by copy and pickle
             raise AttributeError(name)
-        return getattr(self._own, name)
+        return getattr(self._generator, name)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Stream":
-        other = _Stream(self._block, self._run)
-        if "_own" in vars(self):
-            vars(other)["_own"] = deepcopy(self._own, memo)
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_LazyGenerator":
+        other = _LazyGenerator(self._block, self._run)
+        if "_generator" in vars(self):
+            vars(other)["_generator"] = deepcopy(self._generator, memo)
         return other
 
     @cached_property
-    def _own(self) -> Generator:
-        # A word of the block's own stream, so that whoever looks sees that there was noise.
+    def _generator(self) -> Generator:
+        # One word of the block's stream, so that the runner can see that the filter is random.
         self._block.bit_generator.random_raw()
         seed = self._block.bit_generator.seed_seq
         assert isinstance(seed, SeedSequence)
@@ -196,31 +192,40 @@ class _Stream:
         )
 
 
-_GIVEN = ("model", "rng", "dt", "k")
+_SET_BY_THE_LOOP = ("model", "rng", "dt", "k")
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)
 class PerRun:
-    """A filter of one run: ``class MyFilter(PerRun, kind="my-filter")`` is all that registers it.
+    """A filter for one run, registered by ``class MyFilter(PerRun, kind="my-filter")``.
 
-    Annotated attributes are the keys of the YAML, the docstring under each its help. An object is made
-    for every run. Before ``start`` it is given ``model`` (what the scenario lets a filter assume),
-    ``dt`` (seconds to the first step), ``rng`` (a generator of its own) and, before every step, ``k``
-    (the step's number). Arrays that it is given are its own to write to.
+    trackbench makes an object for every run and calls ``start``, then ``step`` for each
+    measurement. Write ``start`` and ``step``, or ``start``, ``predict`` and ``update``. Annotated
+    attributes are the keys of the YAML, the docstring under each its help. The object may write to
+    the arrays that it gets.
 
-    The state and the measurement have the scenario's components in the scenario's order, or those
-    that ``state`` and ``measured`` name. A measurement without any number comes as None; a component
-    that is missing is NaN.
+    Attributes
+    ----------
+    model : Model
+        Motion and sensor that the scenario lets a filter assume, set before ``start``.
+    dt : float
+        Seconds to the first step, set before ``start``.
+    rng : numpy.random.Generator
+        Random numbers of this run, the only ones allowed, set before ``start``.
+    k : int
+        Number of the step, set before every ``step``.
     """
 
     state: ClassVar[tuple[str, ...]] = ()
-    """names of the state's components in the filter's order: ``("px", "py", "vx", "vy")``"""
+    """names of the state's components in the filter's order, ``("px", "py", "vx", "vy")``; default:
+    the scenario's"""
     measured: ClassVar[tuple[str, ...]] = ()
-    """names of the measurement's components in the filter's order: ``("azimuth", "range")``"""
+    """names of the measurement's components in the filter's order, ``("azimuth", "range")``; default:
+    the scenario's"""
     extra_std: ClassVar[Mapping[str, float]] = {}
-    """components of ``state`` that the scenario's has not: deviation at the start, from zero"""
+    """components of ``state`` that the scenario lacks: initial standard deviation, about zero"""
     requires: ClassVar[tuple[str, ...]] = ()
-    """see `trackbench.filters.base`, as for the three that follow"""
+    """see `trackbench.filters.base.Filter`, also for the three that follow"""
     presets: ClassVar[dict[str, dict[str, Any]]] = {}
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has a model of its own"}
@@ -229,45 +234,71 @@ class PerRun:
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
         names = [field.name for field in fields(cast(Any, cls))]
-        hidden = [name for name in names if name in _GIVEN or hasattr(PerRun, name)]
-        if hidden:
-            raise TypeError(f"a key cannot be called {hidden[0]!r}, which the filter is given")
+        reserved = [name for name in names if name in _SET_BY_THE_LOOP or hasattr(PerRun, name)]
+        if reserved:
+            what = f"a key cannot be called {reserved[0]!r}: PerRun has an attribute of that name"
+            raise TypeError(what)
+        former = [name for name in FORMER_HOOKS if name in vars(cls) and name not in names]
+        if former:
+            new = FORMER_HOOKS[former[0]]
+            raise TypeError(f"{cls.__name__}: the hook `{former[0]}` is now `{new}`")
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")
-            register("filters", kind)(looped(cls))
+            register("filters", kind)(loop_over_runs(cls))
 
     def start(self, mean: Array, cov: Array) -> None:
-        """Take over the first state: mean (n,) and covariance (n, n)."""
+        """Set the first state.
+
+        Parameters
+        ----------
+        mean : array (n,)
+            Mean of the prior, in the order of ``state``.
+        cov : array (n, n)
+            Covariance of the prior.
+        """
         raise NotImplementedError(f"{type(self).__name__} has no start(mean, cov)")
 
     def step(self, z: Array | None, dt: float) -> Pair:
-        """Predict over dt seconds, update with z (n_z,); mean and covariance after it."""
+        """Predict over dt seconds and update with z.
+
+        Parameters
+        ----------
+        z : array (n_z,) or None
+            Measurement in the order of ``measured``, NaN where a component is missing; None without any.
+        dt : float
+            Seconds since the step before.
+
+        Returns
+        -------
+        tuple
+            Mean (n,) and covariance (n, n) after the update.
+        """
         predicted = self.predict(dt)
         return predicted if z is None else self.update(z)
 
     def predict(self, dt: float) -> Pair:
-        """Predict over dt seconds; mean and covariance after it."""
+        """Predict over dt seconds; return mean (n,) and covariance (n, n)."""
         raise NotImplementedError(f"{type(self).__name__} has no predict(dt)")
 
     def update(self, z: Array) -> Pair:
-        """Update with z (n_z,); mean and covariance after it."""
+        """Update with z (n_z,); return mean (n,) and covariance (n, n)."""
         raise NotImplementedError(f"{type(self).__name__} has no update(z)")
 
     def diagnostics(self) -> dict[str, float]:
-        """Numbers that go to the tables, averaged over the steps: NaN where there is none."""
+        """Return numbers for the tables, averaged over the steps; NaN for none."""
         return {}
 
     def log_likelihood(self) -> float:
-        """Logarithm of the density that it gave the last z before it saw it: its log score.
+        """Return the log-density of the last z before the update, for the log score; NaN for none.
 
-        NaN where it tells none. A class without the method has no log score.
+        A class without this method has no log score.
         """
         return float("nan")
 
     @classmethod
     def has_likelihood(cls) -> bool:
-        """Whether the class has a `log_likelihood` of its own."""
+        """Return whether the class defines `log_likelihood`."""
         return cls.log_likelihood is not PerRun.log_likelihood
 
     model: Model

@@ -93,7 +93,7 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     """Yield paths to the keys of a component: those of its kind, those in the config, nested
     ones.
     """
-    from trackbench.config.build_dataclass import hints_of
+    from trackbench.config.build_dataclass import dataclasses_in, hints_of
     from trackbench.field_types import part_group
     from trackbench.models.assumed_sensor import Assume
     from trackbench.registry import Group, of_kind
@@ -106,8 +106,11 @@ def _keys(part: Any, group: str | None, path: str) -> Iterator[str]:
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
     for key in dict.fromkeys([*known, *part]):
-        if isinstance(part.get(key), dict):
+        nested = dataclasses_in(known.get(key)) if part_group(known.get(key)) is None else []
+        if isinstance(part.get(key), dict) and not nested:
             yield from _keys(part[key], part_group(known.get(key)), f"{path}{key}.")
+        elif len(nested) == 1:
+            yield from (f"{path}{key}.{name}=" for name in hints_of(nested[0]))
         else:
             yield f"{path}{key}="
 

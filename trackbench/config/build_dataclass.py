@@ -11,6 +11,7 @@ from typing import Any, TypeVar, cast, get_args, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from trackbench.errors import Mark, Problem
+from trackbench.extension_points import Part
 from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError
 from trackbench.yaml_source import Keys, Source, dotted, formula
 
@@ -180,6 +181,10 @@ def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequen
         if inner is cls:
             known += also
         word = str(item["loc"][-1])
+        renamed = inner.renamed_keys if inner is not None and issubclass(inner, Part) else {}
+        if word in renamed:
+            what = f"`{word}` is now `{renamed[word]}`"
+            return Problem(source.key_mark(where), dotted(where[:-1]), what)
         what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
         return Problem(source.key_mark(where), dotted(where), what)
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):

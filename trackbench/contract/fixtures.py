@@ -1,4 +1,4 @@
-"""A filter over simulated data, and the Kalman filter over the same data."""
+"""Scenarios of the contract, and the runs of a filter and of the Kalman filter on them."""
 
 from typing import Any, NamedTuple
 
@@ -21,52 +21,53 @@ from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
 
-class Pass(NamedTuple):
-    """Estimates of every step: mean (n_x, T + 1, M), cov (n_x, n_x, T + 1, M); draws made or not."""
+class Estimates(NamedTuple):
+    """Mean (n_x, T + 1, M) and cov (n_x, n_x, T + 1, M) of every step; whether numbers were drawn."""
 
     mean: Array
     cov: Array
     random: bool
 
 
-def noise() -> Generator:
-    """The same noise every time."""
+def new_rng() -> Generator:
+    """Return the same random numbers every time."""
     return Generator(SFC64(20260101))
 
 
-def simulated(scenario: Any, runs: int, step: int = 1) -> Simulation:
-    """The first runs of the scenario, the same every time; in their order, or the last one first."""
+def simulate(scenario: Any, runs: int, step: int = 1) -> Simulation:
+    """Simulate the first runs of the scenario, in their order or the last one first (step -1)."""
     return scenario.simulate(RunStreams(1, range(runs)[::step]), runs)
 
 
-def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
-    """The filter's estimates, by `init` and one `step` after another."""
-    rng = noise()
+def run_filter(tracker: Any, scenario: Any, data: Simulation) -> Estimates:
+    """Return the filter's estimates, by `init` and one `step` after another."""
+    rng = new_rng()
+    first_words = _words(rng)
     state = tracker.init(scenario.model, data.prior, rng)
-    found = [tracker.estimate(state)]
+    estimates = [tracker.estimate(state)]
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
-        found.append(tracker.estimate(state))
-    covs = [of_each_run(g).cov for g in found]
-    is_random = rng.bit_generator.state["state"]["state"].tolist() != _start()
-    return Pass(np.stack([g.mean for g in found], axis=1), np.stack(covs, axis=2), is_random)
+        estimates.append(tracker.estimate(state))
+    covs = [of_each_run(g).cov for g in estimates]
+    means = np.stack([g.mean for g in estimates], axis=1)
+    return Estimates(means, np.stack(covs, axis=2), random=_words(rng) != first_words)
 
 
-def _start() -> list[int]:
-    return noise().bit_generator.state["state"]["state"].tolist()
+def _words(rng: Generator) -> list[int]:
+    return rng.bit_generator.state["state"]["state"].tolist()
 
 
-def kalman_filtered(scenario: Any, data: Simulation) -> Pass:
-    """The exact posterior of a linear Gaussian scenario."""
+def kalman_filtered(scenario: Any, data: Simulation) -> Estimates:
+    """Return the exact posterior of a linear Gaussian scenario."""
     motion, sensor = scenario.model
-    found = [of_each_run(data.prior)]
+    posteriors = [of_each_run(data.prior)]
     for i, k in enumerate(scenario.steps[1:]):
-        predicted = kalman.predict(found[-1], motion.F, motion.Q)
+        predicted = kalman.predict(posteriors[-1], motion.F, motion.Q)
         nu = data.measurements[:, i] - sensor.measurement(predicted.mean, int(k)).mean
         H, R = sensor.jacobian(predicted.mean, int(k)), sensor.measurement(predicted.mean, 0).cov
-        found.append(kalman.update(predicted, nu, H, R)[0])
-    mean, cov = (np.stack(a, axis=-2) for a in ([g.mean for g in found], [g.cov for g in found]))
-    return Pass(mean, cov, random=False)
+        posteriors.append(kalman.update(predicted, nu, H, R)[0])
+    mean = np.stack([g.mean for g in posteriors], axis=-2)
+    return Estimates(mean, np.stack([g.cov for g in posteriors], axis=-2), random=False)
 
 
 LINEAR = Tracking(
@@ -75,7 +76,7 @@ LINEAR = Tracking(
     start=GaussianStart(sigma=(2.0, 1.0, 2.0, 1.0)),
     last=6,
 )
-"""Constant velocity in the plane, seen through two noisy positions: the Kalman filter is exact."""
+"""Constant velocity in the plane with measured positions: the Kalman filter is exact."""
 
 SCALAR = Tracking(
     target=Driven(motion=SineGamma(), launch=Launch(x=1.0)),
@@ -94,4 +95,4 @@ RADAR = Tracking(
     start=GaussianStart(sigma=(40.0, 4.0, 40.0, 4.0)),
     last=6,
 )
-"""The same motion before a radar, for filters that take range and azimuth."""
+"""Constant velocity with a radar, for filters that need range and azimuth."""

@@ -1,13 +1,15 @@
-"""What a filter is: a frozen dataclass of parameters with three pure functions."""
+"""Base class of the filters: a frozen dataclass of parameters with three pure functions."""
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+import numpy as np
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.kalman import Innovation
 from trackbench.core.posteriors import Posterior
 from trackbench.extension_points import Part
 from trackbench.models.base import Model, Scene
@@ -16,106 +18,180 @@ State = TypeVar("State")
 
 
 class Filter(Part, Generic[State]):
-    """A frozen dataclass with three pure functions, of all runs at once; a switch is a mask over runs.
+    """A frozen dataclass with three pure functions of all M runs at once; a switch is a mask over runs.
 
-    Equal filters compute equal estimates and have equal hashes: keys that are lists are tuples.
+    The state is any object, such as a NamedTuple of arrays whose last axis is the runs. Equal filters
+    compute equal estimates and have equal hashes: keys that are lists are tuples.
     """
 
     requires: ClassVar[tuple[str, ...]] = ()
-    """what it cannot do without of model and prior: ``motion.jacobian``, ``prior.first``"""
+    """attributes of model and prior that the filter needs: ``motion.jacobian``, ``prior.first``"""
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
     """names of diagnostics that are summed over the steps, not averaged"""
     contract_exemptions: ClassVar[dict[str, str]] = {}
-    """what of the contract it cannot keep by its nature, and why (trackbench/contract/)"""
+    """checks of the contract that the filter cannot pass by its nature, with reasons"""
     loops_over_runs: ClassVar[bool] = False
-    """whether its runs are looped over in Python: then blocks are narrow, and its times are marked"""
+    """the filter loops over its runs in Python: blocks are narrow, and its times are marked"""
 
     @abstractmethod
     def init(self, model: Model, prior: Distribution, rng: Generator) -> State:
-        """The state before the first measurement; ``prior.mean`` is (n_x, M)."""
+        """Return the state before the first measurement.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        prior : Distribution
+            Prior of the first state: ``mean`` (n_x, M), ``cov`` (n_x, n_x) or (n_x, n_x, M).
+        rng : numpy.random.Generator
+            Random numbers of the block of runs, the only ones allowed.
+        """
 
     @abstractmethod
     def step(self, model: Model, state: State, z: Array, k: int, rng: Generator) -> State:
-        """Predict to step k and update with z (n_z, M), NaN where missing. Pure: a new state."""
+        """Return the state after the prediction to step k and the update with z.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : State
+            State at the step before, which must stay as it is.
+        z : array (n_z, M)
+            Measurements of step k; NaN where one is missing.
+        k : int
+            Number of the step.
+        rng : numpy.random.Generator
+            Random numbers of the block of runs, the only ones allowed.
+        """
 
     @abstractmethod
     def estimate(self, state: State) -> Gaussian:
-        """Mean (n_x, M) and covariance (n_x, n_x, M)."""
+        """Return the estimate: mean (n_x, M) and covariance (n_x, n_x, M)."""
 
     def diagnostics(self, state: State) -> dict[str, Array]:
-        """Values per step (M,) by name, averaged over the steps."""
+        """Return values of the last step (M,) by name, which are averaged over the steps."""
         return {}
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """Names of its diagnostics; a class that has some and does not say so is asked by a step."""
+        """Return the names of the diagnostics; a class without this hook is run for one step."""
         return frozenset()
 
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Posterior means (M,) by name of functions ``g(x)`` of states x, where they are not g(mean)."""
+        """Return posterior means (M,) by name of functions of the state that differ from g(mean).
+
+        Parameters
+        ----------
+        state : State
+            State after a step.
+        g : callable
+            Named functions of states x (n_x, ...).
+        """
         return {}
 
     def posterior(self, state: State) -> Posterior | None:
-        """What it holds the state for, if that is more than the Gaussian of its estimate."""
+        """Return the posterior density, if it is more than the Gaussian of the estimate."""
         return None
 
     def log_likelihood(self, state: State) -> Array | None:
-        """log p(z_k | z_1..k-1) (M,) of the last measurement by its own approximation, if it has one."""
+        """Return log p(z_k | z_1..k-1) (M,) of the last measurement by the filter's approximation."""
         return None
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """What it cannot do there, by key (``""``: as a whole): mistakes before anything runs."""
+        """Return reasons why the filter cannot run on the scenario, by key.
+
+        Returns
+        -------
+        dict
+            Reason by key (``detector.window_s``), or by ``""`` for the filter as a whole. Each is
+            an error before anything runs.
+        """
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys without effect in the scenario, each with the reason; a set one is refused."""
+        """Return the keys without effect on the scenario, with reasons; a set one is an error."""
         return {}
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Sentences on what is no mistake there but should be known."""
+        """Return sentences that a user should know, though nothing is wrong."""
         return []
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """What it needs of the scenario: `requires`, and what a filter within it needs."""
+        """Return `requires`, and what a filter within this one requires."""
         return self.requires
 
     @property
     def particle_count(self) -> int:
-        """Particles per run: its key N, or 1 of a filter without any."""
+        """Return the number of particles per run: the key N, or 1."""
         return int(getattr(self, "N", 1))
 
     @property
     def max_particle_count(self) -> int:
-        """The same in the steps in which it has most."""
+        """Return the largest number of particles per run in any step."""
         return self.particle_count
 
     def extra_memory(self, model: Model) -> int:
-        """Numbers alive at once per run beside its particles, for the estimate of the memory."""
+        """Return how many numbers per run are alive at once beside the particles."""
         return 0
 
 
 AnyFilter = Filter[Any]
 
 
+class HasInnovation(Protocol):
+    """State of a filter with one innovation per measurement."""
+
+    @property
+    def nis(self) -> Array:
+        """Normalized innovation squared (M,), NaN before the first measurement."""
+
+    @property
+    def innovation(self) -> Innovation | None:
+        """Innovation of the last measurement."""
+
+
+InnovationState = TypeVar("InnovationState", bound=HasInnovation)
+
+
+class InnovationFilter(Filter[InnovationState]):
+    """Base of the filters with one innovation: its likelihood and its NIS."""
+
+    def log_likelihood(self, state: InnovationState) -> Array:
+        """Return log N(innovation; 0, S) (M,) of the last measurement."""
+        if state.innovation is None:
+            return np.full(state.nis.shape, np.nan)
+        return state.innovation.log_likelihood
+
+    @property
+    def diagnostic_names(self) -> frozenset[str]:
+        """Return the names of `diagnostics`."""
+        return frozenset({"nis"})
+
+    def diagnostics(self, state: InnovationState) -> dict[str, Array]:
+        """Return ``nis``: normalized innovation squared, expected n_z."""
+        return {"nis": state.nis}
+
+
 def has_expectations(tracker: AnyFilter) -> bool:
-    """Whether the filter knows posterior means of functions beside those of its estimate."""
+    """Return whether the filter has the hook `expectation`."""
     return type(tracker).expectation is not Filter.expectation
 
 
 def declares_diagnostics(cls: type[AnyFilter]) -> bool:
-    """Whether its `diagnostic_names` are of its own diagnostics: no class below them has others."""
+    """Return whether `diagnostic_names` belongs to the class that defines `diagnostics`."""
     nearest = next(c for c in cls.__mro__ if {"diagnostic_names", "diagnostics"} & vars(c).keys())
     return "diagnostic_names" in vars(nearest)
 
 
 def has_likelihood(tracker: AnyFilter) -> bool:
-    """Whether the filter tells what it thought of each measurement before it saw it."""
+    """Return whether the filter has the hook `log_likelihood`."""
     return type(tracker).log_likelihood is not Filter.log_likelihood
 
 
 class WrongReturnError(ValueError):
-    """What a filter's ``method`` gave back is not what it has to be."""
+    """Return value of a filter's ``method`` that breaks the interface."""
 
     def __init__(self, method: str, what: str) -> None:
         super().__init__(what)
@@ -123,6 +199,6 @@ class WrongReturnError(ValueError):
 
 
 OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
-"""Idle keys of a filter that takes from the assumed motion the time between steps only."""
+"""Idle keys of a filter that uses only the time between steps of the assumed motion."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
-"""What a filter needs that knows its motion itself, of a planar target seen by its position."""
+"""Requirements of a filter with its own motion, of a planar target with measured positions."""

@@ -1,4 +1,4 @@
-"""Kalman filters in Cartesian coordinates, fed with converted measurements."""
+"""Filters that convert range and azimuth to a position."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple, cast
@@ -29,85 +29,89 @@ class CMKF(GaussianFilter):
     """
 
     conversion: Conversion = "ucm"
-    """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
+    """conversion of range and azimuth to a position: ccm, ucm, mucm or ducm"""
     start: Conversion | None = None
-    """conversion of the two scans that the filter starts from; default: its own"""
+    """conversion of the two scans that initialize the filter; default: `conversion`"""
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Only two scans are converted."""
+        """Return ``start`` without two scans to convert."""
         if issubclass(scenario.prior_type, Convertible):
             return {}
-        return {"start": "as there are no two scans of range and azimuth to start from"}
+        return {"start": "as this scenario does not start from two scans of a radar"}
 
-    def started(self, model: Model, prior: Distribution) -> Gaussian:
-        """Two-point differencing of converted measurements; the prior's moments if there are none."""
+    def initialize(self, model: Model, prior: Distribution) -> Gaussian:
+        """Return two-point differencing of converted scans; without scans the prior's moments."""
         if not isinstance(prior, Convertible):
-            return of_each_run(prior)  # as every run's measurements have
+            return of_each_run(prior)
         return prior.gaussian(self.start or self.conversion)
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+        """Predict, convert the measurement, update linearly; half a measurement counts as missing."""
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, AS_IT_IS)
+        # Step 1: convert (r, a) to a position; ducm uses the predicted range and azimuth.
         expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
-        seen = convert(self.conversion, sensor.reading(z), expected)
+        converted = convert(self.conversion, sensor.reading(z), expected)
+        # Step 2: update with the position, linear in the state.
         H = np.eye(len(predicted.mean))[0:4:2]
-        nu = sensor.from_here(seen.mean, k) - linalg.matvec(H, predicted.mean)
-        R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], seen.cov)
+        nu = sensor.from_here(converted.mean, k) - linalg.matvec(H, predicted.mean)
+        R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], converted.cov)
         posterior, innovation = kalman.update(predicted, nu, H, R)
-        # d(x, y) = b^2 r d(r, a) of a position at b r.
-        x, y = seen.mean
+        # The likelihood is one of (r, a): d(x, y) = b^2 r d(r, a) of a position at b r.
+        x, y = converted.mean
         return posterior, innovation._replace(stretch=(x * x + y * y) / sensor.reading(z).r)
 
 
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:
-    """Range and azimuth of N(mean, cov) at step k with their variances to first order."""
+    """Return range and azimuth of N(mean, cov) at step k, with variances to first order."""
     r, a = sensor.polar(state.mean, k)
     spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)
     return Polar(r, a, spread[0, 0], spread[1, 1])
 
 
-class LastTwo(NamedTuple):
-    """The last two scans, and the Gaussian that differencing makes of them."""
+class LastTwoScans(NamedTuple):
+    """Last two scans, and their two-point difference."""
 
     scans: TwoPoint
-    found: Gaussian
+    difference: Gaussian
 
 
 @register("filters", "conversion")
 @dataclass(frozen=True, kw_only=True)
-class Converted(Filter[LastTwo]):
-    """No memory: the last measurement's converted position, and its difference from the one before.
+class Converted(Filter[LastTwoScans]):
+    """Baseline without memory: the last scan's converted position, and its two-point difference.
 
-    Its position shows a conversion's own bias and consistency (banana paper, Fig. 6).
+    The position shows a conversion's own bias and consistency (banana paper, Fig. 6).
     """
 
     conversion: Conversion = "ucm"
-    """how range and azimuth become a position: ccm, ucm, mucm or ducm"""
+    """conversion of range and azimuth to a position: ccm, ucm, mucm or ducm"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Two scans give positions and velocities, and nothing else that a motion may have."""
+        """Return a motion with further components than positions and velocities."""
         others = ", ".join(scenario.model.motion.components[4:])
         if others:
             what = f"conversion estimates position and velocity only; its motion has {others}, too"
             return {"": f"{what}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
         return {}
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwo:
-        """The first two scans."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:
+        """Return the first two scans."""
         assert isinstance(prior, TwoPoint)
-        return LastTwo(prior, prior.gaussian(self.conversion))
+        return LastTwoScans(prior, prior.gaussian(self.conversion))
 
-    def step(self, model: Model, state: LastTwo, z: Array, k: int, rng: Generator) -> LastTwo:
-        """Forget the older scan; one that is missing is where the two before it point to."""
-        expected = model.motion.transition(state.found.mean, k).mean
+    def step(
+        self, model: Model, state: LastTwoScans, z: Array, k: int, rng: Generator
+    ) -> LastTwoScans:
+        """Replace the older scan; a missing one is predicted from the two before it."""
+        expected = model.motion.transition(state.difference.mean, k).mean
         z = np.where(np.isnan(z).any(axis=0), cast(RangeAzimuth, model.sensor).polar(expected), z)
         scans = replace(state.scans, first=state.scans.second, second=z)
-        return LastTwo(scans, scans.gaussian(self.conversion))
+        return LastTwoScans(scans, scans.gaussian(self.conversion))
 
-    def estimate(self, state: LastTwo) -> Gaussian:
-        """The converted position, and the velocity between the last two."""
-        return state.found
+    def estimate(self, state: LastTwoScans) -> Gaussian:
+        """Return the converted position, and the velocity between the last two."""
+        return state.difference

@@ -1,4 +1,4 @@
-"""Extended Kalman filters: plain, iterated, and with inflated noise for a curved measurement."""
+"""Kalman filters that linearize the model: EKF, IEKF, MCAEKF by Jacobians, IPLF by regression."""
 
 from dataclasses import dataclass
 from typing import ClassVar, cast
@@ -6,32 +6,39 @@ from typing import ClassVar, cast
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.core.kalman import Updated
+from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.gaussian_base import NonlinearFilter
 from trackbench.models.base import DifferentiableSensor, Model
-from trackbench.models.gaussian_steps import extended_prediction, extended_step
+from trackbench.models.gaussian_steps import (
+    Assumed,
+    extended_prediction,
+    extended_step,
+    point_prediction,
+)
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
+_CUBATURE = Unscented(1.0, 0.0, 0.0)
 MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
-"""The noise that van der Merwe's public demo gives its Kalman filters."""
+"""Noise that van der Merwe's public demo gives its Kalman filters."""
 
 
 @register("filters", "ekf")
 @dataclass(frozen=True, kw_only=True)
 class EKF(NonlinearFilter):
-    """Extended Kalman filter: first-order linearisation at the mean (Anderson & Moore 1979)."""
+    """Extended Kalman filter: first-order linearization at the mean (Anderson & Moore 1979)."""
 
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {"merwe-demo": MERWE_DEMO}
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the Jacobians."""
         return extended_step(model, state, z, k, self.assumed)
 
@@ -45,20 +52,21 @@ class IEKF(NonlinearFilter):
     """
 
     iterations: Count = 5
-    """linearisations per update; 1 is the EKF"""
+    """linearizations per update; 1 is the EKF"""
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict; linearise the measurement again at each new estimate."""
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+        """Predict; linearize the measurement again at each new estimate."""
         predicted = extended_prediction(model, state, k, self.assumed)
         posterior, first = predicted, None
         sensor = cast(DifferentiableSensor, model.sensor)
         for _ in range(self.iterations):
+            # nu = z - h(x_i) - H_i (m - x_i), about the estimate x_i of the iteration before
             H = sensor.jacobian(posterior.mean, k)
-            seen = self.assumed.measurement(model, posterior.mean, k)
-            nu = sensor.innovation(z, seen.mean)
+            expected = self.assumed.measurement(model, posterior.mean, k)
+            nu = sensor.innovation(z, expected.mean)
             nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
-            posterior, innovation = kalman.update(predicted, nu, H, seen.cov)
+            posterior, innovation = kalman.update(predicted, nu, H, expected.cov)
             first = first or innovation
         assert first is not None
         return posterior, first
@@ -67,34 +75,103 @@ class IEKF(NonlinearFilter):
 @register("filters", "mcaekf")
 @dataclass(frozen=True, kw_only=True)
 class MCAEKF(NonlinearFilter):
-    """Measurement covariance adaptive EKF for a range-azimuth sensor.
+    """Measurement covariance adaptive EKF: inflates the range variance for a curved measurement.
 
-    The range's variance is raised by the square of the sagitta that the azimuth's uncertainty may
-    hide (banana paper, section IV, eq. 11; Tian & Bar-Shalom 2009).
+    The added variance is the square of the sagitta within the azimuth's uncertainty (banana paper,
+    section IV, eq. 11; Tian & Bar-Shalom 2009).
     """
 
     n_sigma: NonNegative = 2.0
-    """how many standard deviations of the updated azimuth the sagitta is taken at"""
+    """standard deviations of the updated azimuth at which the sagitta is taken"""
     kappa: Positive = 1.0
-    """the sagitta is this many standard deviations of the added range noise"""
+    """the sagitta divided by the standard deviation of the added range noise"""
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian", "sensor.reading")
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, inflate the range's variance, update."""
         predicted = extended_prediction(model, state, k, self.assumed)
         sensor = cast(RangeAzimuth, model.sensor)
-        seen = self.assumed.measurement(model, predicted.mean, k)
-        nu = sensor.innovation(z, seen.mean)
-        expected = polar_moments(sensor, predicted, k)
-        D = self._sagitta(expected, nu[1], seen.cov[1, 1])
-        R = np.broadcast_to(seen.cov[..., None], (2, 2, len(D))).copy()
+        expected = self.assumed.measurement(model, predicted.mean, k)
+        nu = sensor.innovation(z, expected.mean)
+        # R11 <- R11 + (D / kappa)^2 with the sagitta D (eq. 11)
+        D = self._sagitta(polar_moments(sensor, predicted, k), nu[1], expected.cov[1, 1])
+        R = np.broadcast_to(expected.cov[..., None], (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
         H = sensor.jacobian(predicted.mean, k)
         return kalman.update(predicted, nu, H, R)
 
-    def _sagitta(self, expected: Polar, nu: Array, variance: float) -> Array:
-        """Eq. 11 at the largest likely turn between the prediction and the updated estimate."""
-        gain = expected.azimuth_variance / (expected.azimuth_variance + variance)
-        spread = np.sqrt(expected.azimuth_variance * (1.0 - gain))
+    def _sagitta(self, predicted: Polar, nu: Array, variance: float) -> Array:
+        """Return D = r (1 / cos d - 1), d the largest likely change of azimuth (eq. 11)."""
+        gain = predicted.azimuth_variance / (predicted.azimuth_variance + variance)
+        spread = np.sqrt(predicted.azimuth_variance * (1.0 - gain))
         turn = np.abs(gain * nu) + self.n_sigma * spread
-        return expected.r * (1.0 / cos_sin(np.minimum(turn, 1.5))[0] - 1.0)
+        return predicted.r * (1.0 / cos_sin(np.minimum(turn, 1.5))[0] - 1.0)
+
+
+@register("filters", "iplf")
+@dataclass(frozen=True, kw_only=True)
+class IPLF(NonlinearFilter):
+    """Iterated posterior linearization filter: statistical linear regression over the posterior.
+
+    Garcia-Fernandez, Svensson, Morelande & Sarkka 2015. The first regression is the cubature
+    filter's, over the prediction. Each further one is over the last posterior: an accurate
+    measurement is linearized where the state can still be.
+    """
+
+    iterations: Count = 5
+    """regressions per update; 1 is the cubature Kalman filter"""
+
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+        """Predict by cubature points; regress the measurement again over each posterior."""
+        predicted = point_prediction(model, state, k, self.assumed, _CUBATURE)
+        posterior, first = predicted, None
+        for _ in range(self.iterations):
+            at, slope, cov = _regression(model, posterior, k, self.assumed)
+            nu = model.sensor.innovation(z, at)
+            nu = nu - linalg.matvec(slope, predicted.mean - posterior.mean)
+            posterior, innovation = kalman.update(predicted, nu, slope, cov)
+            first = first or innovation
+        assert first is not None
+        return posterior, first
+
+
+def _regression(
+    model: Model, over: Gaussian, k: int, assumed: Assumed
+) -> tuple[Array, Array, Array]:
+    """Regress the measurement on the state over N(m, P) (eqs. 5-9).
+
+    Returns ``at`` (n_z, M), ``slope`` (n_z, n, M) and ``cov`` (n_z, n_z, M) of the line
+    ``z = at + slope (x - m) + N(0, cov)``.
+    """
+    # Measured points, as innovations about one of them: angles are averaged away from their cut.
+    points = _CUBATURE.points(over.mean, over.cov)
+    z = model.sensor.measurement(points.x, k).mean
+    center = z[:, :1]
+    offsets = model.sensor.innovation(z, center)
+    mean = points.mean(offsets)
+    # slope = C' P^-1, C = cov(x, z);  cov = R + cov(z, z) - slope P slope'
+    dz, dx = offsets - mean[:, None], points.x - over.mean[:, None]
+    slope = linalg.transpose(_solve_singular(over.cov, points.cross(dx, dz)))
+    R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
+    unexplained = points.cross(dz, dz) - linalg.sandwich(slope, over.cov)
+    return center[:, 0] + mean, slope, R + linalg.symmetrised(unexplained)
+
+
+def _solve_singular(P: Array, C: Array) -> Array:
+    """Return ``P^-1 C`` for C (n, m, M); zero along directions in which P (n, n, M) is singular."""
+    L = linalg.root(P)
+    with np.errstate(divide="ignore"):
+        scale = [np.where(L[i, i] > 0.0, 1.0 / L[i, i], 0.0) for i in range(len(L))]
+    # L y = C, forwards
+    rows: list[Array] = []
+    for i in range(len(L)):
+        rest = C[i]
+        for j in range(i):
+            rest = rest - L[i, j] * rows[j]
+        rows.append(rest * scale[i])
+    # L' x = y, backwards
+    for i in reversed(range(len(L))):
+        for j in range(i + 1, len(L)):
+            rows[i] = rows[i] - L[j, i] * rows[j]
+        rows[i] = rows[i] * scale[i]
+    return np.array(rows)

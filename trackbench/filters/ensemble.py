@@ -1,4 +1,4 @@
-"""Filters that carry equal draws and learn from their moments: ensemble Kalman, particle flow."""
+"""Filters that use only moments of draws: Gaussian particle, ensemble Kalman, particle flow."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple, cast
@@ -15,93 +15,80 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, uniform
 from trackbench.core.posteriors import CloudPosterior, Posterior
 from trackbench.core.sums import dot, mean
-from trackbench.filters.base import Filter
-from trackbench.filters.particle_base import Cloud, CloudFilter
+from trackbench.filters.base import InnovationFilter
+from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
 from trackbench.models.base import DifferentiableSensor, Model, log_likelihood
 from trackbench.registry import register
 
 
 @register("filters", "gpf")
 @dataclass(frozen=True, kw_only=True)
-class GaussianPF(CloudFilter):
-    """Gaussian particle filter: draws anew from a Gaussian at each step, so that nothing is resampled.
+class GaussianPF(WeightedParticlesFilter):
+    """Gaussian particle filter: draws from a Gaussian at each step, and resamples nothing.
 
-    Kotecha & Djuric 2003a. The moments are as right as N draws make them; that the posterior has no
-    other shape is assumed.
+    Kotecha & Djuric 2003a. The posterior is assumed Gaussian, with the moments of N weighted draws.
     """
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """The moments of draws from the prior."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
+        """Draw from the prior and take the moments."""
         x, log_w = covering(prior, rng, self.N)
-        return _fitted(x, log_w)
+        return _weigh(x, log_w)
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Draw, move, weigh, and keep the moments."""
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Draw from the Gaussian, move, weigh, take the moments."""
         x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
-        return _fitted(x, log_likelihood(model.sensor, z, x, k))
+        return _weigh(x, log_likelihood(model.sensor, z, x, k))
 
 
-def _fitted(x: Array, log_w: Array) -> Cloud:
-    """Draws (n, M, N) and log-weights (M, N)."""
-    w, dead, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
+def _weigh(x: Array, log_w: Array) -> PFState:
+    """Return the state of draws (n, M, N) with log-weights (M, N)."""
+    w, collapsed, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
-    told = (Evidence(mass, 0.0, w.shape[1]),)
-    return Cloud(cloud, cloud, cloud.moments(), dead, w=w, evidence=told)
+    return PFState(
+        particles=cloud,
+        weighted=cloud,
+        estimate=cloud.moments(),
+        collapsed=collapsed,
+        w=w,
+        evidence=(Evidence(mass, 0.0, w.shape[1]),),
+    )
 
 
 _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, section V)
 
 
 class Ensemble(NamedTuple):
-    """Members x (n, M, N) of equal weight, and the last normalised innovation squared (M,).
-
-    ``seen`` is the innovation itself, once there is one.
-    """
+    """Members x (n, M, N) of equal weight; NIS (M,) and innovation of the last measurement."""
 
     x: Array
     nis: Array
-    seen: Innovation | None = None
+    innovation: Innovation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnsembleFilter(Filter[Ensemble]):
-    """Base of the filters whose state is equal draws."""
+class EnsembleFilter(InnovationFilter[Ensemble]):
+    """Base of the filters whose state is equally weighted draws."""
 
     N: Annotated[int, Ge(2)] = 100
     """number of members"""
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Ensemble:
-        """Draws from the prior."""
+        """Draw the members from the prior."""
         x = prior.sample(rng, self.N)
         return Ensemble(x, np.full(x.shape[1], np.nan))
 
     def estimate(self, state: Ensemble) -> Gaussian:
-        """Mean and sample covariance of the members."""
+        """Return the mean and the sample covariance of the members."""
         m = mean(state.x)
         e = state.x - m[..., None]
-        return Gaussian(m, _cross(e, e))
+        return Gaussian(m, _cross_cov(e, e))
 
     def posterior(self, state: Ensemble) -> Posterior:
-        """The members."""
+        """Return the members."""
         return CloudPosterior(Particles(state.x, uniform(*state.x.shape[1:])))
-
-    def log_likelihood(self, state: Ensemble) -> Array:
-        """log N(innovation; 0, S) (M,), S by the members' covariances."""
-        if state.seen is None:
-            return np.full(state.nis.shape, np.nan)
-        return state.seen.log_likelihood
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return frozenset({"nis"})
-
-    def diagnostics(self, state: Ensemble) -> dict[str, Array]:
-        """``nis``: normalised innovation squared, expected n_z."""
-        return {"nis": state.nis}
 
 
 @register("filters", "enkf")
@@ -109,24 +96,31 @@ class EnsembleFilter(Filter[Ensemble]):
 class EnKF(EnsembleFilter):
     """Ensemble Kalman filter with perturbed measurements.
 
-    Evensen 1994; Burgers, van Leeuwen & Evensen 1998. The gain is that of the members' covariances, so
-    neither motion nor sensor is linearised.
+    Evensen 1994; Burgers, van Leeuwen & Evensen 1998. The gain comes from the members' covariances,
+    without a linearization of motion or sensor.
     """
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by a measurement with an error drawn for it."""
+        # Step 1: move the members.
         x = model.motion.transition(state.x, k).sample(rng)
-        centre = model.sensor.measurement(mean(x), k)
-        seen = model.sensor.innovation(
-            model.sensor.measurement(x, k).mean, centre.mean[..., None]
-        )  # about one point, so that angles are averaged away from the cut
-        z_mean, R = mean(seen), with_trailing(centre.cov, 1, leading=2)
-        dx, dz = x - mean(x)[..., None], seen - z_mean[..., None]
-        nu = model.sensor.innovation(z, centre.mean + z_mean)
+        # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
+        # their cut.
+        center = model.sensor.measurement(mean(x), k)
+        predicted = model.sensor.innovation(
+            model.sensor.measurement(x, k).mean, center.mean[..., None]
+        )
+        z_mean, R = mean(predicted), with_trailing(center.cov, 1, leading=2)
+        dx, dz = x - mean(x)[..., None], predicted - z_mean[..., None]
+        nu = model.sensor.innovation(z, center.mean + z_mean)
         missing = np.isnan(nu)
-        C, S = kalman.measured(linalg.transpose(_cross(dx, dz)), _cross(dz, dz) + R, missing)
+        # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
+        C, S = kalman.measured(
+            linalg.transpose(_cross_cov(dx, dz)), _cross_cov(dz, dz) + R, missing
+        )
         note("covariances", S, components=2)
         K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
+        # Step 4: x_i + K (z + e_i - z_i), e_i ~ N(0, R).
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
         each = np.where(missing, 0.0, nu)[..., None] - dz + error
         x = x + linalg.matvec(K[..., None], each)
@@ -137,10 +131,10 @@ class EnKF(EnsembleFilter):
 @register("filters", "edh")
 @dataclass(frozen=True, kw_only=True)
 class ExactFlow(EnsembleFilter):
-    """Exact Daum-Huang particle flow: the likelihood moves the particles instead of weighing them.
+    """Exact Daum-Huang particle flow: particles move from the prediction to the posterior.
 
     Daum, Huang & Noushin 2010, in the form of Ding & Coates 2012: the flow that is exact for a linear
-    Gaussian model, linearised at the particles' mean, with the particles' own covariance.
+    Gaussian model, linearized at the particles' mean, with the particles' covariance.
     """
 
     steps: Annotated[int, Interval(ge=1, le=1000)] = 29
@@ -148,41 +142,45 @@ class ExactFlow(EnsembleFilter):
     requires: ClassVar[tuple[str, ...]] = ("sensor.jacobian",)
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
-        """Move the particles, then let them flow from the prediction to the posterior."""
+        """Move the particles, then integrate the flow."""
         x = model.motion.transition(state.x, k).sample(rng)
         predicted = self.estimate(Ensemble(x, state.nis))
         start, P = predicted.mean, predicted.cov
-        # The flow of all particles of a run is one affine map of their deviations from the mean.
-        turn = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
-        shift, done = np.zeros_like(start), 0.0
-        nis, first, sensor = state.nis, state.seen, cast(DifferentiableSensor, model.sensor)
-        for length in _lengths(self.steps):
-            A, pull, seen = _flow(sensor, Gaussian(start, P), shift, z, k, done + 0.5 * length)
-            nis, first = (nis, first) if done else (seen.nis, seen)
-            turn = turn + length * linalg.matmul(A, turn)
-            shift = shift + length * (linalg.matvec(A, shift) + pull)
-            done += length
-        flown = linalg.matvec(turn[..., None], x - start[..., None])
-        return Ensemble(flown + (start + shift)[..., None], nis, first)
+        # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:
+        # dB = A B dt, dc = (A c + b) dt (Euler steps).
+        B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
+        c, time = np.zeros_like(start), 0.0
+        nis, first, sensor = state.nis, state.innovation, cast(DifferentiableSensor, model.sensor)
+        for length in _step_lengths(self.steps):
+            A, b, innovation = _flow(sensor, Gaussian(start, P), c, z, k, time + 0.5 * length)
+            nis, first = (nis, first) if time else (innovation.nis, innovation)
+            B = B + length * linalg.matmul(A, B)
+            c = c + length * (linalg.matvec(A, c) + b)
+            time += length
+        deviations = linalg.matvec(B[..., None], x - start[..., None])
+        return Ensemble(deviations + (start + c)[..., None], nis, first)
 
 
 def _flow(
     sensor: DifferentiableSensor, prior: Gaussian, shift: Array, z: Array, k: int, time: float
 ) -> tuple[Array, Array, Innovation]:
-    """A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt about the mean; what z is to that mean.
+    """Return A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt, and the innovation at its start.
 
     Ding & Coates 2012, eqs. 9 and 10, of deviations from the prior's mean m: ``y = z - h(m + shift) +
     H shift``, ``A = -P H' (t H P H' + R)^-1 H / 2``, ``b = (I + 2 t A) (I + t A) P H' R^-1 y``.
     """
+    # Linearize at the shifted mean.
     at = prior.mean + shift
-    seen = sensor.measurement(at, k)
-    nu = sensor.innovation(z, seen.mean)
+    expected = sensor.measurement(at, k)
+    nu = sensor.innovation(z, expected.mean)
     missing = np.isnan(nu)
-    H, R = kalman.measured(sensor.jacobian(at, k), seen.cov, missing)
+    H, R = kalman.measured(sensor.jacobian(at, k), expected.cov, missing)
     H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
     HPH = linalg.symmetrised(linalg.matmul(H, PH))
+    # A = -P H' (t H P H' + R)^-1 H / 2 (eq. 9)
     A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * HPH + R), H))
+    # b = (I + 2 t A) (I + t A) P H' R^-1 y (eq. 10)
     y = np.where(missing, 0.0, nu) + linalg.matvec(H, shift)
     b = linalg.matvec(PH, linalg.matvec(linalg.inverse(R), y))
     for factor in (1.0, 2.0):
@@ -190,8 +188,8 @@ def _flow(
     return A, b, Innovation(nu, HPH + R)
 
 
-def _lengths(steps: int) -> list[float]:
-    """Lengths of the steps, which sum to one."""
+def _step_lengths(steps: int) -> list[float]:
+    """Return the lengths of the steps in pseudo-time, which sum to one."""
     lengths = [_GROWTH**i for i in range(steps)]
     whole = 0.0
     for length in lengths:
@@ -199,6 +197,6 @@ def _lengths(steps: int) -> list[float]:
     return [length / whole for length in lengths]
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Sample covariance (n, m, M) of deviations a (n, M, N) and b (m, M, N)."""
+def _cross_cov(a: Array, b: Array) -> Array:
+    """Return the sample covariance (n, m, M) of deviations a (n, M, N) and b (m, M, N)."""
     return np.stack([dot(row, b) for row in a]) / (a.shape[-1] - 1.0)

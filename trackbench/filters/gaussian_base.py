@@ -1,4 +1,4 @@
-"""What all filters share that carry one Gaussian: one step is all that tells them apart."""
+"""Bases of the filters with one Gaussian as their state, and the Kalman filter."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,7 +12,7 @@ from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian, of_each_run
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import Filter
+from trackbench.filters.base import InnovationFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import AS_IT_IS, Assumed, extended_step, idle_noise_mean
 from trackbench.models.two_point_prior import Convertible
@@ -20,75 +20,67 @@ from trackbench.registry import register
 
 
 class Tracked(NamedTuple):
-    """The posterior N(mean, cov), the last normalised innovation squared (M,), what was refused (M,).
-
-    ``seen`` is the innovation itself, once there is one.
-    """
+    """Posterior, NIS (M,) and innovation of the last measurement, and the runs that refused it."""
 
     posterior: Gaussian
     nis: Array
+    innovation: Innovation | None = None
     gated: Mask | None = None
-    seen: Innovation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaussianFilter(Filter[Tracked]):
-    """Base of the filters with one Gaussian: they differ by `updated`, which an IMM takes, too."""
+class GaussianFilter(InnovationFilter[Tracked]):
+    """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
 
     gate: OpenShare | None = None
-    """refuse a measurement whose NIS is beyond this part of its chi-square law, such as 0.999"""
+    """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
 
-    def started(self, model: Model, prior: Distribution) -> Gaussian:
-        """The first state: the prior's moments."""
+    def initialize(self, model: Model, prior: Distribution) -> Gaussian:
+        """Return the first state: the prior's moments."""
         return Gaussian(prior.mean, prior.cov)
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict to step k and update with z (n_z, M)."""
         raise NotImplementedError
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """The first state, with nothing judged yet."""
-        return Tracked(self.started(model, prior), np.full(prior.mean.shape[1], np.nan))
+        """Return the first state, without an innovation."""
+        return Tracked(self.initialize(model, prior), np.full(prior.mean.shape[1], np.nan))
 
     def step(self, model: Model, state: Tracked, z: Array, k: int, rng: Generator) -> Tracked:
-        """Predict and update."""
-        posterior, innovation = self.updated(model, state.posterior, z, k)
+        """Predict and update; predict only where the gate refuses the measurement."""
+        posterior, innovation = self.update(model, state.posterior, z, k)
         nis = innovation.nis
         if self.gate is None:
-            return Tracked(posterior, nis, seen=innovation)
-        refused = nis > _limits(self.gate, len(z))[(~np.isnan(innovation.nu)).sum(axis=0)]
-        if refused.any():
-            posterior, _ = self.updated(model, state.posterior, np.where(refused, np.nan, z), k)
-        return Tracked(posterior, nis, refused, innovation)
+            return Tracked(posterior, nis, innovation)
+        measured_components = (~np.isnan(innovation.nu)).sum(axis=0)
+        gated = nis > _gate_limits(self.gate, len(z))[measured_components]
+        if gated.any():
+            posterior, _ = self.update(model, state.posterior, np.where(gated, np.nan, z), k)
+        return Tracked(posterior, nis, innovation, gated)
 
     def estimate(self, state: Tracked) -> Gaussian:
-        """The posterior."""
+        """Return the posterior."""
         return state.posterior
-
-    def log_likelihood(self, state: Tracked) -> Array:
-        """log N(innovation; 0, S) (M,) of the last measurement, refused or not."""
-        if state.seen is None:
-            return np.full(state.nis.shape, np.nan)
-        return state.seen.log_likelihood
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
+        """Return the names of `diagnostics`."""
         return frozenset({"nis"} if self.gate is None else {"nis", "gated"})
 
     def diagnostics(self, state: Tracked) -> dict[str, Array]:
-        """``nis``: normalised innovation squared, expected n_z; ``gated``: refused measurements."""
+        """Return ``nis``, expected n_z, and ``gated``: 1 where the measurement was refused."""
         if self.gate is None:
             return {"nis": state.nis}
-        refused = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
-        return {"nis": state.nis, "gated": refused}
+        gated = np.zeros(len(state.nis)) if state.gated is None else state.gated.astype(float)
+        return {"nis": state.nis, "gated": gated}
 
 
 @cache
-def _limits(gate: float, n_z: int) -> Array:
-    """The chi-square value (n_z + 1,) that so many measured components exceed with 1 - gate."""
+def _gate_limits(gate: float, n_z: int) -> Array:
+    """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
     from scipy.special import chdtri
 
     return fixed(np.array([np.inf, *(chdtri(n, 1.0 - gate) for n in range(1, n_z + 1))]))
@@ -96,7 +88,7 @@ def _limits(gate: float, n_z: int) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class NonlinearFilter(GaussianFilter):
-    """Keys shared by the filters of a nonlinear model that linearise it or take sigma points of it."""
+    """Base of the filters that linearize a nonlinear model or take sigma points of it."""
 
     Q: Positive | None = None
     """process noise variance assumed of a scalar state; default: the model's"""
@@ -107,24 +99,24 @@ class NonlinearFilter(GaussianFilter):
     noise_mean: bool = True
     """whether the prediction adds the mean of the process noise"""
     start: Conversion | None = None
-    """conversion of the two scans that a radar's filter starts from; default: the prior's moments"""
+    """conversion of the two scans that initialize a radar's filter; default: the prior's moments"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """A start from converted scans needs a radar's two scans, a variance a scalar."""
+        """Return a conversion without two scans of a radar, and variances of several components."""
         out, (motion, sensor) = {}, scenario.model
         if self.start is not None and not issubclass(scenario.prior_type, Convertible):
-            out["start"] = "there are no two scans of range and azimuth to start from"
+            out["start"] = "needs a start from two scans, such as `start: two-scan`"
         for key, components in (("Q", motion), ("P0", motion), ("R", sensor)):
             if getattr(self, key) is not None and len(components.components) > 1:
-                out[key] = "one variance for several components: say what is assumed by `assume`"
+                out[key] = "is one variance for several components; set the noise by `assume`"
         return out
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """A normal process noise has no mean."""
+        """Return ``noise_mean`` if the process noise is normal."""
         return idle_noise_mean(scenario)
 
-    def started(self, model: Model, prior: Distribution) -> Gaussian:
-        """The prior's moments, or the two-point start."""
+    def initialize(self, model: Model, prior: Distribution) -> Gaussian:
+        """Return the prior's moments, or those of two-point differencing."""
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
         if self.P0 is not None:
@@ -133,20 +125,20 @@ class NonlinearFilter(GaussianFilter):
 
     @property
     def assumed(self) -> Assumed:
-        """The noise that is assumed."""
+        """Return the assumed noise."""
         return Assumed(self.Q, self.R, self.noise_mean)
 
 
 @register("filters", "kf")
 @dataclass(frozen=True, kw_only=True)
 class KF(GaussianFilter):
-    """Kalman filter of a linear motion and a linear sensor (adaptive-kf paper, eqs. 8-12).
+    """Kalman filter for a linear motion and a linear sensor (adaptive-kf paper, eqs. 8-12).
 
-    The covariance does not depend on the data, so it and the gain are computed once for all runs.
+    The covariance does not depend on the data: it and the gain are computed once for all runs.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("motion.F|linear", "sensor.H")
 
-    def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict and update: of a linear model the extended step is the Kalman filter's."""
+    def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
+        """Predict and update: for a linear model the extended step is the Kalman filter's."""
         return extended_step(model, state, z, k, AS_IT_IS)

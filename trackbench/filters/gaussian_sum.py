@@ -1,4 +1,4 @@
-"""Gaussian sum filter: a bank of extended Kalman filters over what the start leaves open."""
+"""Gaussian sum filter: a bank of extended Kalman filters over a split of the prior."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple, cast
@@ -21,13 +21,13 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import TwoPoint, differenced
 from trackbench.registry import register
 
-_DUST = 1e-9  # weight below which a few azimuths do not bring a component back
+_NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component back
 
 
 class Mixture(NamedTuple):
-    """Components with means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one.
+    """Components: means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one.
 
-    ``mass`` is what the weights of the last update summed to, once there was one.
+    ``mass`` is the sum of the unnormalized weights of the last update.
     """
 
     mean: Array
@@ -39,82 +39,81 @@ class Mixture(NamedTuple):
 @register("filters", "gaussian-sum")
 @dataclass(frozen=True, kw_only=True)
 class GaussianSum(Filter[Mixture]):
-    """Gaussian sum filter: extended Kalman filters over a split of what the start leaves open.
+    """Gaussian sum filter: a bank of extended Kalman filters, one per component of the split prior.
 
-    Alspach & Sorenson 1972. Of two scans of a radar that is their azimuths, which together are azimuth
-    and cross speed; of any other start the position, along both axes. Each component is so narrow that
-    a sharp range is nearly linear over it; after each update the heaviest of either sense across the
-    line of sight are kept, since ranges leave the sense open and three azimuths can speak for the wrong
-    one. Those that the heaviest one cannot be told from are merged with it.
+    Alspach & Sorenson 1972. With two scans of a radar their azimuths are split, hence azimuth and
+    cross speed. Any other prior is split along both axes of the position. A component is so narrow
+    that an accurate range is nearly linear over it. After each update the filter keeps the heaviest
+    components of either sign of the cross speed, which the ranges leave ambiguous, and merges those
+    near the heaviest one.
     """
 
     split: Annotated[int, Ge(3)] = 35
-    """components along each of the two azimuths, or axes: its square is the number at the start"""
+    """components along each of the two azimuths, or axes; the initial number is its square"""
     span: Positive = 3.5
-    """half the width of the split, in standard deviations of what is split"""
+    """half the width of the split, in standard deviations"""
     kept: Count = 150
-    """largest number of components of either sense after an update"""
+    """largest number of components of either sign of the cross speed after an update"""
     merge_within: NonNegative = 0.1
     """squared Mahalanobis distance to the heaviest component below which another is merged with it"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.jacobian", "sensor.jacobian")
     contract_exemptions: ClassVar[dict[str, str]] = {
-        "kalman": "a sum that is thinned after each update"
+        "kalman": "a sum that is pruned after each update"
     }
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:
-            raise ValueError(
-                f"split = {self.split} over +-{self.span} is coarser than what is split"
-            )
+            what = f"split = {self.split} over +-{self.span} leaves components wider than the prior"
+            raise ValueError(f"{what}; raise `split`")
 
     @property
     def _width(self) -> float:
-        """Standard deviation of a component, and distance to the next, in those of what is split."""
+        """Standard deviation of a component and distance to the next, in those of the split."""
         return 2.0 * self.span / (self.split - 1)
 
     @property
     def particle_count(self) -> int:
-        """Components at the start."""
+        """Return the initial number of components."""
         return self.split**2
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:
-        """A component per pair of nodes, which together have the prior's moments."""
+        """Split the prior: a component per pair of nodes, together with the prior's moments."""
         width = self._width
         nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
-        # The mixture has the whole variance.
+        # Nodes have variance 1 - width^2, components width^2: together that of the prior.
         log_w = -0.5 * np.square(nodes) / (1.0 - width * width)
         one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
         if isinstance(prior, TwoPoint):
-            start = _of_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)
+            start = _split_azimuths(cast(RangeAzimuth, model.sensor), prior, one, two, width)
         else:
-            start = _of_positions(prior, one, two, width)
+            start = _split_positions(prior, one, two, width)
         runs = start.mean.shape[1]
         w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         return Mixture(start.mean, start.cov, w)
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
-        """An EKF per component, weighted by its innovation; then fewer components."""
+        """Update an EKF per component, weigh by the innovations, prune and merge."""
         bank = Gaussian(state.mean, state.cov)
         bank, innovation = extended_step(model, bank, z, k, AS_IT_IS)
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
         weights = particles.normalise(log_w)
-        w = _thinned(bank.mean, weights.w, self.kept)
+        w = _prune(bank.mean, weights.w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))
-        return _compact(_merged(heaviest, self.merge_within))._replace(mass=weights.mass)
+        return _compact(_merge(heaviest, self.merge_within))._replace(mass=weights.mass)
 
     def estimate(self, state: Mixture) -> Gaussian:
-        """Mean and covariance of the mixture."""
+        """Return mean and covariance of the mixture."""
         return _moments(state, state.w)
 
     def log_likelihood(self, state: Mixture) -> Array:
-        """Logarithm (M,) of the mixture of the components' likelihoods."""
+        """Return the logarithm (M,) of the weighted sum of the components' likelihoods."""
         return np.full(len(state.w), np.nan) if state.mass is None else state.mass.log
 
 
-def _of_azimuths(
+def _split_azimuths(
     sensor: RangeAzimuth, prior: TwoPoint, one: Array, two: Array, width: float
 ) -> Gaussian:
-    """Both scans' azimuths moved by C pairs of nodes, two-point differenced as if known that well."""
+    """Shift both azimuths by C pairs of nodes, and difference them with the components' deviation."""
     s, shape = sensor.sigma_azimuth, (prior.first.shape[1], len(one))
     of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)
     scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
@@ -123,8 +122,8 @@ def _of_azimuths(
     return Gaussian(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape))
 
 
-def _of_positions(prior: Distribution, one: Array, two: Array, width: float) -> Gaussian:
-    """The prior split along the first two columns of its factor, positions first: C components."""
+def _split_positions(prior: Distribution, one: Array, two: Array, width: float) -> Gaussian:
+    """Split the prior along the first two columns of its factor, positions first: C components."""
     n = len(prior.mean)
     order = [0, 2, 1, *range(3, n)]
     L = with_trailing(linalg.root(prior.cov[np.ix_(order, order)]), 1, leading=2)
@@ -137,25 +136,25 @@ def _of_positions(prior: Distribution, one: Array, two: Array, width: float) -> 
 
 
 def _shifted(scan: Array, azimuth: Array) -> Array:
-    """The scan (2, M) with each of C angles added to its azimuth (2, M C)."""
+    """Return the scan (2, M) with each of C angles added to its azimuth (2, M C)."""
     r, a = scan
     return np.stack([np.repeat(r, len(azimuth)), (a[:, None] + azimuth).ravel()])
 
 
-def _thinned(mean: Array, w: Array, kept: int) -> Array:
-    """Weights (M, C), zero but for the heaviest of either sense of the cross speed."""
+def _prune(mean: Array, w: Array, number: int) -> Array:
+    """Return weights (M, C): zero but for the heaviest components of either sign of the cross speed."""
     px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
-    for there in (px * vy > py * vx, px * vy <= py * vx):
-        of_sense = np.where(there & ~(w < _DUST), w, 0.0)
-        lightest: Index = np.argsort(-of_sense, axis=-1, kind="stable")[:, kept:]
-        np.put_along_axis(of_sense, lightest, 0.0, axis=-1)
-        out += of_sense
+    for side in (px * vy > py * vx, px * vy <= py * vx):
+        of_sign = np.where(side & ~(w < _NEGLIGIBLE), w, 0.0)
+        lightest: Index = np.argsort(-of_sign, axis=-1, kind="stable")[:, number:]
+        np.put_along_axis(of_sign, lightest, 0.0, axis=-1)
+        out += of_sign
     return out
 
 
 def _compact(mixture: Mixture) -> Mixture:
-    """The components with a weight, in the order of their weights, which sum to one again."""
+    """Return the components with a weight, heaviest first, with normalized weights."""
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)
@@ -166,23 +165,23 @@ def _compact(mixture: Mixture) -> Mixture:
     )
 
 
-def _merged(mixture: Mixture, within: float) -> Mixture:
-    """The mixture with the heaviest component and its near neighbours replaced by their moments."""
+def _merge(mixture: Mixture, within: float) -> Mixture:
+    """Replace the heaviest component and its near neighbors by one with their moments."""
     top = mixture.w.argmax(axis=-1)[:, None]
-    centre = np.take_along_axis(mixture.mean, top[None], axis=-1)
-    near = linalg.mahalanobis(mixture.mean - centre, mixture.cov) < within
+    center = np.take_along_axis(mixture.mean, top[None], axis=-1)
+    near = linalg.mahalanobis(mixture.mean - center, mixture.cov) < within
     near |= np.arange(mixture.w.shape[1]) == top
-    together = np.where(near, mixture.w, 0.0)
-    share = total(together)[:, None]
-    one = _moments(mixture, together / share)
+    near_w = np.where(near, mixture.w, 0.0)
+    share = total(near_w)[:, None]
+    merged = _moments(mixture, near_w / share)
     out = Mixture(mixture.mean.copy(), mixture.cov.copy(), np.where(near, 0.0, mixture.w))
-    np.put_along_axis(out.mean, top[None], one.mean[..., None], axis=-1)
-    np.put_along_axis(out.cov, top[None, None], one.cov[..., None], axis=-1)
+    np.put_along_axis(out.mean, top[None], merged.mean[..., None], axis=-1)
+    np.put_along_axis(out.cov, top[None, None], merged.cov[..., None], axis=-1)
     np.put_along_axis(out.w, top, share, axis=-1)
     return out
 
 
 def _moments(mixture: Mixture, w: Array) -> Gaussian:
-    """Mean and covariance of the mixture with weights w (M, C)."""
+    """Return mean and covariance of the mixture with weights w (M, C)."""
     between = Particles(mixture.mean, w).moments()
     return Gaussian(between.mean, between.cov + dot(mixture.cov, w))

@@ -1,13 +1,15 @@
-"""Particle filters that resample by differential evolution: PFDE and HDEPF.
+"""Particle filters that evolve their particles in place of resampling: PFDE and HDEPF.
 
-`pfde`: Li, Wang & Su 2011, as the hdepf paper uses it. `hdepf`: C. Zhang and L. Li, section III: part A
-is `Evolution.evolved`, with the moves of eqs. 10 and 11 from ``core/differential_evolution.py``; part B
-is `HDEPF.step`, which proposes, and `Evolution.renewed`, with the paper's steps beside them.
+`hdepf` is the filter of C. Zhang and L. Li: section III.A is
+`EvolutionFilter.differential_evolution`, section III.B is `EvolutionFilter.step`. `pfde` is the
+filter of Li, Wang and Su 2011 as that paper uses it: the draws come from the transition, and
+selection is greedy. The paper leaves ten points open: the keys of `reading`.
 """
 
-from collections.abc import Callable, Iterable
+from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Interval
@@ -16,29 +18,100 @@ from numpy.random import Generator
 from trackbench.core import elementary, particles
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.differential_evolution import crossover, metropolis, mutate
-from trackbench.core.distributions import Gaussian
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean, total
 from trackbench.field_types import Natural, Positive, Share
 from trackbench.filters.kalman_proposal import (
     MERWE_PROPOSAL,
-    Proposed,
-    ProposingFilter,
+    KalmanProposalFilter,
+    ProposalFilter,
+    Proposals,
+    TransitionReading,
     UnscentedProposal,
 )
-from trackbench.filters.particle_base import Cloud
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
-_OF_GENERATIONS = ("F", "CR", "fitness", "keep_best", "bounds", "T0", "rho", "select")
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Interpretations of what the papers leave open; the defaults are coherent and work."""
+
+    weights: WeightReading = "log"
+    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    transition_density: TransitionReading = "model"
+    """noise in the weight's prior: x_k - f(x_{k-1}), or x_k - x_{k-1} as in the public demo"""
+    fitness: Literal["log", "normalised", "raw"] = "log"
+    """what selection compares: log-fitness, fitness normalized over the population, or raw"""
+    target: Literal["posterior", "ratio"] = "posterior"
+    """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
+    keep_best: Literal["slot", "none"] = "slot"
+    """return the best point each slot visited, or the last population"""
+    population: Literal["particles", "uniform"] = "particles"
+    """first population: the particles (section III.B), or draws between their limits (eq. 9)"""
+    bounds: Literal["none", "cloud"] = "none"
+    """leave trials free, or clip them to the initial particles' [x^L, x^U] of eq. 9"""
+    final_weights: Literal["fitness", "uniform", "importance"] = "fitness"
+    """weights of the evolved particles"""
+    estimate_from: Literal["after", "before"] = "after"
+    """estimate from the evolved particles, or from the weighted ones before the evolution"""
+
+    def compared(self, log_fitness: Array) -> Array:
+        """Return what selection compares (M, N)."""
+        if self.fitness == "log":
+            return log_fitness
+        if self.fitness == "raw":
+            return elementary.exp(log_fitness)
+        fitness = elementary.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
+        return fitness / total(fitness)[:, None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HybridReading(Reading):
+    """Interpretations of the hdepf paper: those above, and the selection."""
+
+    select: Literal["metropolis", "greedy"] = "metropolis"
+    """selection: Metropolis criterion (section III.A, step 4), or strictly better trials only"""
+
+
+class Greedy:
+    """Selection of strictly better trials: ``>=`` would walk where all fitness has underflowed."""
+
+    def accept(self, gain: Array, rng: Streams) -> Mask:
+        """Return where the gain is positive."""
+        return np.asarray(gain > 0.0)
+
+    def cool(self) -> "Greedy":
+        """Return the same rule."""
+        return self
+
+
+class Metropolis(NamedTuple):
+    """Selection of simulated annealing: a loss is accepted with probability ``exp(gain / T)``."""
+
+    T: float
+    rho: float
+
+    def accept(self, gain: Array, rng: Streams) -> Mask:
+        """Return which trials (M, N) the Metropolis criterion accepts."""
+        return metropolis(gain, self.T, rng)
+
+    def cool(self) -> "Metropolis":
+        """Return the rule at the temperature ``rho T``."""
+        return self._replace(T=self.T * self.rho)
+
+
+Selection: TypeAlias = Greedy | Metropolis
+"""Rule by which a trial replaces its parent: ``accept(gain, rng)``, and ``cool()`` for the next."""
 
 
 class Evolved(NamedTuple):
-    """The last population x (n, M, N), its log-fitness (M, N), and the share of trials accepted (M,).
+    """Last population x (n, M, N), its log-fitness (M, N), and the share of trials accepted (M,).
 
-    A trial that is its parent again, because crossover took nothing from the mutant or clipping took it
-    back, is none: of one component it is 1 - CR of them.
+    A trial that equals its parent does not count: crossover took nothing from the mutant, or
+    clipping took it back. Of a scalar state 1 - CR of the trials are such.
     """
 
     x: Array
@@ -47,8 +120,8 @@ class Evolved(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evolution:
-    """Keys of the evolution, in the papers' symbols, and what it makes of proposed particles."""
+class EvolutionFilter(ProposalFilter):
+    """Base of PFDE and HDEPF: draw, weigh, evolve in place of resampling, estimate."""
 
     N: Annotated[int, Ge(4)] = 10
     """number of particles, more than the three that make a mutant"""
@@ -58,201 +131,205 @@ class Evolution:
     """crossover probability (eq. 11)"""
     G: Natural = 20
     """generations per step"""
-    fitness: Literal["log", "normalised", "raw"] = "log"
-    """what selection compares: log-fitness, fitness normalised over the population, or raw"""
-    target: Literal["posterior", "ratio"] = "posterior"
-    """fitness: likelihood * prior, or the importance ratio likelihood * prior / proposal (printed)"""
-    keep_best: Literal["slot", "none"] = "slot"
-    """return the best point each slot visited, or the last population"""
-    population: Literal["particles", "uniform"] = "particles"
-    """first population: the particles (section III.B), or draws between their limits (eq. 9)"""
-    bounds: Literal["none", "cloud"] = "none"
-    """leave trials free, or clip them to the initial cloud's [x^L, x^U] of eq. 9"""
-    final_weights: Literal["fitness", "uniform", "importance"] = "fitness"
-    """weights of the evolved particles"""
-    estimate_from: Literal["after", "before"] = "after"
-    """estimate from the evolved cloud, or from the weighted one before the evolution"""
-    _also_noted: ClassVar[frozenset[str]] = frozenset({"acceptance", "spread_ratio"})
+    reading: Reading = Reading()
+    """interpretations of what the paper leaves open"""
+    renamed_keys: ClassVar[dict[str, str]] = {
+        key: f"reading.{key}" for key in Reading.__dataclass_fields__
+    }
+    _extra_diagnostics: ClassVar[frozenset[str]] = frozenset({"acceptance", "spread_ratio"})
+    _reading_path: ClassVar[str] = "reading."
 
-    def _idle_evolution(self) -> dict[str, str]:
-        idle = dict.fromkeys(_OF_GENERATIONS, "with `G: 0`") if self.G == 0 else {}
-        if self.estimate_from == "before":
-            idle["final_weights"] = "with `estimate_from: before`"
+    @property
+    def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:
+        return self.reading.weights, self.reading.transition_density
+
+    @property
+    @abstractmethod
+    def selection(self) -> Selection:
+        """Selection of the first generation."""
+
+    def idle_keys(self, scenario: Scene) -> dict[str, str]:
+        """Return the keys of an evolution without generations, and unused final weights."""
+        idle = super().idle_keys(scenario)
+        if self.G == 0:
+            of_reading = ("fitness", "keep_best", "bounds", "select")
+            keys = ("F", "CR", "T0", "rho", *(f"reading.{key}" for key in of_reading))
+            idle |= dict.fromkeys(keys, "with `G: 0`")
+        if self.reading.estimate_from == "before":
+            idle["reading.final_weights"] = "with `estimate_from: before`"
         return idle
 
-    def renewed(
-        self, proposed: Proposed, log_posterior: Callable[[Array], Array], rng: Streams
-    ) -> Cloud:
-        """Section III.B from the weights on: weigh (eq. 7), evolve in place of resampling, estimate."""
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Draw, weigh, evolve and estimate (section III.B)."""
+        # First step: draw each particle from its proposal q, and weigh by
+        # w = p(z|x) p(x|x_{k-1}) / q(x) (eq. 7).
+        proposals = self._draw_proposals(model, state, z, k, rng)
+        log_posterior = self._log_target(model, state.particles.x, z, k)
 
         def log_ratio(x: Array) -> Array:
-            return log_posterior(x) - proposed.log_q(x)
+            return log_posterior(x) - proposals.q.log_prob(x)
 
-        w, dead, mass = particles.normalise(log_ratio(proposed.x))
-        # Second to fourth: the particles are the first population, mutated, crossed, selected, cooled.
-        fitness = log_ratio if self.target == "ratio" else log_posterior
-        evolved = self.evolved(proposed.x, fitness, rng)
-        # The estimate is the weighted mean; what has evolved goes on with equal weights.
-        source = Particles(proposed.x, w)
-        if self.estimate_from == "after":
-            source = Particles(evolved.x, self._final_weights(evolved, log_ratio))
-        ratio = _spread(evolved.x) / _spread(proposed.x)
-        return Cloud(
-            Particles(evolved.x, particles.uniform(*w.shape)),
-            source,
-            source.moments(),
-            dead,
-            P=proposed.kalman.cov,
+        w, collapsed, mass = particles.normalise(log_ratio(proposals.x))
+        # Second to fifth step: the draws are the first population; mutate, cross, select, cool down.
+        fitness = log_ratio if self.reading.target == "ratio" else log_posterior
+        evolved = self.differential_evolution(proposals.x, fitness, rng)
+        # Last: the estimate is the weighted mean. The evolved particles go on with equal weights.
+        weighted = Particles(proposals.x, w)
+        if self.reading.estimate_from == "after":
+            weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        ratio = _spread(evolved.x) / _spread(proposals.x)
+        return PFState(
+            particles=Particles(evolved.x, particles.uniform(*w.shape)),
+            weighted=weighted,
+            estimate=weighted.moments(),
+            collapsed=collapsed,
+            P=None if proposals.kalman is None else proposals.kalman.cov,
             w=w,
             evidence=(Evidence(mass, 0.0, self.N),),
-            notes=(("acceptance", evolved.acceptance), ("spread_ratio", ratio)),
+            extra_diagnostics=(("acceptance", evolved.acceptance), ("spread_ratio", ratio)),
         )
 
-    def evolved(self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams) -> Evolved:
-        """Section III.A: G generations of mutation, crossover, selection and cooling."""
+    def differential_evolution(
+        self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams
+    ) -> Evolved:
+        """Evolve a population over G generations (section III.A).
+
+        Parameters
+        ----------
+        x : array (n, M, N)
+            First population: N individuals of n components in each of M runs.
+        log_fitness : callable
+            Log-fitness (M, N) of a population (n, M, N).
+        rng : Streams
+            Random numbers of the runs.
+        """
+        # Step 1: the first population, the particles or draws between their limits (eq. 9).
         lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
-        if self.population == "uniform":
-            x = lowest + rng.random(x.shape) * (highest - lowest)  # eq. 9
-        fit = log_fitness(x)
-        best_x, best_fit = x, fit
-        accepted, tried = (np.zeros(fit.shape) for _ in range(2))
-        for temperature in self._temperatures():
-            trial = crossover(x, mutate(x, self.F, rng), self.CR, rng)
-            if self.bounds == "cloud":
+        if self.reading.population == "uniform":
+            x = lowest + rng.random(x.shape) * (highest - lowest)
+        fitness = log_fitness(x)
+        best_x, best_fitness = x, fitness
+        accepted, tried = np.zeros(fitness.shape), np.zeros(fitness.shape)
+        selection = self.selection
+        for _ in range(self.G):
+            # Step 2: mutation, h = x_i + F (x_r1 - x_r2) (eq. 10).
+            mutant = mutate(x, self.F, rng)
+            # Step 3: crossover, each component from h with probability CR (eq. 11).
+            trial = crossover(x, mutant, self.CR, rng)
+            if self.reading.bounds == "cloud":
                 trial = np.clip(trial, lowest, highest)
-            trial_fit = log_fitness(trial)
-            take = self._selected(fit, trial_fit, temperature, rng)
+            # Step 4: selection by the gain in fitness, f(v) - f(x).
+            trial_fitness = log_fitness(trial)
+            with np.errstate(invalid="ignore", over="ignore"):
+                gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
+            take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)
-            x, fit = np.where(take, trial, x), np.where(take, trial_fit, fit)
-            if self.keep_best == "slot":
-                better = fit > best_fit
-                best_x, best_fit = np.where(better, x, best_x), np.where(better, fit, best_fit)
+            x, fitness = np.where(take, trial, x), np.where(take, trial_fitness, fitness)
+            if self.reading.keep_best == "slot":
+                better = fitness > best_fitness
+                best_x = np.where(better, x, best_x)
+                best_fitness = np.where(better, fitness, best_fitness)
             else:
-                best_x, best_fit = x, fit
+                best_x, best_fitness = x, fitness
             accepted += take & is_new
             tried += is_new
-        return Evolved(best_x, best_fit, total(accepted) / np.maximum(total(tried), 1.0))
-
-    def _temperatures(self) -> Iterable[float | None]:
-        """Temperature of each generation; None where selection is greedy."""
-        return (None,) * self.G
-
-    def _selected(self, old: Array, new: Array, temperature: float | None, rng: Streams) -> Mask:
-        with np.errstate(invalid="ignore", over="ignore"):
-            gain = self._scaled(new) - self._scaled(old)
-        if temperature is None:
-            # Strictly better: with underflowed fitness, 0 >= 0 would walk away at random.
-            return np.asarray(gain > 0.0)
-        return metropolis(gain, temperature, rng)
-
-    def _scaled(self, log_fitness: Array) -> Array:
-        if self.fitness == "log":
-            return log_fitness
-        if self.fitness == "raw":
-            return elementary.exp(log_fitness)
-        fitness = elementary.exp(log_fitness - log_fitness.max(axis=-1, keepdims=True))
-        return fitness / total(fitness)[:, None]
+            # Step 5: cool-down, T <- rho T.
+            selection = selection.cool()
+        return Evolved(best_x, best_fitness, total(accepted) / np.maximum(total(tried), 1.0))
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
-        if self.final_weights == "uniform":
+        if self.reading.final_weights == "uniform":
             w = particles.uniform(*evolved.log_fitness.shape)
             return np.where(np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True), np.nan, w)
-        if self.final_weights == "importance":
+        if self.reading.final_weights == "importance":
             return particles.normalise(log_ratio(evolved.x)).w
         return particles.normalise(evolved.log_fitness).w
 
 
 def _spread(x: Array) -> Array:
-    """Root mean square distance from the centre (M,)."""
+    """Return the root mean square distance from the center (M,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))
 
 
 @register("filters", "pfde")
 @dataclass(frozen=True, kw_only=True)
-class PFDE(Evolution, UnscentedProposal, ProposingFilter):
-    """Particle filter with greedy differential evolution as its resampling (Li, Wang & Su 2011)."""
+class PFDE(EvolutionFilter):
+    """Particle filter with greedy differential evolution in place of resampling (Li, Wang & Su 2011).
 
-    proposal: Literal["prior", "ukf"] = "prior"
-    """where particles are drawn from before the evolution"""
+    The particles are drawn from the transition. With draws from a UKF per particle the same filter is
+    ``{kind: hdepf, reading: {select: greedy}}``.
+    """
 
-    def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys of a UKF that does not propose, and of an evolution without generations."""
-        idle = {"defensive": self._unused} if self.proposal == "prior" else {}
-        return super().idle_keys(scenario) | idle | self._idle_evolution()
+    renamed_keys: ClassVar[dict[str, str]] = EvolutionFilter.renamed_keys | {
+        "proposal": "{kind: hdepf, reading: {select: greedy}}"
+    }
 
     @property
-    def _unused(self) -> str:
-        return "with `proposal: prior`" if self.proposal == "prior" else super()._unused
+    def selection(self) -> Selection:
+        """Selection of strictly better trials."""
+        return Greedy()
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Draw from the transition or a UKF per particle; weigh and evolve."""
-        log_posterior = self._log_target(model, state.particles.x, z, k)
-        if self.proposal == "ukf":
-            return self.renewed(self._proposed(model, state, z, k, rng), log_posterior, rng)
-        assert state.P is not None
-        moved = model.motion.transition(state.particles.x, k)
-        kalman = Gaussian(moved.mean, state.P)
-        return self.renewed(Proposed(moved.sample(rng), kalman, moved.log_prob), log_posterior, rng)
+    def extra_memory(self, model: Model) -> int:
+        """Return the numbers of the arrays of a generation."""
+        return 12 * self.N
 
-    def _held_by_each(self, model: Model) -> int:
-        """Without a Kalman step: the arrays of a generation, and the covariances of the first."""
-        if self.proposal == "ukf":
-            return super()._held_by_each(model)
-        return 12 + len(model.motion.components) ** 2
+    def _draw_proposals(
+        self, model: Model, state: PFState, z: Array, k: int, rng: Generator
+    ) -> Proposals:
+        transition = model.motion.transition(state.particles.x, k)
+        return Proposals(transition.sample(rng), transition)
 
 
 @register("filters", "hdepf")
 @dataclass(frozen=True, kw_only=True)
-class HDEPF(Evolution, UnscentedProposal, ProposingFilter):
-    """Hybrid differential evolution particle filter: UKF proposal, Metropolis selection, cooling.
+class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
+    """Hybrid differential evolution particle filter: UKF proposal, evolution with annealed selection.
 
-    C. Zhang and L. Li, section III.B. `preset: literal` is the algorithm exactly as printed.
+    C. Zhang and L. Li, section III.B. The keys of `reading` are interpretations of what the paper leaves
+    open. `preset: literal` is the algorithm exactly as printed.
     """
 
     T0: Positive = 100.0
     """initial temperature"""
     rho: Annotated[float, Interval(gt=0, le=1)] = 0.9
     """cooling factor per generation"""
-    select: Literal["metropolis", "greedy"] = "metropolis"
-    """selection step"""
-
+    reading: HybridReading = HybridReading()
+    """interpretations of what the paper leaves open"""
+    renamed_keys: ClassVar[dict[str, str]] = EvolutionFilter.renamed_keys | {
+        "select": "reading.select"
+    }
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
         "merwe-demo": MERWE_PROPOSAL,
         "literal": {
-            "weights": "naive",
-            "fitness": "normalised",
-            "target": "ratio",
-            "keep_best": "none",
-            "bounds": "none",
-            "final_weights": "fitness",
+            "reading": {
+                "weights": "naive",
+                "fitness": "normalised",
+                "target": "ratio",
+                "keep_best": "none",
+                "bounds": "none",
+                "final_weights": "fitness",
+            }
         },
         "published-level": {
             **MERWE_PROPOSAL,
-            "weights": "floor",
-            "fitness": "normalised",
-            "target": "ratio",
-            "keep_best": "none",
-            "bounds": "cloud",
+            "reading": {
+                "weights": "floor",
+                "fitness": "normalised",
+                "target": "ratio",
+                "keep_best": "none",
+                "bounds": "cloud",
+            },
         },
     }
 
+    @property
+    def selection(self) -> Selection:
+        """Selection of the first generation: by the Metropolis criterion at T0, or greedy."""
+        return Greedy() if self.reading.select == "greedy" else Metropolis(self.T0, self.rho)
+
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys of the temperature under greedy selection."""
-        greedy = ("T0", "rho") if self.select == "greedy" else ()
-        idle = dict.fromkeys(greedy, "with `select: greedy`")
-        return super().idle_keys(scenario) | idle | self._idle_evolution()
-
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Section III.B: each particle is drawn from a UKF of its own; then weighed and evolved."""
-        proposed = self._proposed(model, state, z, k, rng)
-        log_posterior = self._log_target(model, state.particles.x, z, k)
-        return self.renewed(proposed, log_posterior, rng)
-
-    def _temperatures(self) -> Iterable[float | None]:
-        """Selection as in simulated annealing: from T0 down by rho each generation."""
-        temperature = self.T0
-        for _ in range(self.G):
-            yield temperature if self.select == "metropolis" else None
-            temperature *= self.rho
+        """Return also the keys of the temperature under greedy selection."""
+        keys = ("T0", "rho") if self.reading.select == "greedy" else ()
+        return dict.fromkeys(keys, "with `select: greedy`") | super().idle_keys(scenario)

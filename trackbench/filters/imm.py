@@ -1,4 +1,4 @@
-"""Interacting multiple model filter: any motions, whatever their states, and any Gaussian step."""
+"""Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -21,7 +21,7 @@ from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
-from trackbench.filters.jump_markov import JumpMarkov, own_components
+from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.models.augmented_prior import extended_gaussian
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.registry import register
@@ -29,127 +29,130 @@ from trackbench.registry import register
 _EKF = EKF()
 
 
-class Models(NamedTuple):
-    """A Gaussian per model, their weights (r, M), the mixture's NIS (M,), components reported.
-
-    ``seen`` are the models' innovations and ``predicted`` their weights before it, once there are any.
-    """
+class ModelBank(NamedTuple):
+    """A Gaussian per model, with the models' weights."""
 
     states: tuple[Gaussian, ...]
     weights: Array
+    """weights of the models (r, M)"""
     nis: Array
+    """mean NIS of the models (M,)"""
     reported: int
-    seen: tuple[Innovation, ...] = ()
+    """number of components that the estimate has"""
+    innovations: tuple[Innovation, ...] = ()
     predicted: Array | None = None
+    """weights of the models before the last measurement (r, M)"""
 
 
 @register("filters", "imm")
 @dataclass(frozen=True, kw_only=True)
-class IMM(JumpMarkov[Models]):
+class IMM(JumpMarkov[ModelBank]):
     """Interacting multiple model filter (Blom & Bar-Shalom 1988).
 
     The first motion is the quiescent one: ``mode`` reports the weight of all others.
     """
 
     mixing: Literal["unbiased", "zero"] = "unbiased"
-    """how a smaller state is filled to mix with a larger: the larger's own moments, or zeros"""
+    """components that a smaller state lacks in the mixing: moments of the larger state, or zeros"""
     filter: Annotated[GaussianFilter, Registered("filters")] = _EKF
-    """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; of a linear model ekf is the
+    """filter of each model: ekf, ukf, {kind: cmkf, conversion: mucm}; for a linear model ekf is the
     Kalman filter"""
-    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
+    diagnostic_names = frozenset({"nis", "mode"})
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.filter, GaussianFilter):
-            raise InvalidKeyError("is no filter of one Gaussian", "filter")
+            raise InvalidKeyError("must be a filter of one Gaussian, such as ekf or ukf", "filter")
         if self.filter.gate is not None:
-            raise InvalidKeyError("the models of an IMM refuse no measurement", "filter", "gate")
+            raise InvalidKeyError(
+                "must be left out: the models of an IMM use every measurement", "filter", "gate"
+            )
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """Of sensor and start also what the models' filter needs; their motions are its own."""
+        """Return also what the models' filter requires of sensor and prior."""
         return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Motions that do not fit; what the models' filter cannot do with one of them."""
+        """Return motions that do not fit, or conflicts of the models' filter with one of them."""
         misfits = super().conflicts(scenario)
         if misfits:
             return misfits
-        found: dict[str, str] = {}
-        for own in self.models(scenario.model):
-            found |= self.filter.conflicts(_Believed(scenario, own))
-        return {f"filter.{key}".rstrip("."): what for key, what in found.items()}
+        out: dict[str, str] = {}
+        for model in self.models(scenario.model):
+            out |= self.filter.conflicts(_WithModel(scenario, model))
+        return {f"filter.{key}".rstrip("."): what for key, what in out.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Its own, and those of the models' filter that are idle with each of the motions."""
+        """Return also the keys of the models' filter that are idle with each of the motions."""
         first, *others = (
-            self.filter.idle_keys(_Believed(scenario, own)) for own in self.models(scenario.model)
+            self.filter.idle_keys(_WithModel(scenario, model))
+            for model in self.models(scenario.model)
         )
         of_all = {f"filter.{k}": why for k, why in first.items() if all(k in o for o in others)}
         return super().idle_keys(scenario) | of_all
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Models:
-        """The prior in every model."""
-        n, runs = own_components(model.motion), prior.mean.shape[1]
-        first = self.filter.started(model, prior)
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
+        """Return the prior in every model."""
+        n, runs = len(shared_components(model.motion)), prior.mean.shape[1]
+        first = self.filter.initialize(model, prior)
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
-        states = tuple(
-            extended_gaussian(first, extra_std(own.motion)) for own in self.models(model)
-        )
-        weights = np.repeat(self.at_first[:, None], runs, axis=1)
-        return Models(states, weights, np.full(runs, np.nan), n)
+        states = tuple(extended_gaussian(first, extra_std(m.motion)) for m in self.models(model))
+        weights = np.repeat(self.initial_weights[:, None], runs, axis=1)
+        return ModelBank(states, weights, np.full(runs, np.nan), n)
 
-    def step(self, model: Model, state: Models, z: Array, k: int, rng: Generator) -> Models:
-        """Mix, filter with every model, weigh by the likelihoods."""
+    def step(self, model: Model, state: ModelBank, z: Array, k: int, rng: Generator) -> ModelBank:
+        """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
+        # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights p_ij mu_i / c_j.
         predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
-        models, states, all_seen = self.models(model), [], []
-        names = [own.motion.components for own in models]
-        for j, own in enumerate(models):
+        models, states, innovations = self.models(model), [], []
+        names = [m.motion.components for m in models]
+        for j, model_j in enumerate(models):
+            # Step 2: mix the states, each filled up to the components of model j.
             like = state.states[j]
-            padded_to = [
+            filled = [
                 padded(s, like, common(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            posterior, seen = self.filter.updated(own, combined(padded_to, mixing[:, j]), z, k)
+            # Step 3: filter with model j.
+            mixed = combined(filled, mixing[:, j])
+            posterior, innovation = self.filter.update(model_j, mixed, z, k)
             states.append(posterior)
-            all_seen.append(seen)
-        judged = [seen.judged() for seen in all_seen]
+            innovations.append(innovation)
+        # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
+        judged = [innovation.judged() for innovation in innovations]
         nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
         weights = updated_weights(predicted, nis, scale)
-        nis_of_all = total(predicted * nis, axis=0)
+        mean_nis = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
             weights = np.where(missing, predicted, weights)
-            nis_of_all = np.where(missing, np.nan, nis_of_all)
-        return Models(
-            tuple(states), weights, nis_of_all, state.reported, tuple(all_seen), predicted
+            mean_nis = np.where(missing, np.nan, mean_nis)
+        return ModelBank(
+            tuple(states), weights, mean_nis, state.reported, tuple(innovations), predicted
         )
 
-    def estimate(self, state: Models) -> Gaussian:
-        """Moments of the mixture, of the scenario's own components."""
+    def estimate(self, state: ModelBank) -> Gaussian:
+        """Return the moments of the mixture, without components that only some models have."""
         n = state.reported
-        own = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
-        return combined(own, state.weights)
+        shared = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
+        return combined(shared, state.weights)
 
-    def log_likelihood(self, state: Models) -> Array:
-        """Logarithm (M,) of the models' likelihoods by predicted weight."""
+    def log_likelihood(self, state: ModelBank) -> Array:
+        """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
-        each = np.stack([seen.log_likelihood for seen in state.seen])
+        each = np.stack([innovation.log_likelihood for innovation in state.innovations])
         return log_mixture(state.predicted, each)
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return frozenset({"nis", "mode"})
-
-    def diagnostics(self, state: Models) -> dict[str, Array]:
-        """``nis``: the models' mean NIS by predicted weight; ``mode``: weight of all but the first."""
+    def diagnostics(self, state: ModelBank) -> dict[str, Array]:
+        """Return ``nis``, the models' weighted mean, and ``mode``: weight of all but the first."""
         return {"nis": state.nis, "mode": 1.0 - state.weights[0]}
 
 
-class _Believed(Scene):
-    """A scenario as the filter of one model sees it."""
+class _WithModel(Scene):
+    """A scenario with another model, for the hooks of the models' filter."""
 
     def __init__(self, scenario: Scene, model: Model) -> None:
         self._scenario, self._model = scenario, model

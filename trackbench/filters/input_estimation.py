@@ -1,4 +1,4 @@
-"""A filter that meets a maneuver by adding the input that it estimates (1979, 1987)."""
+"""Input estimation filter: corrects the state by the estimated input of a maneuver (1979, 1987)."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
@@ -15,10 +15,11 @@ from trackbench.filters.adaptive_kf.decisions import Detector
 from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,
-    choose,
-    over_axes,
+    is_missing,
     per_axis,
-    site,
+    sampling_of,
+    sum_over_axes,
+    where_runs,
 )
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
 from trackbench.models.base import Model, Scene
@@ -27,27 +28,26 @@ from trackbench.registry import register
 
 
 class Corrected(NamedTuple):
-    """The filter (2, 2, M), its hypotheses, the NIS, the runs corrected now, and the inputs' age, s.
+    """Filter (2, 2, M) with the estimated inputs of the window."""
 
-    ``seen`` is the innovation, once there is one.
-    """
-
-    quiet: Gaussian
+    filter: Gaussian
     inputs: Hypotheses
     nis: Array
     alarm: Mask
+    """runs (M,) corrected in the last step"""
     age: Array
-    seen: Innovation | None = None
+    """time since the onset of their input (M,), s"""
+    innovation: Innovation | None = None
 
 
 @register("filters", "input-estimation")
 @dataclass(frozen=True, kw_only=True)
 class InputEstimation(Filter[Corrected]):
-    """Input estimation: a constant-velocity filter whose state is corrected by a detected input.
+    """Input estimation filter: constant velocity, corrected by the input of a detected maneuver.
 
-    Chan, Hu & Plant 1979; Bogler 1987. A significant input of any onset in the window is added with its
-    uncertainty, ``x + M u`` and ``P + M L M'``, and the window begins anew; the model stays the same.
-    No alarm is raised before step 20.
+    Chan, Hu & Plant 1979; Bogler 1987. If the input of an onset in the window is significant, the
+    filter adds it with its uncertainty, ``x + M u`` and ``P + M L M'``, and the window begins
+    again. No alarm is raised before step 20.
     """
 
     motion: ConstantVelocity
@@ -57,72 +57,71 @@ class InputEstimation(Filter[Corrected]):
     window_s: Positive = 60.0
     """length of the window of onsets, s"""
     min_window_s: NonNegative = 15.0
-    """an onset nearer than this is waited for, s"""
+    """least age of an onset, s: a more recent one postpones the correction"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
+    diagnostic_names = frozenset({"nis", "mode", "alarm", "alarm_age_s"})
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     @property
     def detector(self) -> Detector:
-        """The detector in the words of `adaptive-kf`."""
+        """Return the detector, as one of `adaptive-kf`."""
         return Detector(eta=self.eta, window_s=self.window_s, min_window_s=self.min_window_s)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Windows that do not fit the scenario's runs."""
-        found = self.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
-        return {key.removeprefix("detector."): what for key, what in found.items()}
+        """Return windows that do not fit the scenario's runs."""
+        T = sampling_of(scenario.model).T
+        misfits = self.detector.conflicts(T, float(scenario.times[-1]))
+        return {key.removeprefix("detector."): what for key, what in misfits.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Its motion is `motion`."""
+        """Return the assumed motion: the filter's own is `motion`."""
         return OWN_MOTION
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Corrected:
-        """The prior."""
-        quiet, here = per_axis(prior), site(model)
-        runs, axes = quiet.mean.shape[-1], quiet.cov.shape[2]
-        inputs = hypotheses(self.detector.window(here.T), axes, runs)
+        """Start the filter at the prior, without inputs."""
+        state = per_axis(prior)
+        runs, axes = state.mean.shape[-1], state.cov.shape[2]
+        inputs = hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
         unknown = np.full(runs, np.nan)
-        return Corrected(quiet, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
+        return Corrected(state, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
 
     def step(self, model: Model, state: Corrected, z: Array, k: int, rng: Generator) -> Corrected:
-        """Predict, update, and add the input of the most significant onset where it is one."""
-        T, R = site(model)
+        """Predict, update, and add the input of the most significant onset."""
+        # Step 1: predict and update with constant velocity.
+        T, R = sampling_of(model)
         motion = self.motion.axis(T)
-        quiet, seen = axis_step(state.quiet, motion, z, R)
+        posterior, innovation = axis_step(state.filter, motion, z, R)
+        # Step 2: update input and zeta of every onset; an acceleration adds [T^2/2, T]' a.
         g = np.array([T * T / 2, T])
-        inputs = state.inputs.advanced(k, motion.F, g, quiet, seen, R)
+        inputs = state.inputs.advanced(k, motion.F, g, posterior, innovation, R)
         zeta = inputs.significance()
+        # Step 3: alarm if the largest zeta is significant and its onset is old enough.
         slot, runs = zeta.argmax(axis=0), np.arange(zeta.shape[1])
         age = k - inputs.onset(slot, k)
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start
+        # Step 4: x + M u, P + M L M' in the alarmed runs; the other runs' slots may hold no information.
         if alarm.any():
-            # Where there is no alarm the slot may hold no information, and what is found is not used.
-            found = inputs.chosen(slot, runs)
-            quiet = choose(alarm, found.corrected(quiet), quiet)
+            corrected = inputs.chosen(slot, runs).corrected(posterior)
+            posterior = where_runs(alarm, corrected, posterior)
             inputs = inputs.restarted(alarm, k)
-        missing = np.isnan(seen.nu).any(axis=(0, 1))
-        nis = np.where(missing, np.nan, over_axes(seen.nis))
-        since = np.where(alarm, age * T, np.nan)
-        return Corrected(quiet, inputs.opened(k), nis, alarm, since, seen)
+        nis = np.where(is_missing(innovation), np.nan, sum_over_axes(innovation.nis))
+        age_s = np.where(alarm, age * T, np.nan)
+        return Corrected(posterior, inputs.opened(k), nis, alarm, age_s, innovation)
 
     def estimate(self, state: Corrected) -> Gaussian:
-        """The corrected filter."""
-        return both_axes(state.quiet)
+        """Return the corrected filter."""
+        return both_axes(state.filter)
 
     def log_likelihood(self, state: Corrected) -> Array:
-        """log N(innovation; 0, S) (M,) of the filter before a correction."""
-        if state.seen is None:
+        """Return log N(innovation; 0, S) (M,) of the filter before a correction."""
+        if state.innovation is None:
             return np.full(state.nis.shape, np.nan)
-        missing = np.isnan(state.seen.nu).any(axis=(0, 1))
-        return np.where(missing, np.nan, over_axes(state.seen.log_likelihood))
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return frozenset({"nis", "mode", "alarm", "alarm_age_s"})
+        log_likelihood = sum_over_axes(state.innovation.log_likelihood)
+        return np.where(is_missing(state.innovation), np.nan, log_likelihood)
 
     def diagnostics(self, state: Corrected) -> dict[str, Array]:
-        """``nis``; ``mode`` and ``alarm``: 1 where the state was just corrected; ``alarm_age_s``."""
+        """Return ``nis``, ``alarm_age_s``, and ``mode`` and ``alarm``: 1 where just corrected."""
         alarm = state.alarm.astype(float)
         return {"nis": state.nis, "mode": alarm, "alarm": alarm, "alarm_age_s": state.age}

@@ -1,4 +1,10 @@
-"""Particle filter in the line-of-sight frame: bearing and cross speed are particles, range is not."""
+"""Particle filter in the line-of-sight frame: particles of bearing and cross speed, Kalman in range.
+
+docs/pictures/line-of-sight.svg shows the geometry. With u = (cos theta, sin theta) along the line of
+sight of a particle and t = (-sin theta, cos theta) across it::
+
+    p = r u,    v = r' u + v_c t,    v_c = (px vy - py vx) / r,    r' = (px vx + py vy) / r
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, cast
@@ -17,7 +23,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
-from trackbench.filters.particle_base import Cloud, ParticleFilter
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.angular_base import seen_along
@@ -25,119 +31,127 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
 
-_LEAST = 0.25  # of the particles for either mode
-_SETTLED = 1e-6  # share of the weight of a mode that is given up
-_APART = 3.0  # modes of the cross speed: distance of their means in sums of their deviations
+_MODE_FLOOR = 0.25  # least share of the particles of either mode
+_NEGLIGIBLE = 1e-6  # share of the weight below which a mode is given up
+_SEPARATION = 3.0  # distance of the modes' mean cross speeds, in sums of their standard deviations
 
 
-class Senses(NamedTuple):
-    """A cloud by its sense across the line of sight: shares of the weight (2, M), covs, gains (2, M).
+class CrossSpeedModes(NamedTuple):
+    """Particles split by the sign of the cross speed: positive first.
 
-    A range tells the square of the cross speed: until the azimuths tell its sign the cloud has two
-    modes, and a kernel as wide as both would undo what the ranges have told. A cloud that is not
-    clearly two (M,) is one, half of which stands on either side. ``gain`` is by how much more than its
-    share of the particles a sense is given: a few bad azimuths speak for the wrong one, and of the few
-    that would be left of the other none need be where the target is.
+    A range depends on the square of the cross speed. Until the azimuths determine its sign, the
+    particles have two modes, and one kernel as wide as both would blur them. Particles without two
+    separate modes get one kernel. A few outlying azimuths can favor the wrong sign, so `gain`
+    raises the share of particles of a light mode.
     """
 
     share: Array
+    """share (2, M) of the weight"""
     cov: list[Array]
-    two: Mask
+    """covariance (n, n, M) of each mode, or twice that of all particles"""
+    separate: Mask
+    """runs (M,) with two separate modes"""
     gain: Array
+    """factor (2, M) on the share of the particles"""
 
     @staticmethod
-    def of(x: Array, numbers: Array) -> Array:
-        """The number (2, M) of each particle's own sense (M, N)."""
-        return np.where(x[1] > 0.0, numbers[0][:, None], numbers[1][:, None])
+    def of_each(x: Array, values: Array) -> Array:
+        """Return for each particle (M, N) the value (2, M) of its mode."""
+        return np.where(x[1] > 0.0, values[0][:, None], values[1][:, None])
 
-    def modes(self, x: Array) -> list[Mode]:
-        """Modes of the particles x (n, M, N)."""
+    def kernels(self, x: Array) -> list[Mode]:
+        """Return a kernel for each mode of the particles x (n, M, N)."""
         up = x[1] > 0.0
-        shares = np.where(self.two, self.share, 1.0)
+        shares = np.where(self.separate, self.share, 1.0)
         return [Mode(up, shares[0], self.cov[0]), Mode(~up, shares[1], self.cov[1])]
 
 
-def senses_of(frame: Particles) -> Senses | None:
-    """The weighted cloud in either sense; None if all of it is on one side."""
-    one_way = frame.x[1] > 0.0
-    if (one_way == one_way[:, :1]).all():
+def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
+    """Return the modes of weighted particles; None if all have one sign."""
+    up = frame.x[1] > 0.0
+    if (up == up[:, :1]).all():
         return None
-    weights = [np.where(side, frame.w, 0.0) for side in (one_way, ~one_way)]
+    # Share and moments of either sign.
+    weights = [np.where(side, frame.w, 0.0) for side in (up, ~up)]
     share = np.stack([total(w) for w in weights])
-    parts = [
+    moments = [
         Particles(frame.x, w / np.maximum(part, 1e-300)[:, None]).moments()
         for w, part in zip(weights, share, strict=True)
     ]
-    up, down = parts
-    apart = up.mean[1] - down.mean[1]
-    two = apart > _APART * (np.sqrt(up.cov[1, 1]) + np.sqrt(down.cov[1, 1]))
-    two &= (share > 0.0).all(axis=0)
-    whole = combined(parts, share).cov
-    undecided = two & (share > _SETTLED).all(axis=0)
-    wanted = np.clip(share, _LEAST, 1.0 - _LEAST)
-    gain = np.where(undecided, wanted / np.maximum(share, _SETTLED), 1.0)
-    return Senses(share, [np.where(two, part.cov, whole) for part in parts], two, gain)
+    # Separate: |m1 - m2| > 3 (s1 + s2), both with weight.
+    distance = moments[0].mean[1] - moments[1].mean[1]
+    deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
+    separate = distance > _SEPARATION * deviations
+    separate &= (share > 0.0).all(axis=0)
+    # A mode that is not given up has at least a quarter of the particles.
+    whole = combined(moments, share).cov
+    undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
+    floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
+    gain = np.where(undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
+    covs = [np.where(separate, part.cov, whole) for part in moments]
+    return CrossSpeedModes(share, covs, separate, gain)
 
 
 @register("filters", "los-rbpf")
 @dataclass(frozen=True, kw_only=True)
 class LineOfSight(ParticleFilter):
-    """Rao-Blackwellised particle filter for a range-azimuth sensor with a sharp range.
+    """Rao-Blackwellized particle filter for a radar with an accurate range and a coarse azimuth.
 
-    Each particle is a bearing and a cross speed with a Kalman filter for (r, r'): given where it looks,
-    the sharp range is linear, and all particles share one 2 x 2 covariance. So the particles need not
-    hit the thin banana, as they must where the velocity is marginalised instead (`mpf`). A particle is
-    kept as its Cartesian mean, and regularised in (theta, v_c, r, r') so that it stays on its arc, each
-    sense of the cross speed by itself; while both are possible neither has less than a quarter of them.
-    Few of the first draws survive the third range of a fast target: at 5 km/s it takes some 8000 in the
-    first three scans (`boost`).
+    Each particle is a bearing and a cross speed with a Kalman filter of (range, range rate). Given
+    the bearing, the range is linear, and all particles share one 2 x 2 covariance. The particles
+    therefore need not hit the thin banana of the posterior, as those of `mpf` must. The sign of the
+    cross speed can be ambiguous: while both signs are possible, each has at least a quarter of the
+    particles. A fast target loses most of the first particles at its third range: at 5 km/s it
+    takes some 8000 particles in the first three scans (`boost`). docs/pictures/line-of-sight.svg
+    shows the geometry.
     """
 
     ess_threshold: OpenShare = 0.5
-    """resample and regularise a run when its effective sample size is below this share of N"""
+    """resample and regularize a run when its effective sample size is below this share of N"""
     kernel: Kernel = "epanechnikov"
-    """regularisation kernel"""
+    """regularization kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.azimuths")
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives: the weights are not kept."""
-        return super().diagnostic_names - {"ess"}
+    diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Weighs in the log domain only, and looks from where the scans of the start were taken."""
+        """Return that weights are logarithms, and the radar is at the origin."""
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         if not cast(RangeAzimuth, scenario.model.sensor).at_origin:
-            return {"": "los-rbpf looks from the origin; the sensor it assumes stands elsewhere"}
+            return {"": "los-rbpf needs a radar at the origin; the assumed one is elsewhere"}
         return {}
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Both azimuths drawn, with weights; the triangle of the two measured ranges gives the rest."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
+        """Draw the azimuths of both scans; cross speed and range rate follow from the triangle."""
         assert isinstance(prior, TwoPoint)
         T, variance = prior.T, cast(RangeAzimuth, model.sensor).R[0, 0]
         r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
         a1, a2, log_w = prior.azimuths(rng, self._size(0))
+        # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
+        # v_c = r1 sin d / T,  r' = (r2 - r1 cos d) / T.
         d = a2 - a1
         r = np.broadcast_to(r2, d.shape)
         c, s = cos_sin(d)
-        x = _states(*cos_sin(a2), r1 * s / T, r, (r2 - r1 * c) / T)
+        x = _to_cartesian(*cos_sin(a2), r1 * s / T, r, (r2 - r1 * c) / T)
+        # P of (r, r'): both ranges have the sensor's variance R; the acceleration adds q T / 3 to r'.
         walked = prior.q * T / 3.0
         P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
         cloud = Particles(x, particles.normalise(log_w).w)
-        dead = np.zeros(len(r1), dtype=np.bool_)
-        return Cloud(cloud, cloud, _mixture(cloud, P), dead, 0, P, log_w)
+        state = PFState.first(cloud, log_w)
+        return state._replace(estimate=_add_range_covariance(state.estimate, P), P=P)
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Move across the line of sight, weight by both components, correct along it, resample."""
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Move the particles, weigh by range and azimuth, correct along the line of sight, resample."""
         motion, sensor = cast("tuple[Linear, RangeAzimuth]", model)
-        x, P = _moved(motion, state, rng)
+        # Step 1: predict the particles and the covariance P of (r, r').
+        x, P = _propagate(motion, state, rng)
         missing = np.isnan(z[0] + z[1])
         r, across, along = seen_along(np.where(missing, 0.0, z[1]), x[0], x[2])
-        K, S, P = _corrected(P, sensor.R[0, 0], missing)
+        K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
+        # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
         half_distance = np.square(nu) * (0.5 / S)[:, None]
         half_distance += np.square(arctan2(across, along)) * (0.5 / sensor.R[1, 1])
@@ -145,106 +159,125 @@ class LineOfSight(ParticleFilter):
             nu[missing], half_distance[missing] = 0.0, 0.0
         note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
-        w, dead, mass = particles.normalise(log_w)
+        w, collapsed, mass = particles.normalise(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
-        told = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
-        nu /= r
-        weighted = Particles(_stretched(x, K, nu), w)
-        log_w, age = np.where(dead[:, None], 0.0, log_w), state.age + 1
-        estimate = _mixture(weighted, P)
-        cloud = Cloud(weighted, weighted, estimate, dead, age, P, log_w, evidence=(told,))
-        return self._renewed(cloud, k, rng, self._size(age))
-
-    def _renewed(self, cloud: Cloud, k: int, rng: Generator, size: int) -> Cloud:
-        """The cloud with its poor runs resampled and regularised."""
-        x, w = cloud.weighted
-        poor = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
-        if size != w.shape[1]:
-            poor[:] = True
-        if not poor.any():
-            return cloud
-        old = x[:, poor]
-        middle = arctan2(old[2, :, 0], old[0, :, 0])
-        frame = Particles(_to_frame(middle, old), w[poor])
-        noise = SomeRuns(rng, k, np.flatnonzero(poor))
-        senses = senses_of(frame)
-        resampled, log_w = self._shared_out(frame, senses, noise, size)
-        modes = (
-            [Mode(None, None, frame.moments().cov)] if senses is None else senses.modes(resampled.x)
+        evidence = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
+        # Step 3: correct each particle by K nu along its own line of sight.
+        relative_innovation = np.divide(nu, r, out=nu)
+        weighted = Particles(_apply_gain(x, K, relative_innovation), w)
+        new = PFState(
+            particles=weighted,
+            weighted=weighted,
+            estimate=_add_range_covariance(weighted.moments(), P),
+            collapsed=collapsed,
+            age=state.age + 1,
+            P=P,
+            log_w=np.where(collapsed[:, None], 0.0, log_w),
+            evidence=(evidence,),
         )
-        new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
-        new = _from_frame(middle, new)
-        if poor.all():
-            return cloud._replace(particles=Particles(new, resampled.w), log_w=log_w)
-        out, every_log_w = Particles(x.copy(), w.copy()), np.zeros_like(w)
-        every_log_w += cloud.log_w
-        out.x[:, poor], out.w[poor], every_log_w[poor] = new, resampled.w, log_w
-        return cloud._replace(particles=out, log_w=every_log_w)
+        # Step 4: resample and regularize the runs with few effective particles.
+        return self._resample_degenerate(new, k, rng, self._size(new.age))
 
-    def _shared_out(
-        self, frame: Particles, senses: Senses | None, rng: Streams, size: int
+    def _resample_degenerate(self, state: PFState, k: int, rng: Generator, size: int) -> PFState:
+        """Resample and regularize the runs whose effective sample size is below the threshold."""
+        x, w = state.weighted
+        degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
+        if size != w.shape[1]:
+            degenerate[:] = True
+        if not degenerate.any():
+            return state
+        # In line-of-sight coordinates about the azimuth of the first particle.
+        old = x[:, degenerate]
+        azimuth = arctan2(old[2, :, 0], old[0, :, 0])
+        frame = Particles(_to_frame(azimuth, old), w[degenerate])
+        noise = SomeRuns(rng, k, np.flatnonzero(degenerate))
+        modes = split_by_cross_speed_sign(frame)
+        resampled, log_w = self._resample_with_mode_floor(frame, modes, noise, size)
+        # Each mode of the cross speed has a kernel of its own.
+        if modes is None:
+            kernels = [Mode(None, None, frame.moments().cov)]
+        else:
+            kernels = modes.kernels(resampled.x)
+        jittered = jitter_each(resampled.x, kernels, self.kernel, noise, self.bandwidth_scale)
+        new = _from_frame(azimuth, jittered)
+        if degenerate.all():
+            return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
+        out, every_log_w = Particles(x.copy(), w.copy()), np.zeros_like(w)
+        every_log_w += state.log_w
+        out.x[:, degenerate], out.w[degenerate] = new, resampled.w
+        every_log_w[degenerate] = log_w
+        return state._replace(particles=out, log_w=every_log_w)
+
+    def _resample_with_mode_floor(
+        self, frame: Particles, modes: CrossSpeedModes | None, rng: Streams, size: int
     ) -> tuple[Particles, Array | float]:
-        """The cloud resampled, a sense that may yet be the true one with more than its share."""
-        if senses is None or (senses.gain == 1.0).all():
-            return self._resampled(frame, rng, size), 0.0
-        tilted = Particles(frame.x, frame.w * senses.of(frame.x, senses.gain))
-        x = self._resampled(tilted, rng, size).x
-        log_w = -log(senses.of(x, senses.gain))
+        """Resample with a light mode's share raised; the log-weights take the factor back."""
+        if modes is None or (modes.gain == 1.0).all():
+            return self._resample(frame, rng, size), 0.0
+        tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
+        x = self._resample(tilted, rng, size).x
+        log_w = -log(modes.of_each(x, modes.gain))
         return Particles(x, particles.normalise(log_w).w), log_w
 
 
-def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
-    """Particles (px, vx, py, vy) one step on, and the covariance of (r, r') along their sight.
+def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
+    """Return the particles (px, vx, py, vy) one step on, and the covariance of (r, r').
 
-    Noise across the line of sight is drawn; noise along it stays in the covariance.
+    Noise across the line of sight is drawn; noise along it goes to the covariance.
     """
     x, P = state.particles.x, state.P
     assert P is not None
     T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
+    # (w_p, w_v) ~ N(0, Q), divided by r: the noise across is w t = (w / r) (-py, px)
     w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
-    nearness = 1.0 / np.sqrt(px * px + py * py)
-    w_p *= nearness
-    w_v *= nearness
+    inverse_r = 1.0 / np.sqrt(px * px + py * py)
+    w_p *= inverse_r
+    w_v *= inverse_r
     out = np.empty_like(x)
+    # p' = p + T v + w_p t
     np.multiply(vx, T, out=out[0])
     np.multiply(vy, T, out=out[2])
     out[0] += px
     out[2] += py
     out[0] -= py * w_p
     out[2] += px * w_p
+    # v' = v + w_v t
     np.subtract(vx, py * w_v, out=out[1])
     np.add(vy, px * w_v, out=out[3])
+    # P' = F P F' + Q
     return out, linalg.sandwich(F, P) + Q[..., None]
 
 
-def _stretched(x: Array, K: Array, nu: Array) -> Array:
-    """Each particle corrected along its own sight, in place; nu (M, N) is in parts of its range."""
+def _apply_gain(x: Array, K: Array, relative_innovation: Array) -> Array:
+    """Correct each particle along its line of sight, in place: ``nu u = (nu / r) p``, nu / r (M, N)."""
     for axis in (0, 2):
-        u = nu * x[axis]
+        # v += K2 nu u, then p += K1 nu u
+        u = relative_innovation * x[axis]
         x[axis + 1] += K[1][:, None] * u
         u *= K[0][:, None]
         x[axis] += u
     return x
 
 
-def _corrected(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
-    """Gain (2, M), innovation variance (M,), covariance (2, 2, M) given a range; no gain without one."""
+def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
+    """Return gain (2, M), innovation variance (M,), posterior covariance (2, 2, M) of a range."""
     note("covariances", P, components=2)
+    # S = P11 + R,  K = P h / S,  P' = P - K S K'
     S = P[0, 0] + variance
     K = np.where(missing, 0.0, P[:, 0] / S)
     return K, S, P - linalg.outer(K, K) * S
 
 
-def _mixture(cloud: Particles, P: Array) -> Gaussian:
-    """Moments of the particles with the covariance P along the mean line of sight.
+def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
+    """Return the moments of the particles, plus the covariance P along the mean line of sight.
 
-    That the particles' own lines differ turns P by their spread of angle, which moves the covariance by
-    less than sigma_range^2 / r^2 of what the cloud itself has across.
+    The particles' own lines of sight differ, which turns P. This changes the covariance by less than
+    sigma_range^2 / r^2 of the particles' covariance across.
     """
-    moments = cloud.moments()
     u = moments.mean[0::2] / np.sqrt(total(np.square(moments.mean[0::2]), axis=0))
     cov = moments.cov.copy()
+    # cov[(p_i, v_i), (p_j, v_j)] += u_i u_j P
     for i in range(2):
         for j in range(2):
             cov[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] += u[i] * u[j] * P
@@ -252,18 +285,22 @@ def _mixture(cloud: Particles, P: Array) -> Gaussian:
 
 
 def _to_frame(azimuth: Array, x: Array) -> Array:
-    """(2 t, v_c, r, r') of states (px, vx, py, vy), t the tangent of half the angle from an azimuth.
+    """Return (2 tan(d / 2), v_c, r, r') of states (px, vx, py, vy), d the angle from an azimuth.
 
-    2 t is the angle to third order, has no cut within the cloud, and goes back without a cosine.
+    2 tan(d / 2) equals the angle to third order, has no cut within the particles, and goes back
+    without a cosine.
     """
     px, vx, py, vy = x
     r, across, along = seen_along(azimuth, px, py)
     out = np.empty_like(x)
+    # tan(d / 2) = across / (r + along)
     along += r
     np.divide(across, along, out=out[0])
     out[0] *= 2.0
+    # v_c = (px vy - py vx) / r
     np.multiply(px, vy, out=out[1])
     out[1] -= py * vx
+    # r' = (px vx + py vy) / r
     np.multiply(px, vx, out=out[3])
     out[3] += py * vy
     out[1] /= r
@@ -273,19 +310,24 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
-    """States (px, vx, py, vy) from line-of-sight coordinates about an azimuth."""
+    """Return states (px, vx, py, vy) from line-of-sight coordinates about an azimuth."""
     t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
+    # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
     part = 1.0 / (1.0 + t * t)
     c, s = 2.0 * part - 1.0, 2.0 * t * part
-    middle_c, middle_s = (wave[:, None] for wave in cos_sin(azimuth))
-    return _states(c * middle_c - s * middle_s, s * middle_c + c * middle_s, v_c, r, v_r)
+    # theta = azimuth + d
+    azimuth_c, azimuth_s = (wave[:, None] for wave in cos_sin(azimuth))
+    cos, sin = c * azimuth_c - s * azimuth_s, s * azimuth_c + c * azimuth_s
+    return _to_cartesian(cos, sin, v_c, r, v_r)
 
 
-def _states(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """(px, vx, py, vy) of range, range rate and cross speed along and across (c, s)."""
+def _to_cartesian(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
+    """Return (px, vx, py, vy) of range r, range rate and cross speed, u = (c, s) the line of sight."""
     out = np.empty((4, *r.shape))
+    # p = r u
     np.multiply(r, c, out=out[0])
     np.multiply(r, s, out=out[2])
+    # v = r' u + v_c t,  t = (-s, c)
     np.multiply(v_r, c, out=out[1])
     np.multiply(v_r, s, out=out[3])
     out[1] -= v_c * s

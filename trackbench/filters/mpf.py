@@ -1,4 +1,17 @@
-"""Marginalised particle filter: positions are particles, velocities Kalman filters."""
+"""Marginalized particle filter: positions are particles, velocities have a Kalman filter.
+
+Derivation (Schon, Gustafsson & Nordlund 2005, for constant velocity along each axis). Given the
+positions of its particle, each velocity is Gaussian with mean v and variance C, the same C in all
+particles. With ``p' = p + T v + w1``, ``v' = v + w2`` and ``cov(w1, w2) = [[Q11, Q12], [Q12,
+Q22]]``, the displacement ``dp = p' - p`` and v' are jointly Gaussian::
+
+    dp ~ N(T v, N),  N = T^2 C + Q11
+    v' ~ N(v, C + Q22),  cov(dp, v') = T C + Q12
+
+The filter draws dp (velocities marginalized), and conditions v' on it: ``K = (T C + Q12) / N``,
+``v' = v + K (dp - T v)``, ``C' = C + Q22 - K^2 N``. This is the second measurement update of Schon
+et al. with the noises decorrelated.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal, cast
@@ -13,7 +26,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kernel_smoothing import Kernel, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
-from trackbench.filters.particle_base import Cloud, ParticleFilter
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
 from trackbench.models.two_point_prior import TwoPoint
@@ -23,89 +36,94 @@ from trackbench.registry import register
 @register("filters", "mpf")
 @dataclass(frozen=True, kw_only=True)
 class MPF(ParticleFilter):
-    """Marginalised (Rao-Blackwellised) particle filter for a position sensor and a linear motion.
+    """Marginalized (Rao-Blackwellized) particle filter for a position sensor and constant velocity.
 
-    Schon, Gustafsson & Nordlund 2005; banana paper, section VI. As printed there, eqs. 14 and 15 are
+    Schon, Gustafsson & Nordlund 2005; banana paper, section VI. In print eqs. 14 and 15 are
     exchanged, and eqs. 16-17 leave out that one acceleration drives position and velocity.
     """
 
     regularise: Literal["joint", "position", "none"] = "joint"
-    """what is jittered after resampling: positions with their velocities, positions alone, nothing"""
+    """components jittered after resampling: positions with their velocities, positions alone, none"""
     kernel: Kernel = "epanechnikov"
-    """regularisation kernel"""
+    """regularization kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth"""
     requires: ClassVar[tuple[str, ...]] = ("state.planar", "motion.alike_axes", "prior.positions")
-
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives: the weights are not kept."""
-        return super().diagnostic_names - {"ess"}
+    diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Without process noise nothing but its particle moves a position."""
+        """Return that the filter needs process noise, which moves the positions."""
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {"": "mpf needs process noise: q must be greater than 0"}
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the kernel's keys where nothing is jittered."""
+        """Return the kernel's keys if nothing is jittered."""
         idle = ("kernel", "bandwidth_scale") if self.regularise == "none" else ()
         return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularise: none`")
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Both first positions drawn, with weights; their difference over T is the velocity's mean."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
+        """Draw the positions of both scans; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
-        p1, p2, log_w = prior.positions(rng, self._size(0))
-        vx, vy = (p2 - p1) / prior.T
-        cloud = Particles(np.stack([p2[0], vx, p2[1], vy]), particles.normalise(log_w).w)
+        first, second, log_w = prior.positions(rng, self._size(0))
+        vx, vy = (second - first) / prior.T
+        x = np.stack([second[0], vx, second[1], vy])
+        cloud = Particles(x, particles.normalise(log_w).w)
+        # Velocity variance given both positions, of a white acceleration over T: C = q T / 3.
         C = np.array(prior.q * prior.T / 3.0)
-        dead = np.zeros(len(vx), dtype=np.bool_)
-        return Cloud(cloud, cloud, _with_velocity(cloud.moments(), C), dead, 0, C, log_w)
+        state = PFState.first(cloud, log_w)
+        return state._replace(estimate=_add_velocity_variance(state.estimate, C), P=C)
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Move positions, learn the velocities from the moves, weight, resample, regularise."""
-        x, C = _moved(cast(Linear, model.motion), state, rng)
-        w, dead, told = self._weighed(model, state, z, x, k)
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Draw positions, condition the velocities on them, weigh, resample, regularize."""
+        # Steps 1 and 2: draw the positions, condition the velocities on the displacements.
+        x, C = _propagate(cast(Linear, model.motion), state, rng)
+        # Step 3: weigh by the likelihood of the positions.
+        w, collapsed, evidence = self._weigh(model, state, z, x, k)
         weighted, age = Particles(x, w), state.age + 1
         moments = weighted.moments()
-        resampled = self._resampled(weighted, rng, self._size(age))
-        cloud = Particles(self._jittered(resampled.x, moments.cov, rng), resampled.w)
-        estimate = _with_velocity(moments, C)
-        return Cloud(cloud, weighted, estimate, dead, age, C, evidence=told)
+        # Step 4: resample and regularize; C is the same in all particles.
+        resampled = self._resample(weighted, rng, self._size(age))
+        return PFState(
+            particles=Particles(self._jitter(resampled.x, moments.cov, rng), resampled.w),
+            weighted=weighted,
+            estimate=_add_velocity_variance(moments, C),
+            collapsed=collapsed,
+            age=age,
+            P=C,
+            evidence=evidence,
+        )
 
-    def _jittered(self, x: Array, cov: Array, rng: Generator) -> Array:
+    def _jitter(self, x: Array, cov: Array, rng: Generator) -> Array:
         if self.regularise == "none":
             return x
         if self.regularise == "position":
-            moved = jitter(x[0::2], cov[0::2, 0::2], self.kernel, rng, self.bandwidth_scale)
-            return np.stack([moved[0], x[1], moved[1], x[3]])
+            px, py = jitter(x[0::2], cov[0::2, 0::2], self.kernel, rng, self.bandwidth_scale)
+            return np.stack([px, x[1], py, x[3]])
         return jitter(x, cov, self.kernel, rng, self.bandwidth_scale)
 
 
-def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
-    """Positions drawn with their velocities marginalised, and the velocities given the moves dz.
-
-    The state is (px, E vx, py, E vy) with variance C of each velocity given its particle.
-    ``dz ~ N(T v, T^2 C + Q11)`` and ``cov(dz, v') = T C + Q12``, so that
-    ``v' = v + K (dz - T v)``, ``K = (T C + Q12) / (T^2 C + Q11)``: the decorrelated second measurement
-    update of Schon et al. in one line.
-    """
+def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
+    """Return the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
     x, C = state.particles.x, state.P
     assert C is not None
     T, Q = motion.F[0, 1], motion.Q
+    # N = T^2 C + Q11, K = (T C + Q12) / N
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N
     note("covariances", C, components=0)
-    surprise = np.sqrt(N) * rng.standard_normal((2, *x.shape[1:]))
+    # dp - T v ~ N(0, N), of both axes
+    position_innovation = np.sqrt(N) * rng.standard_normal((2, *x.shape[1:]))
     out = np.empty_like(x)
-    out[0::2] = x[0::2] + T * x[1::2] + surprise
-    out[1::2] = x[1::2] + K * surprise
+    # p' = p + T v + (dp - T v),  v' = v + K (dp - T v)
+    out[0::2] = x[0::2] + T * x[1::2] + position_innovation
+    out[1::2] = x[1::2] + K * position_innovation
+    # C' = C + Q22 - K^2 N
     return out, C + Q[1, 1] - K * K * N
 
 
-def _with_velocity(moments: Gaussian, C: Array) -> Gaussian:
-    """The mixture's moments: the velocities' own variance added to that of their means."""
+def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
+    """Return the mixture's moments: the covariance of the particles, plus C of each velocity."""
     cov = moments.cov.copy()
     cov[1, 1] += C
     cov[3, 3] += C

@@ -1,4 +1,4 @@
-"""Clouds of particles that filters carry, and what the filters share that move and resample them."""
+"""State of the particle filters, and the base of those that move and resample particles."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,76 +20,79 @@ from trackbench.filters.base import Filter
 from trackbench.models.base import Model, Scene, log_likelihood
 
 
-class Cloud(NamedTuple):
-    """Particles to go on from; those of the estimate, with it; runs without weight; steps done.
-
-    ``P`` is the covariance of what each particle carries in a Kalman filter, if it does, one of all or
-    each its own (n, n, M, N); ``log_w`` (M, N) the weights' logarithms up to a constant, where the next
-    step weighs what underflows; ``w`` (M, N) the weights before resampling, where they are noted;
-    ``mode`` (M, N) the number of the motion that each particle follows, if there are several;
-    ``evidence`` what the likelihood of the last measurement is the product of; ``notes`` further
-    diagnostics (M,).
-    """
+class PFState(NamedTuple):
+    """State of a particle filter: N particles in each of M runs."""
 
     particles: Particles
+    """particles that the next step moves"""
     weighted: Particles
+    """particles that the estimate is the mean of"""
     estimate: Gaussian
-    dead: Mask
+    collapsed: Mask
+    """runs (M,) in which every weight was zero: their particles got equal weights"""
     age: int = 0
+    """steps done"""
     P: Array | None = None
+    """covariance of the particles' Kalman filters: one of all, or each its own (n, n, M, N)"""
     log_w: Array | float = 0.0
+    """logarithms of the weights (M, N) up to a constant, or 0.0 if they are equal"""
     w: Array | None = None
+    """weights (M, N) before resampling, for the effective sample size"""
     mode: Index | None = None
+    """number (M, N) of the motion that each particle follows"""
     evidence: tuple[Evidence, ...] = ()
-    notes: tuple[tuple[str, Array], ...] = ()
+    """factors of the likelihood of the last measurement"""
+    extra_diagnostics: tuple[tuple[str, Array], ...] = ()
+
+    @classmethod
+    def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
+        """Return the state before the first measurement."""
+        collapsed = np.zeros(len(cloud.w), dtype=np.bool_)
+        return cls(cloud, cloud, cloud.moments(), collapsed, log_w=log_w)
 
     @property
     def log_likelihood(self) -> Array:
-        """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
-        return self.evidence[0].log if self.evidence else np.full(self.dead.shape, np.nan)
+        """Logarithm (M,) of the mean unnormalized weight; -inf where every likelihood was zero."""
+        return self.evidence[0].log if self.evidence else np.full(self.collapsed.shape, np.nan)
 
-    def noted(self) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
-
-        ``ess``: effective sample size before resampling, as a share of N.
-        """
+    def diagnostics(self) -> dict[str, Array]:
+        """Return collapsed runs, the effective sample size as a share of N, and the extra ones."""
         ess = {} if self.w is None else {"ess": particles.effective_share(self.w)}
-        return {"dead_steps": self.dead.astype(float)} | ess | dict(self.notes)
+        return {"dead_steps": self.collapsed.astype(float)} | ess | dict(self.extra_diagnostics)
 
 
-class CloudFilter(Filter[Cloud]):
-    """Base of the filters whose estimate is that of a weighted cloud."""
+class WeightedParticlesFilter(Filter[PFState]):
+    """Base of the filters whose estimate is the mean of weighted particles."""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    diagnostic_names = frozenset({"dead_steps", "ess"})
 
-    def estimate(self, state: Cloud) -> Gaussian:
-        """Weighted mean and covariance."""
+    def estimate(self, state: PFState) -> Gaussian:
+        """Return the weighted mean and covariance."""
         return state.estimate
 
-    def expectation(self, state: Cloud, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Posterior means (M,) of functions of the state."""
+    def expectation(
+        self, state: PFState, g: Callable[[Array], dict[str, Array]]
+    ) -> dict[str, Array]:
+        """Return posterior means (M,) of functions of the state."""
         return state.weighted.expectation(g)
 
-    def log_likelihood(self, state: Cloud) -> Array:
-        """Logarithm (M,) of the mean unnormalised weight; -inf where every likelihood was zero."""
+    def log_likelihood(self, state: PFState) -> Array:
+        """Return the logarithm (M,) of the mean unnormalized weight; -inf where all were zero."""
         return state.log_likelihood
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return frozenset({"dead_steps", "ess"})
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
+        """Return ``dead_steps`` and ``ess``.
 
-    def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """``dead_steps``: every likelihood was zero, and the cloud was kept with equal weights.
-
-        ``ess``: effective sample size before resampling, as a share of N.
+        ``dead_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
+        effective sample size before resampling, as a share of N.
         """
-        return state.noted()
+        return state.diagnostics()
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParticleFilter(CloudFilter):
-    """Keys and hooks shared by the filters that carry a cloud."""
+class ParticleFilter(WeightedParticlesFilter):
+    """Base of the filters that move particles by the motion, weigh and resample them."""
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
@@ -100,11 +103,11 @@ class ParticleFilter(CloudFilter):
     boost: Count = 1
     """factor on N during the first steps"""
     boost_scans: Natural = 0
-    """how many steps the cloud is boosted for"""
+    """number of steps with the boosted N"""
 
     @property
     def max_particle_count(self) -> int:
-        """Those of the boost."""
+        """Return the number of particles during the boost."""
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
@@ -112,33 +115,31 @@ class ParticleFilter(CloudFilter):
         out = {} if self.boost_scans else {"boost": "with `boost_scans: 0`"}
         return out | ({"boost_scans": "with `boost: 1`"} if self.boost == 1 else {})
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
-        """Draws from the prior in each run, with weights where it covers its tails."""
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
+        """Draw from the prior, with weights if the draws cover its tails."""
         x, log_w = covering(prior, rng, self._size(0))
-        cloud = Particles(x, particles.normalise(log_w).w)
-        dead = np.zeros(x.shape[1], dtype=np.bool_)
-        return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
+        return PFState.first(Particles(x, particles.normalise(log_w).w), log_w)
 
-    def posterior(self, state: Cloud) -> Posterior | None:
-        """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
+    def posterior(self, state: PFState) -> Posterior | None:
+        """Return the weighted particles; None if each particle carries a Gaussian."""
         return CloudPosterior(state.weighted) if state.P is None else None
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
-    def _weighed(
-        self, model: Model, state: Cloud, z: Array, x: Array, k: int
+    def _weigh(
+        self, model: Model, state: PFState, z: Array, x: Array, k: int
     ) -> tuple[Array, Mask, tuple[Evidence, ...]]:
-        """Weights (M, N) of moved particles x from those that the state carries; dead runs; evidence."""
+        """Return weights (M, N) of the moved particles x, collapsed runs, and the evidence."""
         log_w = self._log_likelihood(model, z, x, k)
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
-        w, dead, mass = particles.normalise(log_w if equal else log_w + state.log_w)
-        return w, dead, (Evidence(mass, state.log_w, w.shape[1]),)
+        w, collapsed, mass = particles.normalise(log_w if equal else log_w + state.log_w)
+        return w, collapsed, (Evidence(mass, state.log_w, w.shape[1]),)
 
     def _size(self, age: int) -> int:
-        """Number of particles after so many steps."""
+        """Return the number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)
 
-    def _resampled(self, cloud: Particles, rng: Streams, size: int) -> Particles:
+    def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particles.uniform(*index.shape))

@@ -14,7 +14,7 @@ from trackbench.core.metropolis import independence_moves
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
-from trackbench.filters.particle_base import Cloud, ParticleFilter
+from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.registry import register
 
@@ -32,78 +32,96 @@ class PF(ParticleFilter):
     moves: Natural = 0
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's transition"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
-    """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
+    """particles the estimate is taken from: before resampling, or after it and the moves (demo)"""
+    diagnostic_names = ParticleFilter.diagnostic_names | {"distinct"}
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Predict, weight (eq. 7 with q the prior), resample, move."""
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Predict, weigh (eq. 7 with the prior as q), resample, move."""
+        # Step 1: draw each particle from the transition.
         origin = state.particles.x
         x = model.motion.transition(origin, k).sample(rng)
+        # Step 2: weigh by the likelihood (eq. 7), from equal weights or those carried on.
         if self.ess_threshold < 1.0:
             state = state._replace(log_w=elementary.log(state.particles.w))
-        w, dead, told = self._weighed(model, state, z, x, k)
+        w, collapsed, evidence = self._weigh(model, state, z, x, k)
         weighted, size = Particles(x, w), self._size(state.age + 1)
+        # Step 3: resample; step 4: move. A move needs the parent, which is resampled with its child as
+        # components of one state.
         if self.moves:
-            # Parents are resampled with their children, as components of one state.
             joint = Particles(np.concatenate((x, origin)), w)
-            resampled = self._moved(model, self._resample_if_needed(joint, rng, size), z, k, rng)
+            resampled = self._move(model, self._resample_if_needed(joint, rng, size), z, k, rng)
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
-        source, age = weighted if self.estimate_from == "weighted" else resampled, state.age + 1
-        return Cloud(resampled, source, source.moments(), dead, age, w=w, evidence=told)
+        source = weighted if self.estimate_from == "weighted" else resampled
+        return PFState(
+            particles=resampled,
+            weighted=source,
+            estimate=source.moments(),
+            collapsed=collapsed,
+            age=state.age + 1,
+            w=w,
+            evidence=evidence,
+        )
 
-    @property
-    def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        return super().diagnostic_names | {"distinct"}
-
-    def diagnostics(self, state: Cloud) -> dict[str, Array]:
-        """The same, and ``distinct``: share of particles that are no copies after resampling."""
+    def diagnostics(self, state: PFState) -> dict[str, Array]:
+        """Return also ``distinct``: share of particles that are no copies after resampling."""
         return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
 
-    def _moved(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
-        """The children (n, M, N) of (children, parents) (2 n, M, N), moved given their parents."""
+    def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
+        """Return children (n, M, N) moved from their parents, of (children, parents) (2 n, M, N)."""
         x, parents = np.split(joint.x, 2)
-        moved = model.motion.transition(parents, k)
+        transition = model.motion.transition(parents, k)
 
         def log_ratio(x: Array) -> Array:
             return self._log_likelihood(model, z, x, k)
 
-        return Particles(independence_moves(x, moved.sample, log_ratio, self.moves, rng), joint.w)
+        return Particles(
+            independence_moves(x, transition.sample, log_ratio, self.moves, rng), joint.w
+        )
 
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
-        resampled = self._resampled(cloud, rng, size)
+        resampled = self._resample(cloud, rng, size)
         if self.ess_threshold == 1.0 or size != cloud.w.shape[1]:
             return resampled
-        rich = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
+        keep = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
         return Particles(
-            np.where(rich[:, None], cloud.x, resampled.x),
-            np.where(rich[:, None], cloud.w, resampled.w),
+            np.where(keep[:, None], cloud.x, resampled.x),
+            np.where(keep[:, None], cloud.w, resampled.w),
         )
 
 
 @register("filters", "rpf")
 @dataclass(frozen=True, kw_only=True)
 class RPF(ParticleFilter):
-    """Regularised particle filter: resamples from a kernel density of the posterior.
+    """Regularized particle filter: resamples from a kernel density of the posterior.
 
     Musso, Oudjane & Le Gland 2001, section 12.2 (post-regularisation).
     """
 
     kernel: Kernel = "epanechnikov"
-    """regularisation kernel"""
+    """regularization kernel"""
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth; 0 is plain resampling"""
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Move, weight, resample, jitter by the kernel scaled to the weighted cloud's covariance."""
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Predict, weigh, resample, jitter."""
+        # Steps 1 and 2: draw from the transition, weigh by the likelihood.
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        w, dead, told = self._weighed(model, state, z, x, k)
+        w, collapsed, evidence = self._weigh(model, state, z, x, k)
         weighted, age = Particles(x, w), state.age + 1
+        # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         moments = weighted.moments()
-        resampled = self._resampled(weighted, rng, self._size(age))
+        resampled = self._resample(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
-        cloud = Particles(x, resampled.w)
-        return Cloud(cloud, weighted, moments, dead, age, w=w, evidence=told)
+        return PFState(
+            particles=Particles(x, resampled.w),
+            weighted=weighted,
+            estimate=moments,
+            collapsed=collapsed,
+            age=age,
+            w=w,
+            evidence=evidence,
+        )
 
 
 @register("filters", "apf")
@@ -115,43 +133,56 @@ class APF(ParticleFilter):
     """
 
     first_stage: Literal["mean", "mode", "sample"] = "mean"
-    """point mu at which an ancestor's likelihood is judged: of its transition density"""
+    """point mu of an ancestor's transition density at which its likelihood is evaluated"""
     carried: Literal["log", "float64"] | None = None
-    """weights that the next step starts from: logarithms, or normalised in float64, where small ones
+    """weights that the next step starts from: logarithms, or normalized in float64, where small ones
     are zero; default: log with `weights: log`, else float64"""
     stages: Literal[1, 2] = 1
-    """times that a step resamples: 1 carries the second-stage weights on; 2 resamples by them as well"""
+    """resampling stages of a step: 1 carries the second-stage weights on; 2 resamples by them as well"""
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return ``carried`` where the second stage leaves equal weights."""
+        """Return ``carried`` if the second stage leaves equal weights."""
         idle = {"carried": "with `stages: 2`"} if self.stages == 2 else {}
         return super().idle_keys(scenario) | idle
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """First-stage weights w p(z|mu), move the chosen, second-stage weights p(z|x) / p(z|mu)."""
-        cloud = state.particles
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Choose ancestors by p(z|mu), move them, weigh by p(z|x) / p(z|mu)."""
+        cloud, size = state.particles, self._size(state.age + 1)
+        # First stage: resample the ancestors by w p(z|mu).
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalise(self._read(first + state.log_w))
-        # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
+        chosen = particles.normalise(self._in_arithmetic(first + state.log_w))
+        # Where every first-stage weight is zero, p(z|mu) counts as flat.
         first = np.where(chosen.dead[:, None], 0.0, first)
-        size = self._size(state.age + 1)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
+        # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
-        w, dead, mass = particles.normalise(second)
-        told = (Evidence(chosen.mass, state.log_w, first.shape[1]), Evidence(mass, 0.0, w.shape[1]))
-        moved, age = Particles(x, w), state.age + 1
+        w, collapsed, mass = particles.normalise(second)
+        evidence = (
+            Evidence(chosen.mass, state.log_w, first.shape[1]),
+            Evidence(mass, 0.0, w.shape[1]),
+        )
+        weighted = Particles(x, w)
+        new = PFState(
+            particles=weighted,
+            weighted=weighted,
+            estimate=weighted.moments(),
+            collapsed=collapsed,
+            age=state.age + 1,
+            w=w,
+            evidence=evidence,
+        )
         if self.stages == 2:
-            resampled = self._resampled(moved, rng, size)
-            return Cloud(resampled, moved, moved.moments(), dead, age, w=w, evidence=told)
-        log_w = elementary.log(w) if self._in_float64 else np.where(dead[:, None], 0.0, second)
-        return Cloud(moved, moved, moved.moments(), dead, age, log_w=log_w, w=w, evidence=told)
+            return new._replace(particles=self._resample(weighted, rng, size))
+        in_float64 = self._in_float64
+        log_w = elementary.log(w) if in_float64 else np.where(collapsed[:, None], 0.0, second)
+        return new._replace(log_w=log_w)
 
-    def log_likelihood(self, state: Cloud) -> Array:
-        """Logarithm (M,) of both stages' mean weights, multiplied (Pitt 2002, section 2.2)."""
+    def log_likelihood(self, state: PFState) -> Array:
+        """Return the log-product (M,) of both stages' mean weights (Pitt 2002, section 2.2)."""
         if not state.evidence:
-            return np.full(state.dead.shape, np.nan)
+            return np.full(state.collapsed.shape, np.nan)
         first, second = (stage.log for stage in state.evidence)
         return np.where(first == -np.inf, 0.0, first) + second
 
@@ -160,14 +191,14 @@ class APF(ParticleFilter):
         carried = self.carried or ("log" if self.weights == "log" else "float64")
         return carried == "float64"
 
-    def _read(self, log_w: Array) -> Array:
-        """Products of weights and likelihoods, of which a program that carries float64 loses some."""
+    def _in_arithmetic(self, log_w: Array) -> Array:
+        """Return log-products of weights and likelihoods; small ones are lost in float64."""
         if self._in_float64 and self.weights != "log":
             return read_likelihood(log_w, "naive")
         return log_w
 
     def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
-        moved = model.motion.transition(x, k)
+        transition = model.motion.transition(x, k)
         if self.first_stage == "sample":
-            return moved.sample(rng)
-        return moved.mean if self.first_stage == "mean" else moved.mode
+            return transition.sample(rng)
+        return transition.mean if self.first_stage == "mean" else transition.mode

@@ -12,71 +12,92 @@ from trackbench.core import particles
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.metropolis import independence_moves
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
-from trackbench.filters.kalman_proposal import MERWE_PROPOSAL, ProposingFilter, UnscentedProposal
-from trackbench.filters.particle_base import Cloud
+from trackbench.filters.kalman_proposal import (
+    MERWE_PROPOSAL,
+    KalmanProposalFilter,
+    TransitionReading,
+    UnscentedProposal,
+)
+from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import Assumed, extended_step
 from trackbench.registry import register
 
+_DEMO_WEIGHTS: dict[str, object] = {
+    "weights": "floor",
+    "resampling": "residual",
+    "transition_density": "increment",
+    "estimate_from": "resampled",
+}
+"""How van der Merwe's public demo weighs, resamples and estimates."""
+
 
 @dataclass(frozen=True, kw_only=True)
-class _Resampling(ProposingFilter):
+class _ResamplingFilter(KalmanProposalFilter):
+    weights: WeightReading = "log"
+    """arithmetic of the likelihood: log-domain, exp() in float64, or exp() + 1e-99"""
+    transition_density: TransitionReading = "model"
+    """noise in the weight's prior: x_k - f(x_{k-1}), or x_k - x_{k-1} as in the public demo"""
     resampling: Scheme = "systematic"
     """resampling scheme"""
     moves: Natural = 0
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's proposal"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
-    """cloud the estimate is taken from: before resampling, or after it and the moves as in the demo"""
+    """particles the estimate is taken from: before resampling, or after it and the moves (demo)"""
 
-    def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
-        """Propose, weight by lik * prior / proposal (eq. 7), resample, move."""
+    @property
+    def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:
+        return self.weights, self.transition_density
+
+    def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
+        """Draw from each particle's Kalman posterior, weigh, resample, move."""
+        # Step 1: draw each particle from its own Kalman posterior q.
         origin = state.particles.x
-        proposed = self._proposed(model, state, z, k, rng)
-        target = self._log_target(model, origin, z, k)(proposed.x)
-        w, dead, mass = particles.normalise(target - proposed.log_q(proposed.x))
-        weighted = Particles(proposed.x, w)
+        proposals = self._draw_proposals(model, state, z, k, rng)
+        kalman = proposals.kalman
+        assert kalman is not None
+        # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
+        target = self._log_target(model, origin, z, k)(proposals.x)
+        w, collapsed, mass = particles.normalise(target - proposals.q.log_prob(proposals.x))
+        weighted = Particles(proposals.x, w)
+        # Step 3: resample, each particle with its covariance.
         index = ancestors(w, rng, self.resampling)
-        x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
+        x, P = select(proposals.x, index), select(kalman.cov, index)
+        # Step 4: move the particles by their parents' proposals: no Kalman step is taken again.
         if self.moves:
-            # By proposals of each particle's parent: no Kalman step is taken again.
-            parents, kalman = (
-                select(origin, index),
-                Gaussian(select(proposed.kalman.mean, index), P),
-            )
-            proposal = self._proposal(model, kalman, parents, k)
+            parents = select(origin, index)
+            q = self._density(model, Gaussian(select(kalman.mean, index), P), parents, k)
             log_target = self._log_target(model, parents, z, k)
 
             def log_ratio(x: Array) -> Array:
-                return log_target(x) - proposal.log_prob(x)
+                return log_target(x) - q.log_prob(x)
 
-            x = independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
+            x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
         resampled = Particles(x, particles.uniform(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
-        told = (Evidence(mass, 0.0, self.N),)
-        return Cloud(resampled, source, source.moments(), dead, P=P, w=w, evidence=told)
+        return PFState(
+            particles=resampled,
+            weighted=source,
+            estimate=source.moments(),
+            collapsed=collapsed,
+            P=P,
+            w=w,
+            evidence=(Evidence(mass, 0.0, self.N),),
+        )
 
 
 @register("filters", "epf")
 @dataclass(frozen=True, kw_only=True)
-class EPF(_Resampling):
+class EPF(_ResamplingFilter):
     """Particle filter with an extended Kalman proposal per particle (de Freitas et al. 2000)."""
 
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {
-            "Q": 7.5,
-            "R": 0.1,
-            "P0": 0.75,
-            "noise_mean": False,
-            "weights": "floor",
-            "resampling": "residual",
-            "transition_density": "increment",
-            "estimate_from": "resampled",
-        },
+        "merwe-demo": {"Q": 7.5, "R": 0.1, "P0": 0.75, "noise_mean": False, **_DEMO_WEIGHTS},
     }
 
     def _kalman(
@@ -87,16 +108,10 @@ class EPF(_Resampling):
 
 @register("filters", "upf")
 @dataclass(frozen=True, kw_only=True)
-class UPF(UnscentedProposal, _Resampling):
-    """Unscented particle filter (van der Merwe et al. 2000)."""
+class UPF(UnscentedProposal, _ResamplingFilter):
+    """Unscented particle filter: a UKF proposes each particle (van der Merwe et al. 2000)."""
 
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {
-            **MERWE_PROPOSAL,
-            "weights": "floor",
-            "resampling": "residual",
-            "transition_density": "increment",
-            "estimate_from": "resampled",
-        },
+        "merwe-demo": {**MERWE_PROPOSAL, **_DEMO_WEIGHTS},
     }

@@ -1,4 +1,4 @@
-"""Filters of variable dimension as a config names them: the paper's, and the one of 1982."""
+"""Kinds of the filters of variable dimension: `adaptive-kf` of the paper, and `vdf` of 1982."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -8,13 +8,13 @@ import numpy as np
 from trackbench.core.fading_memory import tail
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.filters.adaptive_kf.decisions import (
-    BELIEVE,
+    CONFIRM_EVERY_ALARM,
     PAPER_EXIT,
     Detector,
     Exit,
     SecondDecision,
 )
-from trackbench.filters.adaptive_kf.filter import Logic, VariableDimension
+from trackbench.filters.adaptive_kf.filter import Parameters, VariableDimension
 from trackbench.filters.base import PLANAR_POSITION
 from trackbench.models.base import Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
@@ -24,24 +24,24 @@ from trackbench.registry import register
 @register("filters", "adaptive-kf")
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveKF(VariableDimension):
-    """Adaptive Kalman filter: a detector starts an augmented filter, a test on it ends it.
+    """Adaptive Kalman filter: a detector switches from constant velocity to constant acceleration.
 
-    Tang, Sun & Liu, adaptive Kalman filter paper, section 3, after Bar-Shalom & Birmiwal 1982,
-    Bogler 1987 and Park, Seo & Lee 1995. The paper states no process noise: both are keys here.
+    Tang, Sun & Liu, adaptive-kf paper, section 3, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and
+    Park, Seo & Lee 1995. The paper states no process noise: both filters have a key q.
     """
 
     nmf: ConstantVelocity
     """motion of the non-maneuvering filter: {q: ..., noise_gain: standard | printed}"""
     mf: ConstantAcceleration
-    """motion of the maneuvering filter; its first acceleration is the estimated one"""
+    """motion of the maneuvering filter; the detector estimates its first acceleration"""
     detector: Detector
     """first decision: statistic, threshold, window, onset"""
-    dlw: SecondDecision = BELIEVE
+    dlw: SecondDecision = CONFIRM_EVERY_ALARM
     """second decision, between both filters"""
     exit: Exit = PAPER_EXIT
     """return to the non-maneuvering filter"""
     initialise: Literal["ie", "barshalom"] = "ie"
-    """augmented start: estimated input added, or refiltered from the onset (1982)"""
+    """start of the maneuvering filter: estimated input added, or refiltered from the onset (1982)"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
     presets: ClassVar[dict[str, dict[str, Any]]] = {
@@ -54,13 +54,13 @@ class AdaptiveKF(VariableDimension):
     }
 
     @property
-    def logic(self) -> Logic:
-        """Motions and decisions, as they stand in the keys."""
-        return Logic(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialise)
+    def parameters(self) -> Parameters:
+        """Return motions and decisions, from the keys."""
+        return Parameters(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialise)
 
     @classmethod
     def explain(cls) -> str:
-        """What the paper's thresholds mean as false-alarm probabilities."""
+        """Return the false-alarm probabilities of the paper's thresholds."""
         rows = [
             f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
             f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"
@@ -73,15 +73,15 @@ class AdaptiveKF(VariableDimension):
 @register("filters", "vdf")
 @dataclass(frozen=True, kw_only=True)
 class VDF(VariableDimension):
-    """Variable-dimension filter (Bar-Shalom & Birmiwal 1982).
+    """Variable-dimension filter: refilters the last window with an acceleration after an alarm.
 
-    A fading sum of the NIS raises the alarm; the maneuver is taken to have begun one window before, and
-    the data are refiltered from there. It ends when the acceleration is insignificant. There is no
-    onset estimate, no least window and no second decision. No alarm is raised before step 20.
+    Bar-Shalom & Birmiwal 1982. A fading sum of the NIS raises the alarm, not before step 20. The
+    onset of the maneuver is the begin of the window. The maneuver ends when the acceleration is
+    insignificant.
     """
 
     nmf: ConstantVelocity
-    """motion in quiet"""
+    """motion in quiet flight"""
     mf: ConstantAcceleration
     """motion in a maneuver"""
     gamma: OpenShare = 0.8
@@ -95,7 +95,7 @@ class VDF(VariableDimension):
     Ta: Positive = 9.49
     """threshold of that sum"""
     requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
-    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "believes in motions of its own"}
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
 
     def __post_init__(self) -> None:
@@ -103,13 +103,13 @@ class VDF(VariableDimension):
             raise ValueError("give one of eta and alpha")
 
     @property
-    def logic(self) -> Logic:
-        """The fading sum alone decides, every alarm is believed, and the window is the onset."""
+    def parameters(self) -> Parameters:
+        """Return the decisions: the fading sum raises alarms, all confirmed, the window is the onset."""
         detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
         leave = Exit(p=self.p, Ta=self.Ta)
-        return Logic(self.nmf, self.mf, detector, BELIEVE, leave, "barshalom")
+        return Parameters(self.nmf, self.mf, detector, CONFIRM_EVERY_ALARM, leave, "barshalom")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """A window that does not fit the scenario's runs."""
-        found = super().conflicts(scenario)
-        return {"gamma": next(iter(found.values()))} if found else {}
+        """Return a window that does not fit the scenario's runs."""
+        misfits = super().conflicts(scenario)
+        return {"gamma": next(iter(misfits.values()))} if misfits else {}

@@ -1,4 +1,4 @@
-"""Keys of the filters that switch, as a config gives them: detector, second decision, exit."""
+"""Keys of the decisions of the adaptive Kalman filter: detector, second decision, exit."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +20,7 @@ from trackbench.models.motions.kinematic import ConstantAcceleration
 
 @dataclass(frozen=True, kw_only=True)
 class Detector:
-    """The first decision: is the target maneuvering, and since when?"""
+    """First decision: whether the target maneuvers, and since when (eqs. 5-7)."""
 
     kind: Literal["fading", "ie", "fading-ie"] = "ie"
     """statistic: fading sum rho of the NIS, input-estimation zeta, or rho with zeta's onset"""
@@ -33,9 +33,9 @@ class Detector:
     window_s: Positive | None = None
     """length of the window of onsets, s; default: 1 / (1 - gamma) samples"""
     min_window_s: NonNegative = 0.0
-    """an onset nearer than this is waited for, s (the paper's xi_min)"""
+    """least age of an onset, s (the paper's xi_min): a more recent one postpones the decision"""
     onset: Literal["argmax", "window", "paper"] | None = None
-    """onset: argmax of zeta, start of the window, or argmax of rho as printed; default: by kind"""
+    """onset: argmax of zeta, begin of the window, or argmax of rho as printed; default: by kind"""
     start: Natural = 20
     """step at which the detector is switched on"""
 
@@ -44,12 +44,12 @@ class Detector:
             raise ValueError("give one of eta and alpha")
         if self.kind == "fading" and self.onset == "argmax":
             raise InvalidKeyError(
-                "kind fading has no zeta to take an argmax of: fading-ie", "onset"
+                "kind fading has no zeta to take an argmax of: write kind fading-ie", "onset"
             )
 
     @property
     def threshold(self) -> float:
-        """eta, or the eta of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
+        """Return eta, or that of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
         if self.eta is not None:
             return self.eta
         assert self.alpha is not None
@@ -59,20 +59,20 @@ class Detector:
 
     @property
     def onset_rule(self) -> str:
-        """How the onset is found."""
+        """Return the rule of the onset: argmax, window or paper."""
         return self.onset or ("window" if self.kind == "fading" else "argmax")
 
     def window(self, T: float) -> int:
-        """Length of the window in samples."""
+        """Return the length of the window in samples."""
         length = 1.0 / (1.0 - self.gamma) if self.window_s is None else self.window_s / T
         return max(1, round(length))
 
     def min_window(self, T: float) -> int:
-        """Least age of an onset in samples."""
+        """Return the least age of an onset in samples."""
         return round(self.min_window_s / T)
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
-        """Mistakes on a scenario of so many seconds, by key."""
+        """Return what does not fit a scenario of so many seconds, by key."""
         window, out = self.window(T) * T, {}
         if window > duration:
             out["detector.window_s"] = f"{window:g} s is longer than the run of {duration:g} s"
@@ -85,31 +85,31 @@ class Detector:
 
 @dataclass(frozen=True, kw_only=True)
 class Exit:
-    """When the maneuvering filter is left: ``sum over p samples of a' P_a^-1 a < Ta``."""
+    """Exit from the maneuvering filter: ``sum over p samples of a' P_a^-1 a < Ta``."""
 
     p: Count = 2
-    """samples summed"""
+    """number of samples in the sum"""
     Ta: Positive = 9.49
     """threshold; 9.49 is the 95 % point of chi-square with 4 degrees, of p = 2 samples"""
     hold_s: NonNegative = 0.0
-    """time the maneuvering filter stays at least, s"""
+    """least time in the maneuvering filter, s"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SecondDecision:
-    """The decision logic window: both filters run, the likelier one is believed."""
+    """Second decision (decision logic window): both filters run, and the likelier one goes on."""
 
     n: Natural = 0
-    """samples both filters run after an alarm; 0 believes every alarm"""
+    """samples both filters run after an alarm; 0 confirms every alarm"""
 
 
 def exit_cautions(
     leave: Exit, mf: ConstantAcceleration, T: float, R: Array, smallest: float | None
 ) -> list[str]:
-    """What the exit test does once the acceleration's variance P_a is in its steady state.
+    """Return the effect of the exit test when the acceleration's variance P_a is in its steady state.
 
-    ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state: P_a and
-    the gain go to zero, and an acceleration once estimated stays significant after the turn.
+    ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state:
+    P_a and the gain go to zero, and the estimated acceleration stays significant after the turn.
     """
     if mf.q == 0.0:
         return [
@@ -127,7 +127,7 @@ def exit_cautions(
 
 
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
-    """P_a of the maneuvering filter after many steps, (m/s^2)^2; needs q > 0."""
+    """Return P_a of the maneuvering filter after many steps, (m/s^2)^2; q must be positive."""
     from scipy.linalg import solve_discrete_are
 
     F, Q = mf.axis(T)
@@ -139,4 +139,4 @@ def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -
 
 
 PAPER_EXIT = Exit()
-BELIEVE = SecondDecision()
+CONFIRM_EVERY_ALARM = SecondDecision()

@@ -1,8 +1,9 @@
-"""Constant velocity in quiet, constant acceleration in a maneuver: section 3 of the adaptive-kf paper.
+"""Adaptive Kalman filter: constant velocity in quiet flight, constant acceleration in a maneuver.
 
-Tang, Sun & Liu, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and Park, Seo & Lee 1995. ``step`` is the
-paper's Figure 1, section 3.2 is ``_filtered``, and the functions below it are section 3.1 in its order.
-Modes and covariances are per run; a switch is a mask over runs.
+Tang, Sun & Liu, adaptive-kf paper, section 3, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and
+Park, Seo & Lee 1995. ``step`` is the paper's Figure 1, ``_run_filters`` is section 3.2, and the
+functions below it are section 3.1 in its order. NMF and MF are the paper's non-maneuvering and
+maneuvering filter. Each run has its own mode: a switch is a mask over runs.
 """
 
 from abc import abstractmethod
@@ -19,30 +20,28 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision, exit_cautions
 from trackbench.filters.adaptive_kf.per_axis import (
-    Site,
+    Sampling,
     axis_step,
     both_axes,
-    choose,
     first_components,
-    over_axes,
+    is_missing,
     per_axis,
-    site,
+    sampling_of,
+    sum_over_axes,
+    where_runs,
 )
-from trackbench.filters.adaptive_kf.restart import History, history, refiltered
+from trackbench.filters.adaptive_kf.restart import History, history, refilter
 from trackbench.filters.base import OWN_MOTION, Filter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 
-QUIET, BOTH, TURNING = 0, 1, 2
-_TENTH = significance_threshold(0.1)
+NMF, BOTH, MF = 0, 1, 2
+"""Filters that are on in a run."""
+_TEN_PERCENT_POINT = significance_threshold(0.1)
 
 
-class Logic(NamedTuple):
-    """Motions of the non-maneuvering and the maneuvering filter (NMF, MF), and the decisions on them.
-
-    ``initialise`` is the augmented start: the estimated input added, or data refiltered from the onset
-    on (1982).
-    """
+class Parameters(NamedTuple):
+    """Motions of both filters, and the decisions between them."""
 
     nmf: ConstantVelocity
     mf: ConstantAcceleration
@@ -50,259 +49,304 @@ class Logic(NamedTuple):
     dlw: SecondDecision
     exit: Exit
     initialise: Literal["ie", "barshalom"]
+    """start of the MF: the estimated input added, or data refiltered from the onset (1982)"""
 
     @property
     def estimates_inputs(self) -> bool:
-        """Whether anything is made of the estimated inputs."""
+        """True if the MF or the onset needs the estimated inputs."""
         return self.initialise == "ie" or self.detector.onset_rule == "argmax"
 
 
 class Mode(NamedTuple):
-    """Per run (M,): QUIET, BOTH or TURNING; the step it began; the second decision's evidence."""
+    """Filters that are on in each run (M,), the step since when, and the second decision's evidence."""
 
     on: Index
     since: Index
     evidence: Array
+    """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
-    def switched(self, on: Index, k: int) -> "Mode":
-        """Other filters on at step k."""
+    def switch(self, on: Index, k: int) -> "Mode":
+        """Return the mode with other filters on from step k."""
         return self._replace(on=on, since=np.where(on != self.on, k, self.since))
 
 
-class Watch(NamedTuple):
-    """What the decisions stand on.
-
-    ``rho`` (M,) is the fading sum, ``inputs`` what an input of each onset would have been, ``past`` the
-    window that is refiltered, ``recent`` (p, M) the acceleration's significance.
-    """
+class DetectorState(NamedTuple):
+    """Statistics of the decisions."""
 
     rho: Array
+    """fading sum of the NIS (M,)"""
     inputs: Hypotheses
-    past: History | None
-    recent: Array
+    """estimated input for each onset of the window"""
+    history: History | None
+    """window that is refiltered, with `initialise: barshalom`"""
+    significance: Array
+    """significance of the acceleration in the last p samples (p, M)"""
 
 
-class Seen(NamedTuple):
-    """What the last scan told (M,): NIS of the reported filter, and the first decision.
-
-    ``alarm`` is where it has just been made, ``age`` how long before, s, the maneuver is then taken to
-    have begun, else NaN; ``zeta`` of the oldest onset; ``innovations`` of both filters, and where the
-    maneuvering one was on.
-    """
+class StepRecord(NamedTuple):
+    """Results of the last step (M,), for diagnostics and likelihood."""
 
     nis: Array
+    """NIS of the reported filter"""
     alarm: Mask
+    """the first decision has just found a maneuver"""
     age: Array
+    """time since its onset, s; NaN without an alarm"""
     zeta: Array
-    innovations: tuple[Innovation, Innovation | None, Mask] | None = None
+    """zeta of the oldest onset"""
+    nmf: Innovation | None = None
+    mf: Innovation | None = None
+    reports_mf: Mask | None = None
+    """the MF was the reported filter when the measurement came"""
 
 
-class Switched(NamedTuple):
-    """The NMF (2 components per axis) and the MF (3) of M runs, and what decides between them."""
+class AdaptiveState(NamedTuple):
+    """NMF (2 components per axis) and MF (3 components) of M runs, and the decisions between them."""
 
-    quiet: Gaussian
-    turning: Gaussian
+    nmf: Gaussian
+    mf: Gaussian
     mode: Mode
-    watch: Watch
-    seen: Seen
+    detector: DetectorState
+    record: StepRecord
 
 
-class VariableDimension(Filter[Switched]):
-    """A detector starts an augmented filter, a second decision confirms it, a test on it ends it."""
+class VariableDimension(Filter[AdaptiveState]):
+    """Base: a detector starts the MF, a second decision confirms it, a test on it ends it."""
 
     @property
     @abstractmethod
-    def logic(self) -> Logic:
-        """Motions and decisions, from the filter's keys."""
+    def parameters(self) -> Parameters:
+        """Return motions and decisions, from the filter's keys."""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Windows that do not fit the scenario's runs."""
-        return self.logic.detector.conflicts(site(scenario.model).T, float(scenario.times[-1]))
+        """Return windows that do not fit the scenario's runs."""
+        T = sampling_of(scenario.model).T
+        return self.parameters.detector.conflicts(T, float(scenario.times[-1]))
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Its motions are `nmf` and `mf`."""
+        """Return the assumed motion: the filter's motions are `nmf` and `mf`."""
         return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """What the exit test will do on the scenario's smallest turn."""
-        here = site(scenario.model)
+        """Return the effect of the exit test on the scenario's smallest turn."""
+        T, R = sampling_of(scenario.model)
         smallest = min(scenario.turns, default=None)
-        return exit_cautions(self.logic.exit, self.logic.mf, here.T, here.R, smallest)
+        return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
 
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> Switched:
-        """Every run quiet, at the prior."""
-        logic, quiet = self.logic, per_axis(prior)
-        runs, axes = quiet.mean.shape[-1], quiet.cov.shape[2]
-        window = logic.detector.window(site(model).T)
-        idle = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
+    def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
+        """Start the NMF at the prior in every run."""
+        p, nmf = self.parameters, per_axis(prior)
+        runs, axes = nmf.mean.shape[-1], nmf.cov.shape[2]
+        window = p.detector.window(sampling_of(model).T)
+        identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero, unknown = np.zeros(runs), np.full(runs, np.nan)
-        past = history(quiet, window) if logic.initialise == "barshalom" else None
-        never = np.full((logic.exit.p, runs), np.inf)
-        return Switched(
-            quiet,
-            Gaussian(np.zeros((3, 2, runs)), idle),
-            Mode(np.full(runs, QUIET), np.zeros(runs, dtype=np.intp), zero),
-            Watch(zero, hypotheses(window, axes, runs), past, never),
-            Seen(unknown, np.zeros(runs, dtype=np.bool_), unknown, unknown),
+        return AdaptiveState(
+            nmf=nmf,
+            mf=Gaussian(np.zeros((3, 2, runs)), identity),
+            mode=Mode(on=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero),
+            detector=DetectorState(
+                rho=zero,
+                inputs=hypotheses(window, axes, runs),
+                history=history(nmf, window) if p.initialise == "barshalom" else None,
+                significance=np.full((p.exit.p, runs), np.inf),
+            ),
+            record=StepRecord(
+                nis=unknown, alarm=np.zeros(runs, dtype=np.bool_), age=unknown, zeta=unknown
+            ),
         )
 
-    def step(self, model: Model, state: Switched, z: Array, k: int, rng: Generator) -> Switched:
-        """Both filters, then the three decisions: alarm, confirmation, exit (Figure 1)."""
-        logic, here = self.logic, site(model)
-        s = _filtered(logic, state, z, k, here)
-        s, alarm, slot = _first_decision(logic, s, k, here)
+    def step(
+        self, model: Model, state: AdaptiveState, z: Array, k: int, rng: Generator
+    ) -> AdaptiveState:
+        """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
+        p, sampling = self.parameters, sampling_of(model)
+        state = _run_filters(p, state, z, sampling)
+        state = _update_statistics(p, state, z, k, sampling)
+        # First decision: is the target maneuvering, and since when? Then the MF starts.
+        state, alarm, slot = _first_decision(p, state, k, sampling)
         if alarm.any():
-            s = _augmented(logic, s, alarm, slot, k, here)
-        confirmed, decided = _second_decision(logic, s.mode, alarm, k)
-        over = _is_over(logic, s, k, here)
+            state = _start_mf(p, state, alarm, slot, k, sampling)
+        # Second decision: after n samples of both filters the likelier one goes on alone.
+        confirmed, decided = _second_decision(p, state.mode, alarm, k)
+        # Exit: the acceleration is not significant any more.
+        over = _exit_test(p, state, k, sampling)
         if (alarm | decided | over).any():
-            on = np.where(alarm, BOTH, np.where(decided | over, QUIET, s.mode.on))
-            recent = np.where(confirmed, np.inf, s.watch.recent)
-            s = s._replace(
-                mode=s.mode.switched(np.where(confirmed, TURNING, on), k),
-                watch=s.watch._replace(recent=recent),
+            on = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.on))
+            significance = np.where(confirmed, np.inf, state.detector.significance)
+            state = state._replace(
+                mode=state.mode.switch(np.where(confirmed, MF, on), k),
+                detector=state.detector._replace(significance=significance),
             )
-            s = _quietened(s, over, k)
-        return _remembered(s, k)
+            state = _return_to_nmf(state, over, k)
+        return _advance_windows(state, k)
 
-    def estimate(self, state: Switched) -> Gaussian:
-        """The maneuvering filter's position and velocity where it is on, else the other's."""
-        turning = first_components(state.turning, 2)
-        return both_axes(choose(state.mode.on == TURNING, turning, state.quiet))
+    def estimate(self, state: AdaptiveState) -> Gaussian:
+        """Return position and velocity of the MF where it is on alone, else of the NMF."""
+        mf = first_components(state.mf, 2)
+        return both_axes(where_runs(state.mode.on == MF, mf, state.nmf))
 
-    def log_likelihood(self, state: Switched) -> Array:
-        """log N(innovation; 0, S) (M,) of the filter that was on when the measurement came."""
-        if state.seen.innovations is None:
-            return np.full(state.seen.nis.shape, np.nan)
-        quiet, turning, on = state.seen.innovations
-        value = over_axes(quiet.log_likelihood)
-        if turning is not None:
-            value = np.where(on, over_axes(turning.log_likelihood), value)
-        return np.where(np.isnan(quiet.nu).any(axis=(0, 1)), np.nan, value)
+    def log_likelihood(self, state: AdaptiveState) -> Array:
+        """Return log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
+        nmf, mf = state.record.nmf, state.record.mf
+        if nmf is None:
+            return np.full(state.record.nis.shape, np.nan)
+        value = sum_over_axes(nmf.log_likelihood)
+        if mf is not None and state.record.reports_mf is not None:
+            value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
+        return np.where(is_missing(nmf), np.nan, value)
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
-        """What `diagnostics` gives."""
-        of_onset = {"zeta", "zeta_beyond"} if self.logic.detector.onset_rule == "argmax" else set()
+        """Return the names of `diagnostics`."""
+        is_argmax = self.parameters.detector.onset_rule == "argmax"
+        of_onset = {"zeta", "zeta_beyond"} if is_argmax else set()
         return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})
 
-    def diagnostics(self, state: Switched) -> dict[str, Array]:
-        """``nis``; ``mode``: 1 in the maneuvering filter; ``alarm``: the first decision, made now.
+    def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
+        """Return ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
 
-        ``alarm_age_s`` time since the onset that an alarm takes for true. Where that is the argmax of
-        zeta: ``zeta`` of the window's oldest onset (eq. 5: in straight flight chi-square with two
-        degrees of freedom), and ``zeta_beyond``: 1 above that law's 10 % point.
+        ``mode``: 1 in the MF. ``alarm``: 1 where the first decision has just found a maneuver.
+        ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta: ``zeta`` of the
+        window's oldest onset (eq. 5: chi-square with two degrees of freedom in straight flight),
+        and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
-        seen = state.seen
+        record = state.record
         out = {
-            "nis": seen.nis,
-            "mode": (state.mode.on == TURNING).astype(float),
-            "alarm": seen.alarm.astype(float),
-            "alarm_age_s": seen.age,
+            "nis": record.nis,
+            "mode": (state.mode.on == MF).astype(float),
+            "alarm": record.alarm.astype(float),
+            "alarm_age_s": record.age,
         }
-        if self.logic.detector.onset_rule == "argmax":
-            beyond = (seen.zeta > _TENTH).astype(float)
-            out |= {"zeta": seen.zeta, "zeta_beyond": beyond}
+        if self.parameters.detector.onset_rule == "argmax":
+            beyond = (record.zeta > _TEN_PERCENT_POINT).astype(float)
+            out |= {"zeta": record.zeta, "zeta_beyond": beyond}
         return out
 
 
-def _filtered(logic: Logic, s: Switched, z: Array, k: int, here: Site) -> Switched:
-    """Section 3.2: the NMF, and the MF where it runs (eqs. 8-12), and what they are watched by."""
-    (T, R), watch, on = here, s.watch, s.mode.on
-    motion = logic.nmf.axis(T)
-    quiet, seen = axis_step(s.quiet, motion, z, R)
-    nis, ratio = over_axes(seen.nis), np.zeros_like(watch.rho)
-    turning, recent, reported, seen_turning = s.turning, watch.recent, nis, None
-    if (on != QUIET).any():
-        turning, seen_turning = axis_step(s.turning, logic.mf.axis(T), z, R)
+def _run_filters(
+    p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
+) -> AdaptiveState:
+    """Predict and update both filters (section 3.2), and compare them while both are on."""
+    (T, R), on = sampling, state.mode.on
+    # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
+    nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
+    mf, of_mf = state.mf, None
+    nis, evidence = sum_over_axes(of_nmf.nis), np.zeros_like(state.mode.evidence)
+    if (on != NMF).any():
+        mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
+        # The NIS of the MF is reported where it is on alone.
+        nis = np.where(on == MF, sum_over_axes(of_mf.nis), nis)
+        # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
         if (on == BOTH).any():
-            ratio = over_axes(seen_turning.log_likelihood) - over_axes(seen.log_likelihood)
-        significance = over_axes(np.square(turning.mean[2]) / turning.cov[2, 2])
-        recent = np.concatenate([recent[1:], significance[None]])
-        reported = np.where(on == TURNING, over_axes(seen_turning.nis), nis)
-    missing = np.isnan(seen.nu).any(axis=(0, 1))
-    if logic.estimates_inputs:
+            ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
+            evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
+    nis = np.where(is_missing(of_nmf), np.nan, nis)
+    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=on == MF)
+    mode = state.mode._replace(evidence=evidence)
+    return state._replace(nmf=nmf, mf=mf, mode=mode, record=record)
+
+
+def _update_statistics(
+    p: Parameters, state: AdaptiveState, z: Array, k: int, sampling: Sampling
+) -> AdaptiveState:
+    """Update the statistics of the first decision and of the exit test."""
+    (T, R), (rho, inputs, past, significance) = sampling, state.detector
+    innovation = state.record.nmf
+    assert innovation is not None
+    # rho(k) = gamma rho(k-1) + NIS(k)
+    faded = p.detector.gamma * rho + sum_over_axes(innovation.nis)
+    rho = np.where(is_missing(innovation), rho, faded)
+    # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
+    if p.estimates_inputs:
         g = np.array([T * T / 2, T])
-        inputs = watch.inputs.advanced(k, motion.F, g, quiet, seen, R)
+        inputs = inputs.advanced(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
-        inputs = watch.inputs.begun(k)
-    past = watch.past.measured(z, k) if watch.past is not None else None
-    rho = np.where(missing, watch.rho, logic.detector.gamma * watch.rho + nis)
-    evidence = np.where(on == BOTH, s.mode.evidence + ratio, 0.0)
-    return Switched(
-        quiet,
-        turning,
-        s.mode._replace(evidence=evidence),
-        Watch(rho, inputs, past, recent),
-        s.seen._replace(
-            nis=np.where(missing, np.nan, reported),
-            innovations=(seen, seen_turning, on == TURNING),
-        ),
-    )
+        inputs = inputs.begun(k)
+    past = None if past is None else past.add_measurement(z, k)
+    # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
+    if state.record.mf is not None:
+        newest = sum_over_axes(np.square(state.mf.mean[2]) / state.mf.cov[2, 2])
+        significance = np.concatenate([significance[1:], newest[None]])
+    return state._replace(detector=DetectorState(rho, inputs, past, significance))
 
 
-def _first_decision(logic: Logic, s: Switched, k: int, here: Site) -> tuple[Switched, Mask, Index]:
-    """Is the target maneuvering (eqs. 5, 6), and since when (eq. 7)? The onset's slot per run."""
-    detector, (rho, inputs, past, _) = logic.detector, s.watch
-    runs, oldest = np.arange(len(rho)), s.seen.zeta
+def _first_decision(
+    p: Parameters, state: AdaptiveState, k: int, sampling: Sampling
+) -> tuple[AdaptiveState, Mask, Index]:
+    """Return the alarms (eqs. 5, 6) and the slot of each run's onset (eq. 7)."""
+    detector, (rho, inputs, past, _) = p.detector, state.detector
+    runs, oldest_zeta = np.arange(len(rho)), state.record.zeta
+    # Onset t*: argmax of zeta over the window (eq. 7), or a fixed age.
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
         slot = zeta.argmax(axis=0)
-        best = zeta[slot, runs]
-        oldest = zeta[inputs.slot_of(inputs.width, k), runs]
+        max_zeta = zeta[slot, runs]
+        oldest_zeta = zeta[inputs.slot_of(inputs.width, k), runs]
     else:
         age = 1 if detector.onset_rule == "paper" else inputs.width
         slot = inputs.slot_of(age, k)
-        best = inputs.significance().max(axis=0) if detector.kind == "ie" else rho
-    statistic = best if detector.kind == "ie" else rho
+        max_zeta = inputs.significance().max(axis=0) if detector.kind == "ie" else rho
     onset = inputs.onset(slot, k)
-    alarm = (statistic > detector.threshold) & (s.mode.on == QUIET) & (k >= detector.start)
-    alarm &= k - onset >= detector.min_window(here.T)  # xi_min: else the decision is postponed
+    # Alarm: the statistic exceeds eta (eq. 6) while the NMF is on alone.
+    statistic = max_zeta if detector.kind == "ie" else rho
+    alarm = (statistic > detector.threshold) & (state.mode.on == NMF) & (k >= detector.start)
+    # An onset within the minimum window xi_min postpones the decision.
+    alarm &= k - onset >= detector.min_window(sampling.T)
     if past is not None:
-        alarm &= past.known(onset + 1)
-    age_s = np.where(alarm, (k - onset) * here.T, np.nan)
-    return s._replace(seen=s.seen._replace(alarm=alarm, age=age_s, zeta=oldest)), alarm, slot
+        alarm &= past.has_measurement(onset + 1)
+    age_s = np.where(alarm, (k - onset) * sampling.T, np.nan)
+    record = state.record._replace(alarm=alarm, age=age_s, zeta=oldest_zeta)
+    return state._replace(record=record), alarm, slot
 
 
-def _augmented(logic: Logic, s: Switched, alarm: Mask, slot: Index, k: int, here: Site) -> Switched:
-    """The maneuvering filter of the alarmed runs started at their onsets t*."""
-    runs, inputs = np.flatnonzero(alarm), s.watch.inputs
-    if s.watch.past is None:
-        here_and_now = Gaussian(s.quiet.mean[..., runs], s.quiet.cov[..., runs])
-        started = inputs.chosen(slot[runs], runs).augmented(here_and_now)
+def _start_mf(
+    p: Parameters, state: AdaptiveState, alarm: Mask, slot: Index, k: int, sampling: Sampling
+) -> AdaptiveState:
+    """Start the MF of the alarmed runs at their onsets t*."""
+    runs, inputs, past = np.flatnonzero(alarm), state.detector.inputs, state.detector.history
+    if past is None:
+        # The estimated input becomes the acceleration; its effect is added to position and velocity.
+        nmf = Gaussian(state.nmf.mean[..., runs], state.nmf.cov[..., runs])
+        started = inputs.chosen(slot[runs], runs).augmented(nmf)
     else:
         onset = inputs.onset(slot, k)[runs]
-        started = refiltered(s.watch.past, onset, runs, k, logic.mf.axis(here.T), here)
-    mean, cov = s.turning.mean.copy(), s.turning.cov.copy()
+        started = refilter(past, onset, runs, k, p.mf.axis(sampling.T), sampling)
+    mean, cov = state.mf.mean.copy(), state.mf.cov.copy()
     mean[..., runs], cov[..., runs] = started.mean, started.cov
-    return s._replace(turning=Gaussian(mean, cov))
+    return state._replace(mf=Gaussian(mean, cov))
 
 
-def _second_decision(logic: Logic, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
-    """Runs whose alarm is believed, and those of which both filters have run long enough."""
-    n = logic.dlw.n
+def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
+    """Return the runs whose maneuver is confirmed, and those in which both filters end."""
+    n = p.dlw.n
     decided = (mode.on == BOTH) & (k - mode.since >= n)
     return decided & (mode.evidence > 0.0) | alarm & (n == 0), decided
 
 
-def _is_over(logic: Logic, s: Switched, k: int, here: Site) -> Mask:
-    """The acceleration has been insignificant over the last p samples (M,)."""
-    held = (k - s.mode.since) * here.T >= logic.exit.hold_s
-    return (s.mode.on == TURNING) & held & (total(s.watch.recent, axis=0) < logic.exit.Ta)
+def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
+    """Return the runs (M,) whose acceleration was not significant over the last p samples."""
+    long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
+    insignificant = total(state.detector.significance, axis=0) < p.exit.Ta
+    return (state.mode.on == MF) & long_enough & insignificant
 
 
-def _quietened(s: Switched, over: Mask, k: int) -> Switched:
-    """The non-maneuvering filter taken up again from the maneuvering one's marginal."""
+def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
+    """Start the NMF again from the MF's position and velocity, with empty statistics."""
     if not over.any():
-        return s
-    rho, inputs = np.where(over, 0.0, s.watch.rho), s.watch.inputs.restarted(over, k)
-    return s._replace(
-        quiet=choose(over, first_components(s.turning, 2), s.quiet),
-        watch=s.watch._replace(rho=rho, inputs=inputs),
+        return state
+    detector = state.detector._replace(
+        rho=np.where(over, 0.0, state.detector.rho),
+        inputs=state.detector.inputs.restarted(over, k),
     )
+    nmf = where_runs(over, first_components(state.mf, 2), state.nmf)
+    return state._replace(nmf=nmf, detector=detector)
 
 
-def _remembered(s: Switched, k: int) -> Switched:
-    """The windows moved on by one step."""
-    past = s.watch.past.filtered(s.quiet, k) if s.watch.past is not None else None
-    return s._replace(watch=s.watch._replace(inputs=s.watch.inputs.opened(k), past=past))
+def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
+    """Replace the oldest onset of the windows by the one after step k."""
+    past = state.detector.history
+    detector = state.detector._replace(
+        inputs=state.detector.inputs.opened(k),
+        history=None if past is None else past.add_posterior(state.nmf, k),
+    )
+    return state._replace(detector=detector)

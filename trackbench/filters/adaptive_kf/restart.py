@@ -1,4 +1,4 @@
-"""Bar-Shalom & Birmiwal's start of the augmented filter: from the onset on, the data are refiltered."""
+"""Restart of Bar-Shalom & Birmiwal 1982: the maneuvering filter refilters the data from the onset on."""
 
 from typing import NamedTuple
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.adaptive_kf.per_axis import Site, axis_step, choose
+from trackbench.filters.adaptive_kf.per_axis import Sampling, axis_step, where_runs
 from trackbench.models.motions.kinematic import Axis
 
 
 class History(NamedTuple):
-    """Posteriors of the quiescent filter and measurements of the last W steps, k in slot k % W.
+    """Posteriors of the NMF and measurements of the last W steps, step k in slot k % W.
 
     ``mean`` (W, 2, 2, M), ``cov`` (W, 2, 2, A, M), ``z`` (W, 2, M).
     """
@@ -20,23 +20,23 @@ class History(NamedTuple):
     cov: Array
     z: Array
 
-    def measured(self, z: Array, k: int) -> "History":
-        """With the measurement of step k."""
+    def add_measurement(self, z: Array, k: int) -> "History":
+        """Return the history with the measurement of step k."""
         return self._replace(z=_with(self.z, k, z))
 
-    def filtered(self, posterior: Gaussian, k: int) -> "History":
-        """With the posterior of step k."""
+    def add_posterior(self, posterior: Gaussian, k: int) -> "History":
+        """Return the history with the posterior of step k."""
         mean, cov = _with(self.mean, k, posterior.mean), _with(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
 
-    def known(self, k: Index) -> Mask:
-        """Whether each run's measurement of step k (M,) exists."""
+    def has_measurement(self, k: Index) -> Mask:
+        """Return whether each run has a measurement of its step k (M,)."""
         runs = np.arange(len(k))
         return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
 
 
 def history(prior: Gaussian, window: int) -> History:
-    """The prior in every slot, until the steps come that replace it."""
+    """Return a history with the prior in every slot and no measurements."""
     return History(
         np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
         np.broadcast_to(prior.cov, (window, *prior.cov.shape)),
@@ -44,30 +44,32 @@ def history(prior: Gaussian, window: int) -> History:
     )
 
 
-def refiltered(
-    past: History, onset: Index, runs: Index, k: int, motion: Axis, site: Site
+def refilter(
+    past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
 ) -> Gaussian:
-    """The augmented posterior at step k of the runs in ``runs`` (m,), each from its onset (m,)."""
-    T, R = site
+    """Return the MF's posterior at step k of the runs in ``runs`` (m,), each from its onset (m,)."""
+    T, R = sampling
     W = len(past.z)
-    # Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
+    # The NMF's posterior at the onset. Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
     mean = np.moveaxis(past.mean[onset % W, :, :, runs], 0, -1)
     cov = np.moveaxis(past.cov[onset % W, :, :, :, runs], 0, -1)
+    # The first measurement after the onset initializes the MF, the later ones update it.
     first = past.z[(onset + 1) % W, :, runs].T
     state = augmented_start(Gaussian(mean, cov), first, T, float(R[0, 0]))
     for step in range(int(onset.min()) + 2, k + 1):
-        moved, _ = axis_step(state, motion, past.z[step % W][:, runs], R)
-        state = choose(step >= onset + 2, moved, state)
+        updated, _ = axis_step(state, motion, past.z[step % W][:, runs], R)
+        state = where_runs(step >= onset + 2, updated, state)
     return state
 
 
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
-    """Position, velocity, acceleration after the first measurement z (2, m) of a maneuver.
+    """Return position, velocity, acceleration after the first measurement z (2, m) of a maneuver.
 
-    The acceleration is the one that makes the last quiescent posterior (x, v, P) meet z (Bar-Shalom
-    & Birmiwal 1982, eqs. 21-29): ``a = 2 (z - x - T v) / T^2``, the position z, the velocity v + T a.
+    The acceleration takes the last posterior (x, v, P) of the NMF to z (Bar-Shalom & Birmiwal 1982, eqs.
+    21-29): ``a = 2 (z - x - T v) / T^2``, position z, velocity v + T a.
     """
     x, v = state.mean
+    # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.
     p11, p12, p22 = state.cov[0, 0], state.cov[0, 1], state.cov[1, 1]
     a = 2.0 / (T * T) * (z - x - T * v)
     mean = np.stack([z, v + T * a, a])

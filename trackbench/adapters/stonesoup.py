@@ -1,0 +1,105 @@
+"""``StoneSoup``: adapter for a predictor and an updater of Stone Soup, imported when the first runs."""
+
+from copy import copy
+from datetime import datetime, timedelta
+from typing import Any, ClassVar
+
+import numpy as np
+
+from trackbench.adapters.components import (
+    PARTIAL_UNSUPPORTED,
+    Pair,
+    inflate_missing,
+    measured_part,
+)
+from trackbench.adapters.per_run import PerRun
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.kalman import Innovation
+
+_BEGIN = datetime(2000, 1, 1)
+
+
+class StoneSoup(PerRun):
+    """A Stone Soup predictor and updater per run: write ``make(transition, measurement)``.
+
+    The state is a ``GaussianState``, as in Stone Soup's Kalman filters. The adapter predicts over a
+    missing measurement, and leaves missing components out of a sensor with a ``noise_covar``. The
+    diagnostic is ``nis``. The log score comes from the updater's predicted measurement. Times are
+    Stone Soup's, whole microseconds.
+    """
+
+    contract_exemptions: ClassVar[dict[str, str]] = {}
+
+    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+        """Return a predictor and an updater.
+
+        Parameters
+        ----------
+        transition : stonesoup TransitionModel or None
+            Motion that the filter assumes. None if the class names `state` or `measured`: its order of
+            components is its own, and so are its models.
+        measurement : stonesoup MeasurementModel or None
+            Sensor that the filter assumes, or None, likewise.
+
+        Returns
+        -------
+        tuple
+            A Stone Soup predictor and an updater, with these models or others.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no make(transition, measurement)")
+
+    def start(self, mean: Array, cov: Array) -> None:
+        """Make predictor and updater, and the first state."""
+        from stonesoup.types.array import CovarianceMatrix, StateVector
+        from stonesoup.types.state import GaussianState
+
+        from trackbench.adapters.stonesoup_models import models
+
+        has_own_order = bool(self.state or self.measured)
+        self._measurement: Any
+        transition, self._measurement = (None, None) if has_own_order else models(self)
+        self._predictor, self._updater = self.make(transition, self._measurement)
+        self._now: Any = GaussianState(StateVector(mean), CovarianceMatrix(cov), timestamp=_BEGIN)
+        self._innovation: Innovation | None = None
+
+    def step(self, z: Array | None, dt: float) -> Pair:
+        """Predict, and update with the measured components."""
+        from stonesoup.types.detection import Detection
+        from stonesoup.types.hypothesis import SingleHypothesis
+
+        now, self._innovation = self._now.timestamp + timedelta(seconds=dt), None
+        self._now = self._predictor.predict(self._now, timestamp=now)
+        if z is not None:
+            is_measured = np.asarray(z == z)
+            sensor = self._updater.measurement_model or self._measurement
+            if not is_measured.all():
+                sensor = _without_missing(sensor, is_measured)
+                z = np.where(is_measured, z, 0.0)
+            detection = Detection(z, timestamp=now, measurement_model=sensor)
+            if self._measurement is not None:
+                sensor.near = z
+            self._now = self._updater.update(SingleHypothesis(self._now, detection))
+            predicted = self._now.hypothesis.measurement_prediction
+            nu = np.asarray(detection.state_vector - predicted.state_vector, dtype=float)
+            self._innovation = measured_part(nu, predicted.covar, is_measured)
+        return np.asarray(self._now.state_vector, dtype=float), np.asarray(self._now.covar)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return the NIS."""
+        return {"nis": np.nan if self._innovation is None else self._innovation.nis.item()}
+
+    def log_likelihood(self) -> float:
+        """Return the log-density of z under the predicted measurement."""
+        return np.nan if self._innovation is None else self._innovation.log_likelihood.item()
+
+
+def _without_missing(sensor: Any, is_measured: Mask) -> Any:
+    """Return a copy of the measurement model that gives the missing components no weight."""
+    from stonesoup.types.array import CovarianceMatrix
+
+    if not hasattr(sensor, "noise_covar"):
+        raise ValueError(PARTIAL_UNSUPPORTED)
+    out = copy(sensor)
+    R = np.asarray(sensor.noise_covar, dtype=float)
+    out.noise_covar = CovarianceMatrix(inflate_missing(R, is_measured))
+    return out
