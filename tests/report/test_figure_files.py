@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from trackbench.report.plotting import style
-from trackbench.report.plotting.figure import FORMATS, in_letters, saved
+from trackbench.report.plotting.figure import FORMATS, saved
+from trackbench.report.plotting.tick_labels import in_letters
 
 
 def figure() -> Any:
