@@ -167,7 +167,7 @@ def _anew(link: re.Match[str]) -> str:
 
 
 VERDICTS = re.compile(
-    r"\b(holds?|fails?|not decided|undecided|fragile|agrees?|compatible|differs?)\b"
+    r"\b(holds?|fails?|inconclusive|undecided|fragile|agrees?|compatible|differs?)\b"
 )
 SHARES = re.compile(
     r"\b(half|twice|thirds?|quarters?|fifths?|tenths?|dozen|times (as|more|less|that))\b"

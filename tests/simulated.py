@@ -56,7 +56,7 @@ def decisions(law: str, M: int, repetitions: int, rng: Rng) -> Iterator[tuple[in
 
 
 def _found(law: str, M: int, R: int, rng: Rng) -> list[tuple[Array, Array]]:
-    """What either rule says (R,) at every true z: 1 above, -1 below, 0 not decided."""
+    """What either rule says (R,) at every true z: 1 above, -1 below, 0 inconclusive."""
     x = LAWS[law](rng, (4, R, M // 4))
     sums = np.stack([power.sum(axis=2) for power in (x, x * x, x * x * x, x * x * x * x)])
     words = []
@@ -101,7 +101,7 @@ def repeated(
         assert one.influences is not None
         edge = one.value + rng.choice([-1, 1]) * 10 ** rng.uniform(0.5, 2.5) * one.stderr
         first, again = (_above(term, edge) for term in (one, other))
-        if first.word != "not decided":
+        if first.word != "inconclusive":
             found.append(
                 (first.fragile, first.word == again.word, tail_index(one.influences) < 2.0)
             )
@@ -125,7 +125,7 @@ def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[fl
     """Return how often a variance is decided to be other than it is, and how often without a mark."""
     seeds = (_seed("variance", LAWS[law](rng, (M,))) for _ in range(repetitions))
     found = [_above(term, DEVIATION[law] ** 2) for term in seeds]
-    decided = [verdict.fragile for verdict in found if verdict.word != "not decided"]
+    decided = [verdict.fragile for verdict in found if verdict.word != "inconclusive"]
     return len(decided) / repetitions, decided.count(False) / repetitions
 
 

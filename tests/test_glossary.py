@@ -67,7 +67,7 @@ def test_whoever_has_a_metric_wrong_sees_the_list(tmp_path, more):
 def test_the_command_line_tells():
     assert "rmse[_quantity]" in told("list", "metrics").output
     assert "time-mean" in told("list", "statistics").output
-    assert "dead_steps" in told("list", "metrics", str(EXPERIMENTS / "merwe2000.yaml")).output
+    assert "collapsed_steps" in told("list", "metrics", str(EXPERIMENTS / "merwe2000.yaml")).output
     assert "m/s, lower is better" in told("describe", "rmse_velocity").output
     both = told("describe", "anees").output  # a figure, and a metric
     assert "anees (figure)" in both

@@ -66,7 +66,7 @@ def test_the_metrics_of_a_config() -> None:
     found = lines("list", "metrics", "adaptive-kf")
     metrics = {line["kind"]: line for line in found if line["group"] == "metrics"}
     assert metrics["rmse_position"]["per_step"] is metrics["rmse_position"]["kept"] is True
-    assert metrics["rmse_velocity"]["kept"] is metrics["missed"]["per_step"] is False
+    assert metrics["rmse_velocity"]["kept"] is metrics["missed_maneuvers"]["per_step"] is False
     assert {"leg 1", "cpu_s_per_run"} <= {line["kind"] for line in found}
 
 

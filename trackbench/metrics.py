@@ -147,10 +147,10 @@ _UNITS = {
 _OWN = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),
-    Metric("distance", "root mean square distance to the reference's estimate", "quantity", "lower",
-           "distance", over_steps="rms", over_runs="rms"),
+    Metric("rmsd", "root mean square difference from the reference's estimate", "quantity", "lower",
+           "rmsd", over_steps="rms", over_runs="rms"),
     Metric("efficiency", "RMSE of the reference over the filter's, by its distance to it", "1", "higher",
-           "distance", over_steps="", over_runs=""),
+           "rmsd", over_steps="", over_runs=""),
     Metric("bias", "mean signed error, estimate minus truth", "quantity", "zero", "error"),
     Metric("std", "standard deviation of the error over the runs", "quantity", "lower",
            "error", over_steps="", over_runs="std"),
@@ -158,8 +158,8 @@ _OWN = [
            "nees", over_runs=""),
     Metric("anees", "mean NEES over the number of components", "", "one",
            "nees", over_steps="", per_component=True),
-    Metric("outside", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
-           "outside"),
+    Metric("outside_region", "share of steps outside the filter's own 1 - 1e-6 region", "1", "lower",
+           "outside_region"),
     Metric("lost", "why a run is lost: 0 it is not, 1 not finite, 2 error too far; mean: share of runs",
            "", "", "lost", is_event=True),
     Metric("log_score", "mean log-density that measurements were given, nats", "", "higher",
@@ -175,8 +175,8 @@ _OWN = [
     Metric("nci", "non-credibility index: log of the NEES less its mean if consistent", "dB", "zero",
            "nci"),
     Metric("crps", "continuous ranked probability score of a component", "quantity", "lower", "crps"),
-    Metric("evidence", "likelihood of the measurements up to the last step over the reference's", "1",
-           "one", "evidence", over_steps="last"),
+    Metric("likelihood_ratio", "likelihood of all measurements over the reference's", "1",
+           "one", "likelihood_ratio", over_steps="last"),
     Metric("rank", "share of truths whose rank is in that tenth", "1", "", "rank"),
     Metric("autocorrelation", "of whitened innovations, by lag", "1", "zero",
            "autocovariance", over_steps="", over_runs=""),
@@ -184,15 +184,15 @@ _OWN = [
 _NOTED = """
 diverged      | 1 | lower  | share of runs whose last ten estimates are outside that region
 peak          | quantity | lower | largest error of a run
-strayed       | 1 | lower  | share of runs off by more than ten sigmas of a measurement
+beyond_10_sigma | 1 | lower  | share of runs off by more than ten sigmas of a measurement
 overshoot_m   | m | zero   | mean error along a turn's acceleration after its end
-delay_s       | s | lower  | time from an onset to the maneuvering mode
-missed        | 1 | lower  | share of legs that went by without the maneuvering mode
-already_on    | 1 | lower  | share of legs before which the maneuvering mode was on
+detection_delay_s       | s | lower  | time from an onset to the maneuvering mode
+missed_maneuvers | 1 | lower  | share of legs that went by without the maneuvering mode
+already_maneuvering    | 1 | lower  | share of legs before which the maneuvering mode was on
 onset_error_s | s | zero   | estimated minus true onset
-onset_off_s   | s | lower  | size of the estimated onset's error
+onset_abs_error_s   | s | lower  | size of the estimated onset's error
 onset_age_s   | s |        | time since the estimated onset when it is detected
-false_alarms_per_1000 | 1 | lower | alarms per 1000 quiet samples
+false_maneuvers_per_1000 | 1 | lower | alarms per 1000 quiet samples
 nis           |   |        | normalised innovation squared; of n components n if consistent
 gated         | 1 |        | measurements of a run that the gate refused
 mode          | 1 |        | weight of the maneuvering mode
@@ -200,15 +200,15 @@ alarm         | 1 |        | decisions in a run that a maneuver has begun
 alarm_age_s   | s |        | time since the onset that an alarm takes for true
 zeta          |   |        | significance of the oldest onset's input; 2 in straight flight
 zeta_beyond   | 1 |        | share of steps with zeta beyond its law's 10 % point
-dead_steps    | 1 | lower  | steps of a run at which no particle had a weight
+collapsed_steps    | 1 | lower  | steps of a run at which no particle had a weight
 ess           | 1 | higher | effective sample size before resampling, as a share of N
-distinct      | 1 | higher | share of the particles that are no copies
-acceptance    | 1 |        | share of the trials that are accepted
+distinct_particles | 1 | higher | share of the particles that are no copies
+acceptance_rate | 1 |        | share of the trials that are accepted
 spread_ratio  | 1 |        | spread of the cloud after its evolution over that before
 """
 
 
-_EVENTS = ("diverged", "strayed", "missed", "already_on")
+_EVENTS = ("diverged", "beyond_10_sigma", "missed_maneuvers", "already_maneuvering")
 
 
 def _noted() -> Iterator[Metric]:
@@ -217,8 +217,31 @@ def _noted() -> Iterator[Metric]:
         yield Metric(name, text, unit, cast(Better, better), is_event=name in _EVENTS)
 
 
-_FAMILIES = ("nees", "autocovariance", "distance", "pit", "coverage", "rank")
+_FAMILIES = ("nees", "autocovariance", "rmsd", "pit", "coverage", "rank")
 METRICS.update({own.name: own for own in (*_OWN, *_noted())})
 _OF_SERIES = {m.series: [other for other in _OWN if other.series == m.series] for m in _OWN}
 """The metrics that a series of errors is made into."""
 _PACKAGE = frozenset(METRICS)
+FORMER_NAMES = {
+    "strayed": "beyond_10_sigma",
+    "missed": "missed_maneuvers",
+    "already_on": "already_maneuvering",
+    "delay_s": "detection_delay_s",
+    "false_alarms_per_1000": "false_maneuvers_per_1000",
+    "onset_off_s": "onset_abs_error_s",
+    "dead_steps": "collapsed_steps",
+    "distinct": "distinct_particles",
+    "acceptance": "acceptance_rate",
+    "outside": "outside_region",
+    "evidence": "likelihood_ratio",
+    "distance": "rmsd",
+}
+"""New names of renamed metrics, for the message about an old one."""
+
+
+def new_name(name: str) -> str | None:
+    """Return the new name of a renamed metric, with its quantity; None for other names."""
+    head, _, quantity = name.partition("_")
+    if name in FORMER_NAMES:
+        return FORMER_NAMES[name]
+    return joined(FORMER_NAMES[head], quantity) if head == "distance" else None

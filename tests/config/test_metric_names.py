@@ -11,6 +11,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config import metric_names
 from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import measure
 from trackbench.filters.base import declares_diagnostics
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
@@ -68,7 +69,7 @@ def prepared(folder: Path, more: str) -> list[str]:
         ),
         (
             "figures: {a: {kind: bars, metric: dead_steqs@3}}",
-            "7:35: figures.a.metric: 'dead_steqs' is no metric here; did you mean dead_steps?",
+            "7:35: figures.a.metric: 'dead_steqs' is no metric here; did you mean collapsed_steps?",
         ),
         (
             "metrics: [nees]\nfigures: {a: {kind: rmse-vs-time}}",
@@ -93,7 +94,7 @@ def test_an_unknown_metric_is_one_line(tmp_path: Path, more: str, mistake: str) 
 
 
 COLUMNS = (
-    "tables: {a: {kind: metrics, columns: {A: 'mean(rmse[late])', B: mean(dead_steps), C: N}}}"
+    "tables: {a: {kind: metrics, columns: {A: 'mean(rmse[late])', B: mean(collapsed_steps), C: N}}}"
 )
 LATE = "tables.a.columns.A: 'rmse[late]' is no metric here; did you mean rmse[k<=30]?"
 
@@ -104,7 +105,7 @@ def test_mistakes_elsewhere_hide_none_in_metrics(tmp_path: Path, monkeypatch) ->
     assert found[1:] == ["7:7: seed: 'no' is not a whole number", f"8:42: {LATE}"]
     assert found[0].startswith(
         "5:18: filters.PF.M: unknown key"
-    )  # and N and dead_steps may be right
+    )  # and N and collapsed_steps may be right
 
 
 def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeypatch) -> None:
@@ -119,7 +120,7 @@ def test_what_is_not_kept_is_said_of_some_filters_alone(tmp_path: Path) -> None:
     more = "only: [EKF]\nmetrics: [nees]\n" + COLUMNS.replace("'mean(rmse[late])'", "mean(rmse)")
     assert prepared(tmp_path, more) == [
         "9:42: tables.a.columns.A: 'rmse' is not kept: name it under metrics",
-        "9:57: tables.a.columns.B: 'dead_steps' is not kept: name it under metrics",
+        "9:57: tables.a.columns.B: 'collapsed_steps' is not kept: name it under metrics",
     ]
 
 
@@ -132,7 +133,7 @@ def test_only_numbers_of_a_filter_are_shown(tmp_path: Path, key: str) -> None:
 def test_what_there_is_may_be_asked_for(tmp_path: Path) -> None:
     columns = (
         'A: mean(rmse), B: anees, C: "ratio(cpu_s_per_run, PF)", D: rmse@last, E: N, '
-        "F: mean(dead_steps), G: time-mean(rmse), H: median(nees)"
+        "F: mean(collapsed_steps), G: time-mean(rmse), H: median(nees)"
     )
     more = f"medians: [nees]\ntables: {{a: {{kind: metrics, columns: {{{columns}}}}}}}\n"
     figures = "figures: {a: {kind: rmse-vs-time, metric: median(nees)}, b: {kind: heat-map}}"
@@ -155,7 +156,7 @@ def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> 
 
     monkeypatch.setattr(PF, "init", broken)
     monkeypatch.setattr(metric_names, "declares_diagnostics", lambda cls: False)
-    more = "tables: {a: {kind: metrics, columns: {A: mean(dead_steps)}}}"
+    more = "tables: {a: {kind: metrics, columns: {A: mean(collapsed_steps)}}}"
     assert prepared(tmp_path, more) == []
 
 
@@ -203,6 +204,21 @@ def test_notes_are_believed_of_the_diagnostics_that_they_are_of() -> None:
             return super().diagnostics(state) | {"mine": 1.0}
 
     class Told(More):
-        diagnostic_names = frozenset({"dead_steps", "ess", "distinct", "mine"})
+        diagnostic_names = frozenset({"collapsed_steps", "ess", "distinct_particles", "mine"})
 
     assert [declares_diagnostics(cls) for cls in (PF, More, Told)] == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("mean(strayed)", "beyond_10_sigma"), ("rms(distance_position)", "rmsd_position")],
+)
+def test_an_old_name_is_one_line_with_the_new_one(tmp_path: Path, old: str, new: str) -> None:
+    more = f"tables: {{t: {{kind: metrics, columns: {{A: {old}}}}}}}\n"
+    (line,) = prepared(tmp_path, more)
+    assert f"is now `{new}`" in line
+
+
+def test_an_old_comparison_is_one_line_with_the_new_one() -> None:
+    with pytest.raises(ValueError, match=r"is now `win_rate\(rmse, PF\)`"):
+        measure("below(rmse, PF)")

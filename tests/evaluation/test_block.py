@@ -21,7 +21,7 @@ def test_a_first_state_that_is_known_has_no_nees(kind: str, keys: dict[str, int]
     found = run_block(BlockTask(scenario, make_filter(kind, **keys), 0, 0, 40, 40))
     assert np.isfinite(found.per_run["nees"]).all()
     assert found.steps["nees"].number[0] == 0
-    assert found.steps["outside"].number[0] == 0
+    assert found.steps["outside_region"].number[0] == 0
     assert (found.steps["nees"].number[1:] == 40).all()
     assert found.steps["squared"].number[0] == 40  # the error is scored
 

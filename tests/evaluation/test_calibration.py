@@ -14,7 +14,7 @@ from trackbench.contract.fixtures import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.block_metrics import run_block
-from trackbench.evaluation.calibration import LEVELS, bars, evidence, noncredibility
+from trackbench.evaluation.calibration import LEVELS, bars, likelihood_ratio, noncredibility
 from trackbench.evaluation.statistics import mean
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
@@ -163,9 +163,9 @@ def test_an_ensemble_of_draws_is_calibrated(N: int) -> None:
 def ratio(kind: str, runs: int, **keys: object) -> Array:
     task = BlockTask(
         replace(LINEAR, last=4), make_filter(kind, **keys), 1, 0, runs, runs,
-        reference=make_filter("kf"), predictive_metrics=("score", "evidence"),
+        reference=make_filter("kf"), predictive_metrics=("score", "likelihood_ratio"),
     )  # fmt: skip
-    return run_block(task).per_run["evidence"]
+    return run_block(task).per_run["likelihood_ratio"]
 
 
 def test_evidence_of_a_particle_filter_is_unbiased() -> None:
@@ -182,6 +182,6 @@ def test_evidence_by_hand() -> None:
     own = np.array([[np.nan, np.nan], [-1.0, -2.0], [np.nan, -3.0], [-2.0, -np.inf]])
     exact = np.array([[np.nan, np.nan], [-1.5, -1.0], [np.nan, -3.5], [-2.0, -1.0]])
     expected = [[np.nan] * 2, np.exp([0.5, -1.0]), np.exp([0.5, -0.5]), [np.exp(0.5), 0.0]]
-    found = evidence({"log_likelihood": own}, {"log_likelihood": exact})
-    np.testing.assert_allclose(found["evidence"], expected)
-    assert evidence({"log_likelihood": own}, {}) == {}
+    found = likelihood_ratio({"log_likelihood": own}, {"log_likelihood": exact})
+    np.testing.assert_allclose(found["likelihood_ratio"], expected)
+    assert likelihood_ratio({"log_likelihood": own}, {}) == {}

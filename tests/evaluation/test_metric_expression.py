@@ -16,7 +16,7 @@ READ = {
     "rmse@3..last": Measure("rmse", steps=Steps("3", "last")),
     "mean(rmse@3)": Measure("rmse", "", "mean", Steps("3")),
     "gain(mean(rmse), PF (N=5))": Measure("rmse", "", "mean", relation="gain", other="PF (N=5)"),
-    "below(rmse[a, b], x, y)": Measure("rmse", "a, b", relation="below", other="x, y"),
+    "win_rate(rmse[a, b], x, y)": Measure("rmse", "a, b", relation="win_rate", other="x, y"),
     "mean(rmse[a]b)])": Measure("rmse", "a]b)", "mean"),
 }
 
@@ -36,7 +36,7 @@ words = st.text(st.characters(codec="ascii", categories=["L", "N", "Zs"], includ
     names,
     words | st.just(""),
     st.sampled_from(["", "mean", "variance", "rms", "median", "time-mean"]),
-    st.sampled_from(["", "gain", "ratio", "minus", "below"]),
+    st.sampled_from(["", "gain", "ratio", "minus", "win_rate"]),
     words,
 )
 def test_whatever_is_put_together_is_read_as_that(name, window, statistic, relation, other):

@@ -105,7 +105,7 @@ def test_the_summary_takes_the_error_of_the_shares():
         ("time-mean(rmse)", "squared", "mean"),
         ("time-mean(rmse_mean_range[late])", "squared_mean_range", "mean"),
         ("rmse_position@400", "squared_position", "rms"),
-        ("distance@last", "distance", "rms"),
+        ("rmsd@last", "rmsd", "rms"),
         ("bias_x@3", "error_x", "mean"),
         ("anees_position@3", "nees_position", "mean"),
         ("ess@3", "ess", "mean"),

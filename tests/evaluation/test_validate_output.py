@@ -310,7 +310,7 @@ def noting(**values: Any) -> Any:
 
 @pytest.mark.parametrize(
     "name",
-    ["rmse", "bias", "std", "lost", "nees", "anees", "outside", "distance", "squared", "error"],
+    ["rmse", "bias", "std", "lost", "nees", "anees", "outside_region", "rmsd", "squared", "error"],
 )
 @pytest.mark.parametrize("suffix", ["", "_position", "_x", "[k<=30]", "_x[k<=30]"])
 def test_a_diagnostic_cannot_have_a_name_of_the_errors(name: str, suffix: str) -> None:
@@ -326,7 +326,7 @@ def test_a_diagnostic_cannot_look_like_an_expression(name: str) -> None:
         block(noting(**{name: np.zeros(4)}))
 
 
-@pytest.mark.parametrize("name", ["peak_position", "delay_s", "false_alarms_per_1000"])
+@pytest.mark.parametrize("name", ["peak_position", "detection_delay_s", "false_maneuvers_per_1000"])
 def test_a_diagnostic_cannot_have_the_name_of_a_metric_of_the_scenario(name: str) -> None:
     turn = maneuver(duration=90.0, legs=(Leg(start=30, end=50, ax=0.3, ay=0.0),), settle=10.0)
     with pytest.raises(ValueError, match=rf"'{name}.*' is a metric of the scenario"):

@@ -110,7 +110,7 @@ def test_a_filter_is_asked_what_it_notes_with_few_particles(tmp_path: Path) -> N
     config.write_text(
         f"name: large\nscenario: {merwe_text(T=5)}\n"
         "filters: {UPF: {kind: upf, N: 300000}}\n"
-        "tables: {t: {kind: metrics, columns: {d: mean(dead_steps)}}}\n"
+        "tables: {t: {kind: metrics, columns: {d: mean(collapsed_steps)}}}\n"
     )
     assert peak(api.prepare, config, api.Options()) < 20_000_000
 

@@ -157,12 +157,14 @@ def test_a_share_is_of_the_value() -> None:
 
 def test_an_event_that_no_run_had_is_not_exact() -> None:
     """Of three runs that did not stray up to 71 % could have (Clopper and Pearson)."""
-    row = SummaryRow("mean(strayed)", 0.0, 0.0, 3, 0)
-    assert PrecisionTarget.read("mean(strayed)", 0.1).share(row) == pytest.approx(
+    row = SummaryRow("mean(beyond_10_sigma)", 0.0, 0.0, 3, 0)
+    assert PrecisionTarget.read("mean(beyond_10_sigma)", 0.1).share(row) == pytest.approx(
         0.7076 / 3.92 / 0.1, rel=1e-3
     )
     assert (
-        PrecisionTarget.read("mean(distinct)", 0.1).share(row._replace(metric="mean(distinct)"))
+        PrecisionTarget.read("mean(distinct_particles)", 0.1).share(
+            row._replace(metric="mean(distinct_particles)")
+        )
         == 0.0
     )
 

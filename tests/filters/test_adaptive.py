@@ -112,7 +112,7 @@ def test_maneuvering_mode_is_left_in_quiet_flight(
         share = main_track[name]
         assert share["mode[quiet]"].mean() < 0.05
         assert share["mode[turns]"].mean() > 0.2
-        assert np.mean([share[f"missed[leg {n}]"].mean() for n in range(1, 6)]) < 0.05
+        assert np.mean([share[f"missed_maneuvers[leg {n}]"].mean() for n in range(1, 6)]) < 0.05
 
 
 def test_a_filter_without_noise_of_its_own_is_latched() -> None:
@@ -248,7 +248,7 @@ def test_no_alarm_before_the_detector_is_switched_on(start: int) -> None:
 def test_the_least_onset_postpones_the_switch() -> None:
     early = AdaptiveKF(nmf=CV, mf=CA, detector=Detector(eta=25.0, window_s=60.0))
     late = replace(early, detector=Detector(eta=25.0, window_s=60.0, min_window_s=25.0))
-    metric = "delay_s[leg 1]"
+    metric = "detection_delay_s[leg 1]"
     delays = [per_run(TURN, tracker, 20, metric) for tracker in (early, late)]
     assert np.nanmean(delays[1]) > np.nanmean(delays[0])
 
@@ -267,7 +267,7 @@ def test_onset_is_estimated_near_the_truth() -> None:
         assert abs(error.mean()) < 10.0
         assert (found["onset_age_s[leg 1]"] >= 15.0).all()
         total = found["onset_age_s[leg 1]"] + error
-        np.testing.assert_allclose(total, found["delay_s[leg 1]"])
+        np.testing.assert_allclose(total, found["detection_delay_s[leg 1]"])
 
 
 def test_the_variable_dimension_filter_takes_the_window_for_the_onset() -> None:

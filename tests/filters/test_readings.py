@@ -19,14 +19,14 @@ def test_literal_hdepf_is_lost_and_says_why() -> None:
 
 
 def test_half_of_all_steps_have_no_float64_likelihood_at_ten_particles() -> None:
-    dead = per_run(merwe(), make_filter("pf", N=10, weights="naive"), 100, "dead_steps")
+    dead = per_run(merwe(), make_filter("pf", N=10, weights="naive"), 100, "collapsed_steps")
     assert 0.4 < dead.mean() / 49 < 0.6
-    assert not per_run(merwe(), make_filter("pf", N=10), 100, "dead_steps").any()
+    assert not per_run(merwe(), make_filter("pf", N=10), 100, "collapsed_steps").any()
 
 
 def test_selection_on_a_normalised_fitness_accepts_nearly_everything() -> None:
     accepted = per_run(
-        merwe(), make_filter("hdepf", preset="published-level"), 20, "acceptance"
+        merwe(), make_filter("hdepf", preset="published-level"), 20, "acceptance_rate"
     ).mean()
     assert accepted > 0.92
 
@@ -72,14 +72,14 @@ def test_weights_and_copies_are_counted() -> None:
         noted = tracker.diagnostics(state)
         for m in range(5):
             assert noted["ess"][m] == pytest.approx(1.0 / sum(w * w for w in state.w[m]) / 12)
-            if "distinct" in noted:
-                assert noted["distinct"][m] == len(set(state.particles.x[0, m])) / 12
+            if "distinct_particles" in noted:
+                assert noted["distinct_particles"][m] == len(set(state.particles.x[0, m])) / 12
     # Copies of a cloud clipped to its own limits do not stand side by side.
     tracker = make_filter("hdepf", preset="published-level", N=12)
     state = tracker.init(scenario.model, data.prior, block_stream(1, 0))
     state = tracker.step(scenario.model, state, data.measurements[:, 0], 2, block_stream(2, 0))
     found = [len(set(x)) / 12 for x in state.particles.x[0]]
-    np.testing.assert_array_equal(tracker.diagnostics(state)["distinct"], found)
+    np.testing.assert_array_equal(tracker.diagnostics(state)["distinct_particles"], found)
     assert min(found) < 1.0
 
 

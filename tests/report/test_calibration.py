@@ -70,7 +70,7 @@ def test_only_what_is_asked_for_is_kept(folder: Path) -> None:
     metrics = {metric for _, metric in Results(folder).runs({})}
     assert {"pit_px", "rank_px_10", "rank_nees_1[late]", "pit_nees@8"} <= metrics
     heads = {re.split(r"[_[]", metric)[0] for metric in metrics}
-    assert heads == {"lost", "pit", "rank", "coverage", "evidence"}
+    assert heads == {"lost", "pit", "rank", "coverage", "likelihood_ratio"}
     assert not any("vx" in m for m in metrics)
 
 

@@ -210,7 +210,7 @@ def test_of_efficiencies_the_highest_is_the_best(results):
 def test_efficiency_is_made_of_the_runs(results):
     point = results.points()[2]
     runs = results.runs(point)
-    f, d, e = (runs[key] for key in (("Exact", "rmse"), ("PF", "distance"), ("PF", "rmse")))
+    f, d, e = (runs[key] for key in (("Exact", "rmse"), ("PF", "rmsd"), ("PF", "rmse")))
     term = Expressions(results, point).term(measure("efficiency").of("PF"))
     assert term.value == pytest.approx(np.sqrt((f**2).sum() / (f**2 + d**2).sum()))
     left = [

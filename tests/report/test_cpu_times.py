@@ -71,15 +71,15 @@ def number(value: float, text: str = "ratio(cpu_s_per_run, B)", **keys: Any) -> 
     ("ratio", "row", "word"),
     [
         (0.40, claim("<"), "holds"),
-        (0.60, claim("<"), "not decided"),
-        (1.90, claim("<"), "not decided"),
+        (0.60, claim("<"), "inconclusive"),
+        (1.90, claim("<"), "inconclusive"),
         (2.20, claim("<"), "fails"),
         (2.20, claim(">"), "holds"),
-        (1.90, claim(">"), "not decided"),
+        (1.90, claim(">"), "inconclusive"),
         (0.40, claim(">"), "fails"),
-        (2.20, claim("<", 1.1), "not decided"),  # 2 times within 10 %
+        (2.20, claim("<", 1.1), "inconclusive"),  # 2 times within 10 %
         (2.60, claim("<", 1.1), "fails"),
-        (1.00, claim("~", tolerance=0.25), "not decided"),  # no ratio is known that well
+        (1.00, claim("~", tolerance=0.25), "inconclusive"),  # no ratio is known that well
         (3.00, claim("~", tolerance=0.25), "fails"),
         (0.30, claim("~", tolerance=0.25), "fails"),
         (1.00, claim("~", tolerance=5.0), "holds"),
@@ -109,7 +109,7 @@ def test_the_rule(ratio: float, row: Any, word: str) -> None:
 
 def test_a_claim_against_several_is_that_against_the_weakest() -> None:
     found = verdict(2.5, claim(">", right="B;C"), {"C": 2e-3})
-    assert (found.word, found.filters) == ("not decided", "A / C")
+    assert (found.word, found.filters) == ("inconclusive", "A / C")
     assert verdict(5.0, claim(">", right="B;C"), {"C": 2e-3}).word == "holds"
     assert verdict(2.5, claim(">", right="B;C"), {"C": 1e-2}).word == "fails"
 

@@ -26,7 +26,7 @@ published: [claims.csv]
 """.replace("MERWE", merwe_text(T=8))
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
 p,lower at every step,every,Exact,rmse@3..last,<,1,None
-p,lower in every run,every,Exact,"below(rmse, None)",>,0.97,
+p,lower in every run,every,Exact,"win_rate(rmse, None)",>,0.97,
 p,lower at every step than itself,every,Exact,rmse@2..4,<,1,Exact
 """
 
@@ -52,7 +52,7 @@ def test_every_run_is_refuted_by_one_and_shown_by_none():
 
 def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
     assert of_claim(4.4, [2.7] * 4, exact=True).word == "holds"
-    assert of_claim(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "not decided"
+    assert of_claim(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "inconclusive"
     assert of_claim(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
 
 
@@ -77,9 +77,9 @@ def test_false_failures_of_many_equal_steps_are_rare():
 
 
 def test_the_grammar_of_many_steps():
-    for text in ("rmse@3..last", "below(rmse, PF (N=100))", "ratio(rmse_x@3..7, DE, same)"):
+    for text in ("rmse@3..last", "win_rate(rmse, PF (N=100))", "ratio(rmse_x@3..7, DE, same)"):
         assert str(measure(text)) == text
-    assert str(measure("below(rmse[k<=30], DE, same)").plain) == "rmse[k<=30]"
+    assert str(measure("win_rate(rmse[k<=30], DE, same)").plain) == "rmse[k<=30]"
 
     def at_each(text, steps):
         return [str(m) for m in measure(text).at_each(steps)]
@@ -132,7 +132,7 @@ def test_the_weakest_step_decides(results):
 
 def test_a_share_of_runs(results):
     runs = results.runs({})
-    term = Expressions(results, {}).term(measure("below(rmse, None)").of("Exact"))
+    term = Expressions(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
     assert term.z(0.9) == intervals.z(lower, 80, 0.9)
@@ -148,7 +148,7 @@ def test_a_share_of_runs(results):
 
 def test_what_is_the_same_at_every_step_is_not_decided(results):
     judged = judge(results.published.claims[2], Expressions(results, {}))
-    assert judged.verdict.word == "not decided"
+    assert judged.verdict.word == "inconclusive"
     assert np.isnan(judged.verdict.z)
 
 

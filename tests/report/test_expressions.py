@@ -132,17 +132,19 @@ def test_shares_and_consistency_have_influences(folder):
 
 def test_an_event_is_a_share_whose_error_is_exact(folder):
     """Also of none or all of the runs, where the sample has no spread."""
-    folder.values["A", "strayed"] = np.zeros(RUNS)
+    folder.values["A", "beyond_10_sigma"] = np.zeros(RUNS)
     folder.values["A", "lost"] = np.where(np.arange(RUNS) < 20, 2.0, 0.0)
     e = Expressions(folder, {})
-    never, lost = (e.term(measure(name).of("A")) for name in ("mean(strayed)", "mean(lost)"))
+    never, lost = (
+        e.term(measure(name).of("A")) for name in ("mean(beyond_10_sigma)", "mean(lost)")
+    )
     assert never.interval() == intervals.interval(0, RUNS)
     assert never.stderr == intervals.stderr(0, RUNS) > 0.007
     assert never.z(0.02) == intervals.z(0, RUNS, 0.02) > -2
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
-    strayed = measure("mean(strayed)")
+    strayed = measure("mean(beyond_10_sigma)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)
-    assert judge(claim, e).verdict.word == "not decided"
+    assert judge(claim, e).verdict.word == "inconclusive"
 
 
 def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
@@ -150,9 +152,9 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     of_a, of_b = (folder.values[label, "rmse"] for label in "AB")
     of_a[:3], of_b[:3] = 1.0, 1.0  # neither is lost there
     for label, strayed in (("A", np.zeros(RUNS)), ("B", np.ones(RUNS)), ("C", np.zeros(RUNS))):
-        folder.values[label, "strayed"] = strayed
+        folder.values[label, "beyond_10_sigma"] = strayed
     few = Expressions(replace(folder, values={k: x[:3] for k, x in folder.values.items()}), {})
-    strayed = measure("mean(strayed)")
+    strayed = measure("mean(beyond_10_sigma)")
     apart, alike = (few.difference(strayed.of("A"), strayed.of(other)) for other in "BC")
     assert (apart.value, apart.runs, alike.value) == (-1.0, 3, 0.0)
     assert apart.z() == pytest.approx(-1.957, abs=1e-3)  # a coin falls so one time in four

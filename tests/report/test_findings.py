@@ -147,7 +147,7 @@ def test_one_filter_and_one_run(tmp_path, A) -> None:
     (line,) = answer(folder(tmp_path, {"A": A}))
     assert re.fullmatch(r"The mean position RMSE per run of A is \S+ ± \S+ m over 200 runs\.", line)
     (line,) = answer(folder(tmp_path, {"A": A[:1], "B": A[:1] + 1.0}))
-    assert line == "One run has no standard error: which filter is best is not decided."
+    assert line == "One run has no standard error: which filter is best is inconclusive."
 
 
 def test_the_reference_is_no_rival(tmp_path, rng, A) -> None:

@@ -37,7 +37,7 @@ def test_every_error_of_the_package_has_its_unit() -> None:
         names |= {*sensor.errors(*np.ones((2, 6, 1))), *sensor.observables(np.ones((6, 1)))}
     assert {"position", "azimuth_deg", "vx"} < names
     for name in names:
-        assert unit_of(f"rmse_{name}") == unit_of(f"distance_{name}") == KNOWN[name]
+        assert unit_of(f"rmse_{name}") == unit_of(f"rmsd_{name}") == KNOWN[name]
 
 
 def test_every_component_of_a_motion_has_its_unit() -> None:
@@ -74,7 +74,7 @@ def test_every_component_of_a_sensor_has_its_unit() -> None:
 
 @pytest.mark.parametrize("name", ["heading", "temperature", "altitude", "power", "ax_bias"])
 def test_an_unknown_quantity_has_no_unit(name: str) -> None:
-    for metric in ("rmse", "bias", "std", "peak", "distance", "crps"):
+    for metric in ("rmse", "bias", "std", "peak", "rmsd", "crps"):
         assert unit_of(f"{metric}_{name}") == ""
     m = measure(f"mean(rmse_{name})")
     assert with_unit("3.1", m) == "3.1"

@@ -60,7 +60,7 @@ p,PF is not lost,original,PF,mean(rmse),<,1000,,,,,,
 p,PF is lost,original,PF,mean(rmse),>,1000,,,,,,
 p,An EKF is better,original,EKF,mean(rmse),<,1,PF,,,,,
 p,PF is fast,original,PF,cpu_s_per_run,<,1000,,,,,,
-p,PF estimates a delay,original,PF,mean(delay_s),<,1,,,,,,
+p,PF estimates a delay,original,PF,mean(detection_delay_s),<,1,,,,,,
 """
 
 
@@ -162,7 +162,7 @@ def test_claims_are_counted_at_every_reading(results: Results) -> None:
     """Of five claims two can be judged: one holds everywhere, one fails everywhere."""
     table = results.tables["claims"]
     assert table.key_headers == ["Rank", "weights", "first_stage", "kappa"]
-    assert table.value_headers == ["Holds", "Fails", "Not decided"]
+    assert table.value_headers == ["Holds", "Fails", "Inconclusive"]
     assert [[cell.estimate.value for cell in cells] for cells in table.cells] == [[1, 1, 0]] * 3
     assert table.notes[0].startswith("8 readings, 2 claims. Most hold at weights log")
     assert table.notes[0].endswith(": 1; as many at 8 of the readings.")

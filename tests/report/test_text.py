@@ -84,7 +84,7 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
 def test_the_least_is_marked_only_where_it_is_the_best(folder, tmp_path):
     wanted = {
         "mean(rmse)": True, "rmse@last": True, "cpu_s_per_run": True, "ratio(mean(rmse), PF)": True,
-        "below(rmse, PF)": False, "gain(rmse, PF)": False, "gain(mean(rmse), PF)": False,
+        "win_rate(rmse, PF)": False, "gain(rmse, PF)": False, "gain(mean(rmse), PF)": False,
     }  # fmt: skip
     made = Metrics(columns={m: measure(m) for m in wanted}).table(Results(folder))
     assert made.least == [i for i, least in enumerate(wanted.values()) if least]

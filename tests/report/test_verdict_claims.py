@@ -49,7 +49,7 @@ def codes(lost: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("of_b", "of_c", "word"), [
-    (0, 20, "not decided"), (20, 0, "not decided"), (20, 20, "holds"), (16, 16, "holds"),
+    (0, 20, "inconclusive"), (20, 0, "inconclusive"), (20, 20, "holds"), (16, 16, "holds"),
 ])  # fmt: skip
 def test_a_better_filter_may_not_lose_more_than_any_of_the_others(of_b, of_c, word, rng):
     values = {}
@@ -63,18 +63,18 @@ def test_a_better_filter_may_not_lose_more_than_any_of_the_others(of_b, of_c, wo
     assert [part for part in found.note.split("; ") if "loses" in part] == told
 
 
-@pytest.mark.parametrize(("events", "word"), [(28, "holds"), (23, "not decided")])
+@pytest.mark.parametrize(("events", "word"), [(28, "holds"), (23, "inconclusive")])
 def test_a_share_is_exact_so_that_three_standard_errors_show_it(events, word):
     """28 of 120 against 12 %: z is 3.39; 23 of 120: 2.15."""
-    expressions = measured({("A", "strayed"): codes(events)})
+    expressions = measured({("A", "beyond_10_sigma"): codes(events)})
     z = intervals.z(events, RUNS, 0.12)
     assert (3.0 < z < 5.0) == (word == "holds")
-    found = judge(claimed("mean(strayed)", relation=">", factor=0.12), expressions)
+    found = judge(claimed("mean(beyond_10_sigma)", relation=">", factor=0.12), expressions)
     assert (found.verdict.word, found.verdict.z) == (word, z)
     # A mean of the same size is not.
     values = {("A", "rmse"): codes(events)}
     found = judge(claimed("mean(rmse)", relation=">", factor=0.12), measured(values))
-    assert found.verdict.word == "not decided"
+    assert found.verdict.word == "inconclusive"
 
 
 def test_a_claim_at_many_steps_counts_those_that_hold_by_themselves(rng):
@@ -85,7 +85,7 @@ def test_a_claim_at_many_steps_counts_those_that_hold_by_themselves(rng):
         values["B", f"rmse@{k}"] = np.abs(common)
     values["B", "rmse@5"] = values["B", "rmse@4"]  # which A has not
     found = judge(claimed("rmse@1..8", right="B"), measured(values))
-    assert found.verdict.word == "not decided"
+    assert found.verdict.word == "inconclusive"
     assert "at step 3; 2 of 3 comparisons hold by themselves" in found.note
 
 
@@ -127,7 +127,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
     def row(word, fragile=False):
         return SimpleNamespace(verdict=Verdict(word, 1.0, (), fragile))
 
-    words = ["not measured", "differs", "agrees", "near", "agrees", "not decided", "chosen"]
+    words = ["not measured", "differs", "agrees", "near", "agrees", "inconclusive", "chosen"]
     rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
     found = [(t.number, t.word, t.verb, t.fragile) for t in files.parts(rows)]
     assert found == [
@@ -136,12 +136,12 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "near", "near", 0),
         (1, "differs", "differs", 1),
         (1, "chosen", "chosen", 0),
-        (1, "not decided", "not decided", 0),
+        (1, "inconclusive", "inconclusive", 0),
         (1, "not measured", "not measured", 0),
     ]
-    claims = [row("not measured"), row("not decided"), row("fails"), *[row("holds", True)] * 3]
+    claims = [row("not measured"), row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
     bar = files.Bar("6 claims", files.parts(claims))
-    assert bar.words == "6 claims: 3 hold (3 fragile), 1 fails, 1 not decided, 1 not measured"
+    assert bar.words == "6 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive, 1 not measured"
     assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
 
 

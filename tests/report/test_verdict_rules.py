@@ -25,13 +25,13 @@ def test_five_standard_errors_of_all_runs_decide_and_three_without_a_batch(side,
         claim = "holds" if sign > 0 else "fails"
         for z, parts in ((5.0 + side, (9.0,) * 4), (9.0, (9.0, 3.0 + side, 9.0, 9.0))):
             found = of_claim(sign * z, [sign * part for part in parts])
-            assert found.word == (claim if decided else "not decided")
+            assert found.word == (claim if decided else "inconclusive")
             values = [(1.0 + sign * 0.2 * part / 9.0, 0.2 / 9.0) for part in parts]
             measured = word(published, 1.0 + sign * 0.2, 0.2 / z, *values)
-            assert measured == ("differs" if decided else "not decided")
+            assert measured == ("differs" if decided else "inconclusive")
             values = [(sign * (0.5 + 0.2 * part / 9.0), 0.2 / 9.0) for part in parts]
             measured = word(biased, sign * 0.7, 0.2 / z, *values)
-            assert measured == ("agrees" if decided else "not decided")
+            assert measured == ("agrees" if decided else "inconclusive")
 
 
 @pytest.mark.parametrize(("side", "shown"), [(-0.001, False), (0.001, True)])
@@ -40,23 +40,23 @@ def test_three_standard_errors_show_what_is_equal_or_exact(side, shown):
     for exact in (False, True):
         assert (of_claim(z, equal=True, exact=exact).word == "holds") == shown
     assert (of_claim(-z, exact=True).word == "fails") == shown
-    assert of_claim(-z, equal=True).word == "not decided"  # that it is not equal takes five
+    assert of_claim(-z, equal=True).word == "inconclusive"  # that it is not equal takes five
     assert (of_claim(-z - 2.0, equal=True).word == "fails") == shown
     unbiased = number("unbiased", margin=0.5)
     assert (word(unbiased, 0.2, 0.3 / z) == "agrees") == shown
     # Parts contradict what is equal from three on.
-    assert (of_claim(9.0, [9.0, -z], equal=True).word == "not decided") == shown
-    assert (of_claim(9.0, [9.0, -z], exact=True).word == "not decided") == shown
-    assert (word(number(1.0, runs=0), 1.0, 0.01, (1.0 + 0.2, 0.2 / z)) == "not decided") == shown
+    assert (of_claim(9.0, [9.0, -z], equal=True).word == "inconclusive") == shown
+    assert (of_claim(9.0, [9.0, -z], exact=True).word == "inconclusive") == shown
+    assert (word(number(1.0, runs=0), 1.0, 0.01, (1.0 + 0.2, 0.2 / z)) == "inconclusive") == shown
 
 
 @pytest.mark.parametrize(("side", "off"), [(-0.001, False), (0.001, True)])
 def test_a_number_is_compatible_up_to_three_standard_errors(side, off):
     z = 3.0 + side
     published = number(1.0, runs=0)
-    assert word(published, 1.3, 0.3 / z) == ("not decided" if off else "compatible")
+    assert word(published, 1.3, 0.3 / z) == ("inconclusive" if off else "compatible")
     # Its interval reaches 5 % off, half the room, by where it lies and by its error.
-    assert word(published, 1.03, 0.03 / z) == ("not decided" if off else "agrees")
+    assert word(published, 1.03, 0.03 / z) == ("inconclusive" if off else "agrees")
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -110,14 +110,14 @@ def test_a_chosen_number_is_never_fragile_and_an_undecided_one_neither():
 def test_words_are_contradicted_by_their_opposites_only():
     for parts, expected in (
         (["agrees", "compatible"], "agrees"),
-        (["agrees", "near"], "not decided"),
-        (["differs"], "not decided"),
+        (["agrees", "near"], "inconclusive"),
+        (["differs"], "inconclusive"),
     ):
         assert settled("agrees", parts) == expected
         assert settled("compatible", parts) == expected.replace("agrees", "compatible")
     assert settled("near", ["differs", "near"]) == "near"
-    assert settled("differs", ["near", "compatible"]) == "not decided"
-    assert settled("holds", ["fails"]) == "not decided"
+    assert settled("differs", ["near", "compatible"]) == "inconclusive"
+    assert settled("holds", ["fails"]) == "inconclusive"
 
 
 def test_the_weakest_of_many_steps_fails_for_certain_only():

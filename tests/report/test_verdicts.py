@@ -44,9 +44,9 @@ def verdict(published, *terms):
         (1.0, 1.00004, 1e-9, "agrees"),  # the printed digits
         ("biased", 0.5, 0.1, "agrees"),
         ("unbiased", 0.5, 0.1, "differs"),
-        ("unbiased", 0.1, 0.1, "not decided"),  # there is no room for an error without a margin
+        ("unbiased", 0.1, 0.1, "inconclusive"),  # there is no room for an error without a margin
         (1.0, nan, nan, "not measured"),
-        (1.0, 50.0, nan, "not decided"),  # of one run, or of a time of one block
+        (1.0, 50.0, nan, "inconclusive"),  # of one run, or of a time of one block
     ],
 )
 def test_verdict_of_a_number(published, measured, stderr, word):
@@ -55,11 +55,11 @@ def test_verdict_of_a_number(published, measured, stderr, word):
 
 @pytest.mark.parametrize(
     ("value", "word"),
-    [(0.1, "unbiased"), (0.3, "not decided"), (-1.1, "biased"), (-0.9, "not decided")],
+    [(0.1, "unbiased"), (0.3, "inconclusive"), (-1.1, "biased"), (-0.9, "inconclusive")],
 )
 def test_a_bias_counts_beyond_its_margin(value, word):
     found, _ = verdict(number(word, margin=0.5), Term(value, 0.1, None, 100))
-    assert found == ("not decided" if word == "not decided" else "agrees")
+    assert found == ("inconclusive" if word == "inconclusive" else "agrees")
 
 
 def test_z_has_the_papers_error_from_its_own_number_of_runs_or_its_own_spread():
@@ -75,14 +75,14 @@ def test_a_difference_shows_in_all_runs_and_without_any_batch():
     unsure = Term(1.15, 0.06, None, 300)
     published = number(1.0, runs=0)
     assert verdict(published, whole, part, part)[0] == "differs"
-    assert verdict(published, whole, part, unsure)[0] == "not decided"
+    assert verdict(published, whole, part, unsure)[0] == "inconclusive"
     assert of_claim(6.0, [4.0, 3.5]).word == "holds"
-    assert of_claim(6.0, [4.0, 2.5]).word == "not decided"
+    assert of_claim(6.0, [4.0, 2.5]).word == "inconclusive"
     assert of_claim(-6.0, [-4.0, -3.1]).word == "fails"
-    assert of_claim(4.9, [4.0, 4.5]).word == "not decided"  # 170 verdicts, heavy tails
+    assert of_claim(4.9, [4.0, 4.5]).word == "inconclusive"  # 170 verdicts, heavy tails
     biased = number("biased", margin=0.5)
     assert verdict(biased, Term(1.0, 0.09, None, 400), Term(0.9, 0.1, None, 300))[0] == "agrees"
-    assert verdict(biased, Term(0.9, 0.09, None, 400))[0] == "not decided"
+    assert verdict(biased, Term(0.9, 0.09, None, 400))[0] == "inconclusive"
 
 
 def test_parts_on_both_sides_of_the_margin_do_not_unsettle_a_difference():
@@ -164,7 +164,7 @@ def test_a_number_that_is_not_fragile_has_its_word_at_another_seed(rng):
     for true, stderr in zip(means, errors, strict=True):
         seeds = true + stderr * rng.standard_normal(2)
         one, other = (of_number(published, Term(x, stderr, None, 100), ()) for x in seeds)
-        if one.word != "not decided":
+        if one.word != "inconclusive":
             words[one.fragile].append((one.word, one.word == other.word))
     for word in ("agrees", "near", "differs"):
         held = [same for w, same in words[False] if w == word]
@@ -177,9 +177,9 @@ def test_an_agreement_is_shown_by_all_runs_and_contradicted_by_none():
     whole, wide = Term(1.0, 0.02, None, 400), Term(1.0, 0.025, None, 300)
     published = number(1.0, runs=10_000)
     assert verdict(published, whole, wide, wide)[0] == "agrees"
-    assert verdict(published, whole, wide, Term(1.1, 0.025, None, 300))[0] == "not decided"
-    assert settled("unbiased", ["not decided", "unbiased"]) == "unbiased"
-    assert settled("unbiased", ["not decided", "biased"]) == "not decided"
+    assert verdict(published, whole, wide, Term(1.1, 0.025, None, 300))[0] == "inconclusive"
+    assert settled("unbiased", ["inconclusive", "unbiased"]) == "unbiased"
+    assert settled("unbiased", ["inconclusive", "biased"]) == "inconclusive"
 
 
 def test_a_number_that_was_chosen_to_come_out_decides_nothing():
@@ -420,7 +420,7 @@ def test_a_claim_without_a_standard_error_is_not_decided(folder, tmp_path):
     config = tmp_path / "small" / "config.yaml"
     options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", runs=1, formats=())
     judged = api.run(config, options).comparison.claims[0]
-    assert judged.verdict.word == "not decided"
+    assert judged.verdict.word == "inconclusive"
     assert isnan(judged.verdict.z)
     assert "no standard error" in judged.note
 
@@ -437,9 +437,9 @@ def test_a_variance_that_is_wrongly_decided_is_fragile() -> None:
 def test_a_number_differs_only_if_every_reading_does() -> None:
     rows = [
         Compared(number(1.0), "", MISSING, Verdict(word, 0.0), "")
-        for word in ("differs", "not decided")
+        for word in ("differs", "inconclusive")
     ]
-    assert Reproduced(rows).best.verdict.word == "not decided"
+    assert Reproduced(rows).best.verdict.word == "inconclusive"
 
 
 def test_words_on_a_bias_are_counted_by_themselves() -> None:

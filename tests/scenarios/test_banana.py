@@ -157,7 +157,7 @@ def test_a_run_has_diverged_that_ends_ten_scans_outside_its_own_region() -> None
     assert not per_run(scenario, make_filter("gaussian-sum"), 40, "diverged").any()
     outside = np.ones((39, 2))
     outside[-10, 1] = 0.0
-    assert scenario.run_metrics({"outside": outside})["diverged"].tolist() == [1.0, 0.0]
+    assert scenario.run_metrics({"outside_region": outside})["diverged"].tolist() == [1.0, 0.0]
 
 
 def test_a_window_of_earlier_scans_is_what_fewer_scans_give() -> None:

@@ -94,7 +94,7 @@ def test_peaks_of_windows_and_runs_that_strayed() -> None:
     np.testing.assert_allclose(got["peak_position[turns]"], 30.0)
     np.testing.assert_allclose(got["peak_position[start 2]"], 30.0)
     np.testing.assert_allclose(got["peak_position[leg 1]"], 1.0)
-    np.testing.assert_array_equal(got["strayed"], [0.0, 1.0])
+    np.testing.assert_array_equal(got["beyond_10_sigma"], [0.0, 1.0])
 
 
 def test_overshoot_is_along_the_acceleration_until_the_next_turn() -> None:
@@ -122,12 +122,12 @@ def test_onsets_by_hand() -> None:
     mode[3, 1] = 1.0  # on at 4 s
     mode[2:9, 3] = 1.0  # on from 3 s, in quiet: a false alarm, and no detection of either leg
     got = Onsets(times, (3.0, 8.0), inside, quiet).metrics(mode, None)
-    np.testing.assert_array_equal(got["delay_s[leg 1]"], [3.0, 1.0, np.nan, np.nan])
-    np.testing.assert_array_equal(got["missed[leg 1]"], [0, 0, 1, 0])
-    np.testing.assert_array_equal(got["already_on[leg 1]"], [0, 0, 0, 1])
-    np.testing.assert_array_equal(got["missed[leg 2]"], [1, 1, 1, 0])
+    np.testing.assert_array_equal(got["detection_delay_s[leg 1]"], [3.0, 1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(got["missed_maneuvers[leg 1]"], [0, 0, 1, 0])
+    np.testing.assert_array_equal(got["already_maneuvering[leg 1]"], [0, 0, 0, 1])
+    np.testing.assert_array_equal(got["missed_maneuvers[leg 2]"], [1, 1, 1, 0])
     # Quiet are 1, 2, 3 and 10 s; run 4 is still on at 9 s, so that 10 s is no chance of an alarm.
-    np.testing.assert_allclose(got["false_alarms_per_1000"], [0, 0, 0, 1000.0 / 3.0])
+    np.testing.assert_allclose(got["false_maneuvers_per_1000"], [0, 0, 0, 1000.0 / 3.0])
 
 
 def test_onset_errors_by_hand() -> None:
@@ -145,9 +145,9 @@ def test_onset_errors_by_hand() -> None:
     age[1, 3], mode[1:, 3] = 1.0, 1.0  # on before the turn
     got = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, (age > 0).astype(float), age)
     np.testing.assert_array_equal(got["onset_error_s[leg 1]"], [-1.0, 2.5, np.nan, np.nan])
-    np.testing.assert_array_equal(got["onset_off_s[leg 1]"], [1.0, 2.5, np.nan, np.nan])
+    np.testing.assert_array_equal(got["onset_abs_error_s[leg 1]"], [1.0, 2.5, np.nan, np.nan])
     np.testing.assert_array_equal(got["onset_age_s[leg 1]"], [3.0, 2.5, np.nan, np.nan])
-    np.testing.assert_array_equal(got["delay_s[leg 1]"], [2.0, 5.0, np.nan, np.nan])
+    np.testing.assert_array_equal(got["detection_delay_s[leg 1]"], [2.0, 5.0, np.nan, np.nan])
     without = Onsets(times, (4.0,), inside, ~inside[0]).metrics(mode, None)
     assert not any(name.startswith("onset") for name in without)
 
@@ -157,7 +157,7 @@ def test_a_delay_counts_from_the_onset_between_two_samples() -> None:
     scenario = maneuver(T=10.0, launch=Launch(), legs=(leg,))
     mode = np.where(scenario.times == 430.0, 1.0, 0.0)[:, None]
     got = scenario.run_metrics({"squared_position": np.ones_like(mode), "mode": mode})
-    assert got["delay_s[leg 1]"][0] == 21.0
+    assert got["detection_delay_s[leg 1]"][0] == 21.0
 
 
 def test_the_last_scored_step_is_the_last_there_is() -> None:
@@ -172,7 +172,7 @@ def test_alarms_are_counted_where_the_filter_reports_them() -> None:
     got = Onsets(times, (), np.zeros((0, 5), dtype=bool), np.ones(5, dtype=bool)).metrics(
         np.zeros((5, 1)), alarm
     )
-    assert got["false_alarms_per_1000"][0] == pytest.approx(400.0)
+    assert got["false_maneuvers_per_1000"][0] == pytest.approx(400.0)
 
 
 def test_a_leg_shorter_than_the_sampling_time_is_not_scored() -> None:
@@ -182,4 +182,4 @@ def test_a_leg_shorter_than_the_sampling_time_is_not_scored() -> None:
     assert "leg 1" not in scenario.windows
     mode = np.zeros((10, 2))
     values = {"squared_position": np.ones((10, 2)), "mode": mode}
-    assert "delay_s[leg 1]" not in scenario.run_metrics(values)
+    assert "detection_delay_s[leg 1]" not in scenario.run_metrics(values)

@@ -111,7 +111,7 @@ def test_without_truth_there_are_no_errors_but_nis(simulated: Path, tmp_path: Pa
     assert not report.notes
     metrics = set(report.per_run["metric"])
     assert "nis" in metrics
-    errors = {m for m in metrics if m.startswith(("rmse", "nees", "distance", "diverged"))}
+    errors = {m for m in metrics if m.startswith(("rmse", "nees", "rmsd", "diverged"))}
     assert all(m.startswith("rmse_predicted_z") for m in errors)
     assert {"log_score", "anis", "autocorrelation_1"} <= metrics
     before = pd.read_csv(simulated / "per_run.csv")

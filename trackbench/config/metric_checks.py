@@ -14,10 +14,11 @@ from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.filters.base import AnyFilter
+from trackbench.metrics import new_name
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
 
-_OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage", "crps", "nci")
+_OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
 """Series of errors."""
 
 
@@ -132,10 +133,12 @@ def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | Non
         bases = {measured(name).base for name in known}
         others = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
         return f"there is no truth to measure {word!r} by; there are: {others}"
-    if m.metric == "evidence" and settings.reference is None:
-        return "the evidence is a ratio to an exact filter's: name that under reference"
+    if m.metric == "likelihood_ratio" and settings.reference is None:
+        return "likelihood_ratio needs an exact filter: name it under reference"
     if word in known or not asked.named or names.could_be_diagnostic(asked.measure.metric):
         return None
+    if new_name(m.metric):
+        return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
@@ -191,4 +194,4 @@ def _where(asked: AskedMeasure, settings: Settings) -> tuple[str, str]:
         return "per_step", str(m.plain._replace(steps=None))
     if m.statistic in STATISTICS:
         return "per_run", m.name
-    return "per_run" if m.relation == "below" else "summary", str(m.plain)
+    return "per_run" if m.relation == "win_rate" else "summary", str(m.plain)

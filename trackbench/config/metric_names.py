@@ -178,7 +178,7 @@ def _kind(settings: Settings, label: str) -> type:
 
 def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
     for m in map(measured, per_run):
-        if m.metric.partition("_")[0] == "distance":
+        if m.metric.partition("_")[0] == "rmsd":
             yield m._replace(metric=joined("efficiency", m.family[1])).name
 
 
@@ -206,8 +206,8 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
         if len(error) == 1:
             yield joined("error", quantity)
         if settings.reference is not None and label != settings.reference:
-            yield joined("distance", quantity)
-    yield from ("nees", "outside", *(f"nees_{name}" for name in scenario.marginals))
+            yield joined("rmsd", quantity)
+    yield from ("nees", "outside_region", *(f"nees_{name}" for name in scenario.marginals))
     if tracker is not None and has_expectations(tracker):
         for name in scenario.observables(nowhere):
             yield from (f"squared_{name}", f"error_{name}")

@@ -65,7 +65,7 @@ class PublishedNumber:
     whose verdict is that of the best"""
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
-    `below(rmse, PF)`: the share of the runs in which it is less than PF's"""
+    `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's"""
     point: str = ""
     """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
     source: str = ""

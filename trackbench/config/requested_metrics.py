@@ -30,12 +30,12 @@ def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
     wanted: dict[Kind, bool] = {
-        "score": not names.isdisjoint((*_OF_SCORE, "evidence")),
+        "score": not names.isdisjoint((*_OF_SCORE, "likelihood_ratio")),
         "prediction": any(map(_OF_PREDICTIONS.fullmatch, names)),
         "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
         "ranks": "rank" in heads,
         "crps": "crps" in heads,
-        "evidence": "evidence" in names,
+        "likelihood_ratio": "likelihood_ratio" in names,
     }
     return tuple(kind for kind, is_wanted in wanted.items() if is_wanted)
 

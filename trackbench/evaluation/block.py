@@ -83,7 +83,7 @@ class BlockTask:
     def reference_task(self) -> "BlockTask":
         """Return the reference's own task."""
         assert self.reference is not None
-        told: tuple[Kind, ...] = ("score",) if "evidence" in self.predictive_metrics else ()
+        told: tuple[Kind, ...] = ("score",) if "likelihood_ratio" in self.predictive_metrics else ()
         return replace(
             self.filtering_key, filter=self.reference, assume=None, predictive_metrics=told
         )

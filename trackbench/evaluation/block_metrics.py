@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
-from trackbench.evaluation.calibration import evidence
+from trackbench.evaluation.calibration import likelihood_ratio
 from trackbench.evaluation.error_series import FOUND, per_run_metrics, series, step_sums
 from trackbench.evaluation.run_filter import FilterOutput, run_filter_cached
 from trackbench.evaluation.validate_output import check_names
@@ -34,8 +34,8 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
         exact_mean = None if exact is None else exact.mean
         values = series(task.scenario, data.truth, result.mean, result.nees, exact_mean)
         values |= result.diagnostics
-        if exact is not None and "evidence" in task.predictive_metrics:
-            values |= evidence(values, exact.diagnostics)
+        if exact is not None and "likelihood_ratio" in task.predictive_metrics:
+            values |= likelihood_ratio(values, exact.diagnostics)
         check_names(task.filter.summed_diagnostics)
         finite = _stayed_finite(result.mean)
         # Over the whole block, then trimmed: numpy adds up a single column in another order.

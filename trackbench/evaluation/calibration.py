@@ -10,7 +10,7 @@ Gaussian, for particles and for a density):
 ``nci``               log NEES less its mean if calibrated, dB (Li, Zhao & Jilkov 2002, eqs. 4, 6)
 ``rank_<of>_<b>``     share of ``pit_<of>``'s place that is in the b-th tenth: the rank histogram's bars
 ``crps_<component>``  continuous ranked probability score
-``evidence``          likelihood of the measurements so far over the reference's
+``likelihood_ratio``          likelihood of the measurements so far over the reference's
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ from trackbench.core.elementary import exp, log
 from trackbench.core.posteriors import NormalPosterior
 from trackbench.filters.base import AnyFilter
 
-Kind = Literal["calibration", "ranks", "crps", "evidence"]
+Kind = Literal["calibration", "ranks", "crps", "likelihood_ratio"]
 """What is wanted: pit, coverage and nci; with these the tenths; the others by their names."""
 LEVELS = (50, 90, 99)
 """Percent of the regions."""
@@ -40,7 +40,7 @@ def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
     out = [f"pit_{q}" for q in quantities] + [f"coverage_{p}" for p in LEVELS] + ["nci"]
     out += [f"crps_{c}" for c in components]
     out += [bar for q in quantities for bar in bars(q)]
-    return out + (["evidence"] if exact else [])
+    return out + (["likelihood_ratio"] if exact else [])
 
 
 def bars(quantity: str) -> list[str]:
@@ -93,7 +93,7 @@ class Calibration:
             self._rows.setdefault(f"{head}_{quantity}", []).append(row)
 
 
-def evidence(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
+def likelihood_ratio(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
     """Return the ratio (T + 1, M) of both filters' likelihoods of all measurements so far.
 
     A particle filter's estimate of the likelihood is unbiased, so that its mean is one (Del Moral 2004,
@@ -104,7 +104,7 @@ def evidence(own: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, 
     a, b = own[_SCORE], exact[_SCORE]
     ratio = exp(np.add.accumulate(np.where(np.isnan(a) & np.isnan(b), 0.0, a - b), axis=0))
     ratio[0] = np.nan
-    return {"evidence": ratio}
+    return {"likelihood_ratio": ratio}
 
 
 def noncredibility(nees: Array, n: int) -> Array:

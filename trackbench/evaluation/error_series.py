@@ -2,8 +2,8 @@
 
 A series is an array (T + 1, M). ``squared_<quantity>`` is the squared error of a quantity the scenario
 names, ``error_<quantity>`` the signed error of a scalar one, ``nees`` the normalised error squared,
-``outside`` whether that is more than it is once in a million times for a consistent filter,
-``distance_<quantity>`` the squared distance to the reference filter's estimate. `foretelling` has more.
+``outside_region`` whether that is more than it is once in a million times for a consistent filter,
+``rmsd_<quantity>`` the squared distance to the reference filter's estimate. `foretelling` has more.
 """
 
 import re
@@ -51,10 +51,10 @@ def series(
             if len(error) == 1:
                 out[joined("error", quantity)] = error[0]
         out["nees"] = nees
-        out["outside"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
+        out["outside_region"] = np.where(np.isnan(nees), np.nan, nees > _gate(len(truth)))
     if exact is not None:
         for quantity, error in scenario.errors(mean, exact).items():
-            out[joined("distance", quantity)] = total(np.square(error), axis=0)
+            out[joined("rmsd", quantity)] = total(np.square(error), axis=0)
     return out
 
 

@@ -7,7 +7,7 @@
 ``efficiency``                 the reference's RMSE over the filter's, from its distance to it
 ``anees``, ``cpu_s_per_run``   what summary.csv and timing.csv call so; a filter's key
 ``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
-``below(rmse, PF)``            share of the runs in which the metric is below PF's
+``win_rate(rmse, PF)``            share of the runs in which the metric is below PF's
 =============================  ==================================================================
 """
 
@@ -26,7 +26,7 @@ TIME_MEAN = "time-mean"
 _NAME = r"[\w.-]*[A-Za-z_][\w.-]*"
 _STEPS = r"(?:\d+(?:\.\.(?:\d+|last))?|last)"
 _GRAMMAR = re.compile(
-    r"(?:(?P<relation>gain|ratio|minus|below)\()?"
+    r"(?:(?P<relation>gain|ratio|minus|win_rate)\()?"
     rf"(?:(?P<statistic>[a-z-]+)\()?(?P<metric>{_NAME})"
     rf"(?:\[(?P<window>.+?)\]|@(?P<at>{_STEPS}))?(?(statistic)\)(?:@(?P<step>{_STEPS}))?)"
     r"(?(relation), (?P<other>.+)\))"
@@ -57,7 +57,7 @@ class Measure(NamedTuple):
     statistic: str = ""
     """over the runs; nothing if the metric itself is meant"""
     steps: Steps | None = None
-    relation: Literal["gain", "ratio", "minus", "below", ""] = ""
+    relation: Literal["gain", "ratio", "minus", "win_rate", ""] = ""
     other: str = ""
     """label of the filter that it is related to"""
     filter: str = ""
@@ -115,7 +115,7 @@ class Measure(NamedTuple):
     def made_of(self) -> tuple["Measure", "Measure"]:
         """Return the parts of an efficiency: the reference's RMSE, the filter's difference from it."""
         quantity = self.family[1]
-        rmse, distance = (joined(name, quantity) for name in ("rmse", "distance"))
+        rmse, distance = (joined(name, quantity) for name in ("rmse", "rmsd"))
         return self._replace(metric=rmse), self._replace(metric=distance)
 
     @property
@@ -167,6 +167,8 @@ class Measure(NamedTuple):
 @cache
 def measure(text: str) -> Measure:
     """Parse an expression; raises ValueError."""
+    if text.startswith("below("):
+        raise ValueError(f"`{text}` is now `win_rate({text[6:]}`")
     found = _GRAMMAR.fullmatch(text)
     if found is None:
         raise ValueError(

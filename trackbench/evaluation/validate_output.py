@@ -74,11 +74,11 @@ def checked_numbers(what: str, given: dict[str, Any], runs: int) -> dict[str, Ar
 
 
 def checked_metrics(given: dict[str, Any], runs: int) -> dict[str, Array]:
-    """Validate a scenario's run metrics and their names: ``delay_s``, ``delay_s[leg 1]``."""
+    """Validate a scenario's run metrics and their names, such as ``detection_delay_s[leg 1]``."""
     found = checked_numbers("metric", given, runs)
     for name in found:
         if not _METRIC.fullmatch(name):
-            why = "use letters, digits, . _ - and what it is of as in delay_s[leg 1]"
+            why = "use letters, digits, . _ - and what it is of as in detection_delay_s[leg 1]"
             raise WrongReturnError("run_metrics", f"a metric cannot be named {name!r}: {why}")
     return found
 

@@ -136,7 +136,7 @@ class EvolutionFilter(ProposalFilter):
     renamed_keys: ClassVar[dict[str, str]] = {
         key: f"reading.{key}" for key in Reading.__dataclass_fields__
     }
-    _extra_diagnostics: ClassVar[frozenset[str]] = frozenset({"acceptance", "spread_ratio"})
+    _extra_diagnostics: ClassVar[frozenset[str]] = frozenset({"acceptance_rate", "spread_ratio"})
     _reading_path: ClassVar[str] = "reading."
 
     @property
@@ -186,7 +186,7 @@ class EvolutionFilter(ProposalFilter):
             P=None if proposals.kalman is None else proposals.kalman.cov,
             w=w,
             evidence=(Evidence(mass, 0.0, self.N),),
-            extra_diagnostics=(("acceptance", evolved.acceptance), ("spread_ratio", ratio)),
+            extra_diagnostics=(("acceptance_rate", evolved.acceptance), ("spread_ratio", ratio)),
         )
 
     def differential_evolution(

@@ -74,7 +74,7 @@ class ProposalFilter(Filter[PFState]):
 
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
-    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"collapsed_steps"})
     _extra_diagnostics: ClassVar[frozenset[str]] = frozenset()
     _reading_path: ClassVar[str] = ""
 
@@ -112,17 +112,17 @@ class ProposalFilter(Filter[PFState]):
     @property
     def diagnostic_names(self) -> frozenset[str]:
         """Return the names of `diagnostics`."""
-        return frozenset({"dead_steps", "ess", "distinct"}) | self._extra_diagnostics
+        return frozenset({"collapsed_steps", "ess", "distinct_particles"}) | self._extra_diagnostics
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return ``dead_steps``, ``ess`` and ``distinct``.
+        """Return ``collapsed_steps``, ``ess`` and ``distinct_particles``.
 
-        ``dead_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
-        effective sample size of the draws. ``distinct``: particles that are no copies after
+        ``collapsed_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
+        effective sample size of the draws. ``distinct_particles``: particles that are no copies after
         resampling or evolution. Both are shares of N.
         """
         distinct = particles.distinct(np.sort(state.particles.x[0]))
-        return state.diagnostics() | {"distinct": distinct}
+        return state.diagnostics() | {"distinct_particles": distinct}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return why the process noise has no density to weigh by, if so."""

@@ -58,14 +58,16 @@ class PFState(NamedTuple):
     def diagnostics(self) -> dict[str, Array]:
         """Return collapsed runs, the effective sample size as a share of N, and the extra ones."""
         ess = {} if self.w is None else {"ess": particles.effective_share(self.w)}
-        return {"dead_steps": self.collapsed.astype(float)} | ess | dict(self.extra_diagnostics)
+        return (
+            {"collapsed_steps": self.collapsed.astype(float)} | ess | dict(self.extra_diagnostics)
+        )
 
 
 class WeightedParticlesFilter(Filter[PFState]):
     """Base of the filters whose estimate is the mean of weighted particles."""
 
-    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"dead_steps"})
-    diagnostic_names = frozenset({"dead_steps", "ess"})
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"collapsed_steps"})
+    diagnostic_names = frozenset({"collapsed_steps", "ess"})
 
     def estimate(self, state: PFState) -> Gaussian:
         """Return the weighted mean and covariance."""
@@ -82,9 +84,9 @@ class WeightedParticlesFilter(Filter[PFState]):
         return state.log_likelihood
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return ``dead_steps`` and ``ess``.
+        """Return ``collapsed_steps`` and ``ess``.
 
-        ``dead_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
+        ``collapsed_steps``: 1 where every weight was zero and the particles got equal weights. ``ess``:
         effective sample size before resampling, as a share of N.
         """
         return state.diagnostics()

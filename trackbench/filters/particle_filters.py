@@ -33,7 +33,7 @@ class PF(ParticleFilter):
     """Metropolis-Hastings steps of each particle after resampling, drawn from its parent's transition"""
     estimate_from: Literal["weighted", "resampled"] = "weighted"
     """particles the estimate is taken from: before resampling, or after it and the moves (demo)"""
-    diagnostic_names = ParticleFilter.diagnostic_names | {"distinct"}
+    diagnostic_names = ParticleFilter.diagnostic_names | {"distinct_particles"}
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh (eq. 7 with the prior as q), resample, move."""
@@ -64,8 +64,10 @@ class PF(ParticleFilter):
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
-        """Return also ``distinct``: share of particles that are no copies after resampling."""
-        return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
+        """Return also ``distinct_particles``: share of particles that are no copies after resampling."""
+        return super().diagnostics(state) | {
+            "distinct_particles": particles.distinct(state.particles.x[0])
+        }
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
         """Return children (n, M, N) moved from their parents, of (children, parents) (2 n, M, N)."""

@@ -95,8 +95,8 @@ class Expressions:
     def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
         if m.relation == "minus":
             return self.difference(mine, other)
-        if m.relation == "below":
-            return self._below(mine, other)
+        if m.relation == "win_rate":
+            return self._win_rate(mine, other)
         if m.family[0].is_score:  # a ratio of logarithms says nothing
             return MISSING
         common = self._found(mine, other)
@@ -163,7 +163,7 @@ class Expressions:
         return self.runs.get((m.filter, over_runs.name)) if over_runs else None
 
     @quietly
-    def _below(self, mine: Measure, other: Measure) -> Term:
+    def _win_rate(self, mine: Measure, other: Measure) -> Term:
         """Return the share of the common runs in which a filter's metric is below another's."""
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:

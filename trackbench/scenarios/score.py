@@ -134,7 +134,7 @@ def diverged(values: Mapping[str, Array], settled: bool) -> Array:
     It is no lost run, whose error would leave the averages: an overconfident filter is not to be better
     for it. ``settled``: of recorded runs, the last estimates that there are of each.
     """
-    outside = values.get("outside", np.full((1, 1), np.nan))
+    outside = values.get("outside_region", np.full((1, 1), np.nan))
     if settled:
         order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
         outside = np.take_along_axis(outside, order, axis=0)

@@ -70,7 +70,7 @@ class Training:
         """Return a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._blocks(trial))
-        measured = any(name.startswith("distance") for name in self.objective.metrics)
+        measured = any(name.startswith("rmsd") for name in self.objective.metrics)
         return BlockTask(
             scenario=self._scenario,
             filter=trial.filter,

@@ -75,7 +75,7 @@ def cost(results: Results, standing: Standing) -> str:
 
 
 def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
-    """Return whether one that is worse is faster; nothing where that is not decided."""
+    """Return whether one that is worse is faster; nothing where that is inconclusive."""
     worse = _times(results, [c for c, _ in standing.worse])
     faster = [time for time in worse if cheapest.above(time)]
     if faster:
@@ -174,7 +174,7 @@ def answer(results: Results) -> list[str]:
     else:
         lines = [_over_points(found), _losing(found), _failed(results), *_leader(results, found)]
     if found and max(standing.runs for standing in found) == 1:
-        lines.append("One run has no standard error: which filter is best is not decided.")
+        lines.append("One run has no standard error: which filter is best is inconclusive.")
     return [line for line in lines if line]
 
 

@@ -86,7 +86,7 @@ VERDICTS = {
     "differs": "bad",
     "fails": "bad",
     "chosen": "open",
-    "not decided": "open",
+    "inconclusive": "open",
     "not measured": "open",
 }
 """Verdicts and how they look."""

@@ -130,7 +130,7 @@ class EqualCost(TableKind):
 
     Between two of its own numbers of particles a filter's logarithmic error is taken as linear in its
     logarithmic time. The standard error is that of the runs and of the times; beside it stands how much
-    the next term of the interpolation would change. Best, and what is not decided beside it (three
+    the next term of the interpolation would change. Best, and what is inconclusive beside it (three
     standard errors, paired by runs, and what is left out by the interpolation), is said below.
     """
 
@@ -217,6 +217,6 @@ def _best(found: dict[str, AtCost], higher: bool) -> str:
         elif loses_more(found[first].lost, at.lost):
             fewer.append(name)
     parts = [f"best {first}"]
-    parts += [f"not decided beside it: {', '.join(open_)}"] if open_ else []
+    parts += [f"inconclusive beside it: {', '.join(open_)}"] if open_ else []
     parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
     return "; ".join(parts)

@@ -86,7 +86,7 @@ class Metrics(TableKind):
 def _is_least_best(m: Measure) -> bool:
     """Return whether the least is the best: of a gain, and of a share of runs won, the most is."""
     smaller = m.is_cpu_time or m.family[0].better == "lower"
-    return smaller and m.relation not in ("gain", "below")
+    return smaller and m.relation not in ("gain", "win_rate")
 
 
 def _cell(expressions: Expressions, m: Measure) -> Cell:

@@ -164,7 +164,7 @@ LEGEND = (
     "printed digits; `compatible`: no difference is seen, but the interval is wider; `near`: it "
     "differs by less than 10 %; `differs`: by more. A claim `holds` or `fails`. What is near, "
     "differs, holds or fails does so beyond five standard errors, and beyond three without any one "
-    "batch of runs, else it is `not decided`. `fragile`: as many runs of another seed, one run "
+    "batch of runs, else it is `inconclusive`. `fragile`: as many runs of another seed, one run "
     "fewer or three far ones more could well say otherwise. "
     "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
     "none of M runs had and that is rarer than 3 / M."

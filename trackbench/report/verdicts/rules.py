@@ -21,7 +21,7 @@ ANOTHER_SEED = 1.6449 * sqrt(2.0)
 """Standard errors within which nine in ten numbers of another seed lie."""
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
-NOT_MEASURED, UNDECIDED = "not measured", "not decided"
+NOT_MEASURED, UNDECIDED = "not measured", "inconclusive"
 NUMBER_WORDS = ("agrees", "compatible", "near", UNDECIDED, "differs", "chosen", NOT_MEASURED)
 """Verdicts on a number, the best first: it differs only if it does so under every reading."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)

@@ -24,7 +24,7 @@ _CALLED = {
     "y": ("y", "py", "posy", "north", "northing"),
     "vx": ("vx", "velx", "eastspeed"),
     "vy": ("vy", "vely", "northspeed"),
-    "range": ("range", "distance", "rho"),
+    "range": ("range", "rmsd", "rho"),
     "azimuth": ("azimuth", "bearing", "theta"),
     "speed": ("speed", "sog", "groundspeed"),
     "course": ("course", "cog", "heading"),

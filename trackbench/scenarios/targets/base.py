@@ -167,10 +167,10 @@ class Scored(NamedTuple):
     sigma: float
 
     def of_peaks(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
-        """Return ``peak_position``, m, and ``strayed`` (M,) of the largest error in each window (M,)."""
+        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,)."""
         out = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         strayed = (peaks[""] > STRAY * self.sigma).astype(float)
-        return out | {"strayed": np.where(np.isnan(peaks[""]), np.nan, strayed)}
+        return out | {"beyond_10_sigma": np.where(np.isnan(peaks[""]), np.nan, strayed)}
 
 
 def measured_along(

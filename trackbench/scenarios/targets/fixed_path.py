@@ -35,7 +35,7 @@ class Flown(Target):
         return measured_along(path, timeline, sensor, rng, scans, start.shape[1])
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """Return ``peak_position`` largest error in a window, m, and ``strayed``: 1 where it strayed.
+        """Return ``peak_position``, the largest error in a window, m, and ``beyond_10_sigma``.
 
         Beyond ten standard deviations of a measurement none would be taken for the track's any more.
         """

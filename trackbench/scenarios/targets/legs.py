@@ -28,12 +28,12 @@ class Onsets:
     ) -> dict[str, Array]:
         """Return numbers per run (M,) from mode weight, alarms and their age in s (K, M).
 
-        ``delay_s[leg n]`` time from the onset to the first sample in the maneuvering mode, NaN where
-        there is none; ``missed[leg n]`` 1 where the leg went by without one; ``already_on[leg n]`` 1
-        where the mode was on before the onset, which is no detection; ``onset_age_s[leg n]`` how long
-        before that sample the maneuver is then estimated to have begun, and ``onset_error_s[leg n]``
-        estimated minus true onset, ``onset_off_s[leg n]`` its size, if the filter estimates it;
-        ``false_alarms_per_1000`` alarms per 1000 quiet samples in the quiescent mode.
+        ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
+        mode, NaN if there is none. ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
+        ``already_maneuvering[leg n]``: 1 if the mode was on before the onset. ``onset_age_s[leg
+        n]``: time from the estimated onset to that sample. ``onset_error_s[leg n]``: estimated
+        minus true onset. ``onset_abs_error_s[leg n]``: its size. ``false_maneuvers_per_1000``:
+        alarms per 1000 quiet samples in the quiescent mode.
         """
         on = mode > 0.5  # the prior's row is NaN: off
         out: dict[str, Array] = {}
@@ -47,15 +47,15 @@ class Onsets:
             # The sample at the onset itself carries none of the turn; `during` starts after it.
             met = first + np.argmax(on[during], axis=0)
             delay = np.where(found & ~before, self.times[met] - start, np.nan)
-            out[f"delay_s[leg {n}]"] = delay
+            out[f"detection_delay_s[leg {n}]"] = delay
             if begun is not None:
                 error = begun[met, np.arange(len(met))] - start
                 out[f"onset_error_s[leg {n}]"] = np.where(np.isnan(delay), np.nan, error)
-                out[f"onset_off_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
+                out[f"onset_abs_error_s[leg {n}]"] = np.abs(out[f"onset_error_s[leg {n}]"])
                 out[f"onset_age_s[leg {n}]"] = delay - error
-            out[f"missed[leg {n}]"] = (~found).astype(float)
-            out[f"already_on[leg {n}]"] = before.astype(float)
-        out["false_alarms_per_1000"] = self._false_alarms(on, alarm)
+            out[f"missed_maneuvers[leg {n}]"] = (~found).astype(float)
+            out[f"already_maneuvering[leg {n}]"] = before.astype(float)
+        out["false_maneuvers_per_1000"] = self._false_alarms(on, alarm)
         return out
 
     def _false_alarms(self, on: Mask, alarm: Array | None) -> Array:
