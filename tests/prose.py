@@ -23,7 +23,7 @@ from typing import NamedTuple
 from tests.quoted import Quoted, has_runs, recorded, write_record
 from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts.rules import NUMBER_WORDS
 from trackbench.yaml_source import scalar
@@ -152,13 +152,13 @@ def _rows(folder: str, name: str) -> list[dict[str, str]]:
 
 
 @cache
-def _expressions(folder: str, point: str) -> Expressions:
+def _expressions(folder: str, point: str) -> Evaluator:
     results = Results(HERE / "results" / folder)
     wanted = [scalar(value) for value in split(point)]
     points = [p for p in results.points() if not wanted or list(p.values()) == wanted]
     if not points:
         raise ValueError(f"results/{folder} has no point {point}")
-    return Expressions(results, points[0])
+    return Evaluator(results, points[0])
 
 
 def _anew(link: re.Match[str]) -> str:

@@ -14,8 +14,8 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.intervals import spread
 from trackbench.evaluation.statistics import OVER_RUNS, influence, interval, mean
 from trackbench.evaluation.stopping_rule import checkpoints, exact_after
-from trackbench.report.estimates import Term
-from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, of_claim
+from trackbench.report.estimates import RunEstimate
+from trackbench.report.verdicts.rules import DECIDED, SURE, Verdict, claim_verdict
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator
@@ -129,14 +129,14 @@ def false_of_variances(law: str, M: int, repetitions: int, rng: Rng) -> tuple[fl
     return len(decided) / repetitions, decided.count(False) / repetitions
 
 
-def _seed(statistic: str, x: Array) -> Term:
+def _seed(statistic: str, x: Array) -> RunEstimate:
     influences = influence(statistic, x)
-    return Term(OVER_RUNS[statistic](x).value, spread(influences).stderr, influences, len(x))
+    return RunEstimate(OVER_RUNS[statistic](x).value, spread(influences).stderr, influences, len(x))
 
 
-def _above(term: Term, edge: float) -> Verdict:
+def _above(term: RunEstimate, edge: float) -> Verdict:
     parts, stressed = ([t.z(edge) for t in terms] for terms in (term.parts(4), term.stressed()))
-    return of_claim(term.z(edge), parts, stressed)
+    return claim_verdict(term.z(edge), parts, stressed)
 
 
 UNTIL = {"HDEPF": (0.02, 0.01, 0.005), "rare": (0.02, 0.01, 0.005), "lognormal": (0.04, 0.02)}

@@ -8,7 +8,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import mean
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.verify.verify import verify
 
@@ -58,7 +58,7 @@ def test_they_are_there_only_if_something_asks_for_them(results, tmp_path):
 
 
 def test_they_average_to_the_value_of_every_step(results):
-    steps, e = results.per_step, Expressions(results, {})
+    steps, e = results.per_step, Evaluator(results, {})
     of_steps = [("rmse@last", "rmse", 10), ("anees@3", "anees", 3), ("std@4", "std", 4)]
     for expression, metric, step in of_steps:
         here = steps[(steps["filter"] == "UKF") & (steps["metric"] == metric)]
@@ -74,8 +74,8 @@ def test_without_the_last_batch_a_number_is_nearly_that_of_the_other_runs(result
     """To first order in what the batch changes."""
     rest = run(tmp_path, CONFIG.replace("runs: 40", "runs: 30") + TABLE)
     for expression in ("time-mean(rmse)", "rmse@last", "std@4", "minus(time-mean(rmse), UKF)"):
-        part = Expressions(results, {}).term(measure(expression).of("PF")).parts(4)[3]
-        alone = Expressions(rest, {}).term(measure(expression).of("PF"))
+        part = Evaluator(results, {}).term(measure(expression).of("PF")).parts(4)[3]
+        alone = Evaluator(rest, {}).term(measure(expression).of("PF"))
         assert part.splits
         assert part.value == pytest.approx(alone.value, abs=0.15 * alone.stderr)
 
@@ -91,7 +91,7 @@ def test_a_published_file_asks_for_them(tmp_path):
     results = run(tmp_path, CONFIG + "published: [claims.csv]\n")
     assert "time-mean(rmse)" in metrics(results)
     assert np.isfinite(
-        Expressions(results, {})
+        Evaluator(results, {})
         .difference(*[measure("time-mean(rmse)").of(f) for f in ("PF", "UKF")])
         .z()
     )

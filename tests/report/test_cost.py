@@ -14,8 +14,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.statistics import influence, mean
 from trackbench.report.costs import Curve, Spot, beside, curves, front
-from trackbench.report.estimates import Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_queries import own_values
 from trackbench.report.results import Results
 from trackbench.report.tables.efficiency import EqualCost
@@ -24,8 +24,8 @@ from trackbench.verify.verify import verify
 NOBODY = np.zeros(0)
 
 
-def exactly(value: float) -> Term:
-    return Term(value, 0.0, None, 1)
+def exactly(value: float) -> RunEstimate:
+    return RunEstimate(value, 0.0, None, 1)
 
 
 def made(function: Any, sizes: tuple[int, ...]) -> Curve:
@@ -82,8 +82,8 @@ def noisy(rng: np.random.Generator, name: str, slope: float) -> Curve:
     for n in (10.0, 30.0, 100.0):
         values = n**slope * np.exp(0.4 * shared + 0.2 * rng.standard_normal(runs) - 0.1)
         times = 2e-6 * n * (1.0 + 0.05 * rng.standard_normal(blocks))
-        cost = Term(times.mean(), mean(times).stderr, None, runs)
-        error = Term(*mean(values), influence("mean", values), runs)
+        cost = RunEstimate(times.mean(), mean(times).stderr, None, runs)
+        error = RunEstimate(*mean(values), influence("mean", values), runs)
         spots.append(Spot(n, cost, error, np.zeros(runs)))
     return Curve(name, {}, tuple(spots))
 
@@ -94,7 +94,7 @@ def test_the_error_at_a_cost_is_that_of_repeated_batches():
     for _ in range(500):
         a, b = (noisy(rng, "PF", slope) for slope in (-0.5, -0.8))
         times = asked * (1.0 + 0.05 * rng.standard_normal(4))
-        cost = Term(times.mean(), mean(times).stderr, None, 200)
+        cost = RunEstimate(times.mean(), mean(times).stderr, None, 200)
         at, other = a.at(cost), b.at(cost)
         assert at is not None
         assert other is not None
@@ -211,7 +211,7 @@ def test_efficiency_is_made_of_the_runs(results):
     point = results.points()[2]
     runs = results.runs(point)
     f, d, e = (runs[key] for key in (("Exact", "rmse"), ("PF", "rmsd"), ("PF", "rmse")))
-    term = Expressions(results, point).term(measure("efficiency").of("PF"))
+    term = Evaluator(results, point).term(measure("efficiency").of("PF"))
     assert term.value == pytest.approx(np.sqrt((f**2).sum() / (f**2 + d**2).sum()))
     left = [
         np.sqrt(np.delete(f**2, i).sum() / np.delete(f**2 + d**2, i).sum()) for i in range(len(f))
@@ -223,9 +223,9 @@ def test_efficiency_is_made_of_the_runs(results):
     assert cells[0].estimate == term.estimate
     assert cells[1].estimate.value == pytest.approx(np.sqrt((f**2).sum() / (e**2).sum()))
     assert len(results.tables["efficiency"].keys) == 3 + 6 + 1  # each form once
-    exact = Expressions(results, point).term(measure("efficiency").of("Exact"))
+    exact = Evaluator(results, point).term(measure("efficiency").of("Exact"))
     assert exact.estimate == (1.0, 0.0)
-    half = Expressions(results, point).term(measure("efficiency").of("PF")).parts(2)
+    half = Evaluator(results, point).term(measure("efficiency").of("PF")).parts(2)
     assert [t.runs for t in half] == [30, 30]
     late = np.arange(60) >= 30
     assert half[0].value == pytest.approx(
@@ -253,7 +253,7 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
     text = (results.folder / "run" / "figures" / "cost.svg").read_text()
     for word in ("HDEPF (G = 3)", "Front", "Exact", "CPU time per step"):
         assert word in text
-    told = results.parts("figures")["cost"].tell(results)
+    told = results.parts("figures")["cost"].default_caption(results)
     assert re.fullmatch(r"On the front: (.+ with N = [\d, and]+|UKF)(; .+)*\.", told)
     spent = results.timing.drop_duplicates(["filter", "cpu_s"])["cpu_s"].sum()
     assert results.manifest["cpu_s"] == pytest.approx(spent, abs=2e-3)  # what is shared counts once

@@ -10,10 +10,10 @@ from trackbench.config.published import Claim
 from trackbench.errors import UserError
 from trackbench.evaluation import intervals
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import judge
-from trackbench.report.verdicts.rules import of_claim, weakest
+from trackbench.report.verdicts.rules import claim_verdict, weakest
 from trackbench.verify.verify import verify
 
 CONFIG = """
@@ -51,9 +51,9 @@ def test_every_run_is_refuted_by_one_and_shown_by_none():
 
 
 def test_an_exact_claim_is_shown_by_all_runs_and_contradicted_by_no_batch():
-    assert of_claim(4.4, [2.7] * 4, exact=True).word == "holds"
-    assert of_claim(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "inconclusive"
-    assert of_claim(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
+    assert claim_verdict(4.4, [2.7] * 4, exact=True).word == "holds"
+    assert claim_verdict(4.4, [2.7, 2.7, -3.5, 2.7], exact=True).word == "inconclusive"
+    assert claim_verdict(-np.inf, [0.0, -np.inf], exact=True).word == "fails"
 
 
 def test_one_of_many_steps_fails_only_beyond_what_chance_gives_of_so_many():
@@ -109,7 +109,7 @@ def test_runs_have_shares_of_every_step_of_the_filters_that_are_compared(results
 
 
 def test_the_weakest_step_decides(results):
-    evidence = Expressions(results, {})
+    evidence = Evaluator(results, {})
     claim = results.published.claims[0]
     judged = judge(claim, evidence)
     zs = {
@@ -132,12 +132,12 @@ def test_the_weakest_step_decides(results):
 
 def test_a_share_of_runs(results):
     runs = results.runs({})
-    term = Expressions(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
+    term = Evaluator(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
     assert term.z(0.9) == intervals.z(lower, 80, 0.9)
     assert term.interval() == intervals.interval(lower, 80)
-    judged = judge(results.published.claims[1], Expressions(results, {}))
+    judged = judge(results.published.claims[1], Evaluator(results, {}))
     assert judged.verdict.z == intervals.z(lower, 80, 0.97)
     rest = term.parts(4)[0]
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"])[20:].sum())
@@ -147,7 +147,7 @@ def test_a_share_of_runs(results):
 
 
 def test_what_is_the_same_at_every_step_is_not_decided(results):
-    judged = judge(results.published.claims[2], Expressions(results, {}))
+    judged = judge(results.published.claims[2], Evaluator(results, {}))
     assert judged.verdict.word == "inconclusive"
     assert np.isnan(judged.verdict.z)
 
@@ -156,7 +156,7 @@ def test_steps_that_nothing_is_known_of_are_not_measured(results):
     claim = Claim(
         paper="p", claim="c", left="Exact", expression=measure("rmse@99..last"), right="None"
     )
-    judged = judge(claim, Expressions(results, {}))
+    judged = judge(claim, Evaluator(results, {}))
     assert judged.verdict.word == "not measured"
     assert "nothing is known of Exact's rmse@99..last" in judged.note
 

@@ -15,7 +15,7 @@ from trackbench.evaluation.intervals import (
     studentised_difference,
 )
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.point_facts import PointFacts
 from trackbench.results.read_csv import Columns
@@ -86,7 +86,7 @@ def found(folder, name):
 
 
 def test_a_statistic_and_its_z(folder):
-    term = Expressions(folder, {}).term(measure("variance(rmse)").of("A"))
+    term = Evaluator(folder, {}).term(measure("variance(rmse)").of("A"))
     x = found(folder, ("A", "rmse"))
     assert term.estimate == st.variance(x)
     assert (term.runs, term.lost, term.splits) == (RUNS - 2, 2, True)
@@ -96,7 +96,7 @@ def test_a_statistic_and_its_z(folder):
 
 
 def test_a_difference_of_variances_has_the_limits_of_both(folder):
-    e, names = Expressions(folder, {}), (("A", "rmse"), ("B", "rmse"))
+    e, names = Evaluator(folder, {}), (("A", "rmse"), ("B", "rmse"))
     term = e.term(measure("minus(variance(rmse), B)").of("A"))
     common = ~np.isnan(sum(folder.values[name] for name in names))
     x, y = (folder.values[name][common] for name in names)
@@ -118,7 +118,7 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
 
 
 def test_shares_and_consistency_have_influences(folder):
-    e = Expressions(folder, {})
+    e = Evaluator(folder, {})
     assert e.term(measure("rmse@2").of("A")).estimate == st.rms(found(folder, ("A", "rmse@2")))
     shares = found(folder, ("A", "time-mean(rmse)"))
     assert e.term(measure("time-mean(rmse)").of("A")).estimate == st.mean(shares)
@@ -134,7 +134,7 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     """Also of none or all of the runs, where the sample has no spread."""
     folder.values["A", "beyond_10_sigma"] = np.zeros(RUNS)
     folder.values["A", "lost"] = np.where(np.arange(RUNS) < 20, 2.0, 0.0)
-    e = Expressions(folder, {})
+    e = Evaluator(folder, {})
     never, lost = (
         e.term(measure(name).of("A")) for name in ("mean(beyond_10_sigma)", "mean(lost)")
     )
@@ -153,7 +153,7 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     of_a[:3], of_b[:3] = 1.0, 1.0  # neither is lost there
     for label, strayed in (("A", np.zeros(RUNS)), ("B", np.ones(RUNS)), ("C", np.zeros(RUNS))):
         folder.values[label, "beyond_10_sigma"] = strayed
-    few = Expressions(replace(folder, values={k: x[:3] for k, x in folder.values.items()}), {})
+    few = Evaluator(replace(folder, values={k: x[:3] for k, x in folder.values.items()}), {})
     strayed = measure("mean(beyond_10_sigma)")
     apart, alike = (few.difference(strayed.of("A"), strayed.of(other)) for other in "BC")
     assert (apart.value, apart.runs, alike.value) == (-1.0, 3, 0.0)
@@ -163,13 +163,13 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     assert alike.interval() == pytest.approx((-0.7076, 0.7076), abs=1e-4)  # as of 0 of 3
     assert alike.stderr > 0.3
     assert apart.stressed() == []
-    assert -40.0 < Expressions(folder, {}).difference(strayed.of("A"), strayed.of("B")).z() < -10.0
+    assert -40.0 < Evaluator(folder, {}).difference(strayed.of("A"), strayed.of("B")).z() < -10.0
 
 
 def test_an_infinite_consistency_has_no_error(folder):
     folder.values["A", "nees_position"][3] = np.inf
     folder.summary["value"][:], folder.summary["stderr"][:] = np.inf, np.nan
-    anees = Expressions(folder, {}).term(measure("anees_position").of("A"))
+    anees = Evaluator(folder, {}).term(measure("anees_position").of("A"))
     assert (anees.value, anees.runs, anees.lost, anees.splits) == (np.inf, RUNS - 2, 2, False)
     assert np.isnan(anees.stderr)
     assert np.isnan(anees.z(1.0))
@@ -177,7 +177,7 @@ def test_an_infinite_consistency_has_no_error(folder):
 
 @pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "anees_position"])
 def test_parts_are_the_whole_without_a_batch(folder, expression):
-    term = Expressions(folder, {}).term(measure(expression).of("A"))
+    term = Evaluator(folder, {}).term(measure(expression).of("A"))
     parts = term.parts(4)
     assert sum(part.runs for part in parts) == 3 * term.runs
     whole = 3.0 * term.value * term.runs
@@ -191,7 +191,7 @@ def test_without_a_batch_a_gain_is_that_of_the_others(folder):
     both = ~np.isnan(folder.values["A", "rmse"] + folder.values["B", "rmse"])
     both &= np.arange(RUNS) < 90
     a, b = (folder.values[label, "rmse"][both] for label in "AB")
-    term = Expressions(folder, {}).term(measure("gain(rms(rmse), B)").of("A")).parts(4)[3]
+    term = Evaluator(folder, {}).term(measure("gain(rms(rmse), B)").of("A")).parts(4)[3]
     value, stderr = jackknifed_gain(a, b)
     assert term.value == pytest.approx(value, abs=0.1 * stderr)
     assert term.stderr == pytest.approx(stderr, rel=0.05)
@@ -210,7 +210,7 @@ def jackknifed_gain(a, b):
 
 
 def test_an_exact_number_leaves_the_influences_alone(folder):
-    term = Expressions(folder, {}).difference(
+    term = Evaluator(folder, {}).difference(
         measure("mean(rmse)").of("A"), measure("N").of("A"), 0.1
     )
     mean = st.mean(found(folder, ("A", "rmse")))
@@ -220,7 +220,7 @@ def test_an_exact_number_leaves_the_influences_alone(folder):
 
 def test_a_number_without_its_farthest_run_and_with_three_more(folder):
     folder.values["A", "rmse"][17] = 9.0
-    term = Expressions(folder, {}).term(measure("mean(rmse)").of("A"))
+    term = Evaluator(folder, {}).term(measure("mean(rmse)").of("A"))
     x = found(folder, ("A", "rmse"))
     less, more = term.stressed()
     mean = x.mean()
@@ -233,7 +233,7 @@ def test_a_number_without_its_farthest_run_and_with_three_more(folder):
 
 
 def test_times_are_no_matter_of_runs(folder):
-    e = Expressions(folder, {})
+    e = Evaluator(folder, {})
     time = e.term(measure("cpu_s_per_run").of("A"))
     assert (time.value, time.stderr, time.splits) == (2.0, 0.1, False)
     ratio = e.term(measure("ratio(cpu_s_per_run, B)").of("A"))
@@ -249,7 +249,7 @@ def test_a_ratio_of_measured_times_is_paired_by_repeats(folder):
         ("D", RUNS, 4.0, 0.2, "4"),
     ]
     folder.timing = table("filter runs cpu_s_per_run stderr repeats", times)
-    e = Expressions(folder, {})
+    e = Evaluator(folder, {})
     ratio = e.term(measure("ratio(cpu_s_per_run, B)").of("A"))
     assert (ratio.value, ratio.stderr) == (0.5, 0.0)  # in every repeat one half
     gain = e.term(measure("gain(cpu_s_per_run, B)").of("A"))
@@ -260,7 +260,7 @@ def test_a_ratio_of_measured_times_is_paired_by_repeats(folder):
 def test_what_is_not_measured_is_not_fragile(folder):
     """Against a filter that is there the number is fragile; the other is not there."""
     folder.values["A", "rmse"][17] = 30.0
-    error, whole = measure("variance(rmse)"), Expressions(folder, {})
+    error, whole = measure("variance(rmse)"), Evaluator(folder, {})
     claim = Claim(paper="p", claim="c", left="A", expression=error, right="B;none")
     found = judge(claim, whole)
     assert (found.verdict.word, found.verdict.fragile) == ("not measured", False)

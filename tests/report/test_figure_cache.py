@@ -8,9 +8,8 @@ import pytest
 
 from trackbench import api
 from trackbench.execution.cache import cache_folder, cache_size, clear_cache
-from trackbench.report import parallel_drawing
 from trackbench.report.figure_cache import KeptFigures
-from trackbench.report.parallel_drawing import drawing, drawn
+from trackbench.report.parallel_drawing import draw_figure, drawing_pool
 from trackbench.report.results import Results
 
 
@@ -23,7 +22,7 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def files(folder: Path, processes: int = 2, **how: Any) -> dict[str, list[tuple[str, bytes]]]:
     results = api.load(folder)
-    with drawing(results, ["svg"], processes, **how) as draw:
+    with drawing_pool(results, ["svg"], processes, **how) as draw:
         return {name: draw(name, spec) for name, spec in results.parts("figures").items()}
 
 
@@ -33,8 +32,10 @@ def test_what_was_drawn_is_not_drawn_again(
 ) -> None:
     results = api.load(folder)
     first = files(folder, processes, fresh=False)
-    assert first == {n: drawn(s, results, ["svg"]) for n, s in results.parts("figures").items()}
-    monkeypatch.setattr(parallel_drawing, "pool", None)  # nobody who draws
+    assert first == {
+        n: draw_figure(s, results, ["svg"]) for n, s in results.parts("figures").items()
+    }
+    monkeypatch.setattr(drawing_pool, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first
     with pytest.raises(TypeError):
         files(folder, fresh=True)
@@ -97,7 +98,7 @@ def test_of_other_figures_and_tables_a_figure_takes_nothing_but_looks(folder: Pa
     assert results._references
     for key in ("figures", "tables"):
         del results.config[key]
-    assert before == {name: drawn(spec, results, ["svg"]) for name, spec in figures.items()}
+    assert before == {name: draw_figure(spec, results, ["svg"]) for name, spec in figures.items()}
 
 
 def test_what_no_figure_shows_is_not(folder: Path) -> None:

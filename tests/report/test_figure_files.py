@@ -26,7 +26,7 @@ def figure() -> Any:
 
 @pytest.fixture(scope="module", autouse=True)
 def _house() -> Iterator[None]:
-    with style.house():
+    with style.rc_context():
         yield
 
 

@@ -9,8 +9,8 @@ from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques, critical_difference, mean_ranks
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
@@ -74,12 +74,14 @@ def test_floor_and_baseline_have_a_look_of_their_own(made):
 
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
 def test_the_interval_of_an_expression_has_its_level(made, level, deviations):
-    expressions = Expressions(Results(made), {})
+    expressions = Evaluator(Results(made), {})
     term = expressions.term(measure("rmse@5").of("PF"))
     value, low, high = Bars(metric=measure("rmse@5"), level=level)._value(expressions, "PF")
     assert value == term.value
     assert (low, high) == term.interval(level)
-    plain = Term(1.0, 0.1, None, 400).interval(level)  # as of rmse@5 where no run has a share
+    plain = RunEstimate(1.0, 0.1, None, 400).interval(
+        level
+    )  # as of rmse@5 where no run has a share
     assert plain == pytest.approx((1.0 - 0.1 * deviations, 1.0 + 0.1 * deviations), rel=1e-4)
 
 
@@ -107,8 +109,8 @@ def test_a_point_in_words():
 
 
 def test_a_dollar_or_a_long_label_is_only_text():
-    assert style.words("a $x_$ b") == r"a \$x_\$ b"
-    assert max(map(len, style.words("word " * 16).split("\n"))) <= 24
+    assert style.wrap_label("a $x_$ b") == r"a \$x_\$ b"
+    assert max(map(len, style.wrap_label("word " * 16).split("\n"))) <= 24
 
 
 def test_a_filter_looks_the_same_in_every_figure(made):
@@ -162,13 +164,15 @@ def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
 
 def test_what_a_figure_tells_is_in_its_numbers(made):
     results = Results(made)
-    time = RmseVsTime(filters=("PF", "PF (N=50)", "No data"), baseline="No data").tell(results)
+    time = RmseVsTime(filters=("PF", "PF (N=50)", "No data"), baseline="No data").default_caption(
+        results
+    )
     frame = results.per_step.query("metric == 'rmse'").groupby("filter")["value"].mean()
     better, worse = frame[["PF", "PF (N=50)"]].sort_values().items()
     words = [f"{label} ({value:.3g})" for label, value in (better, worse)]
     assert time == f"Averaged over the steps, lowest: {', '.join(words)}."
-    assert RmseVsTime(filters=("PF",)).tell(results) == ""  # of one there is no order
-    bars = Bars(filters=("PF", "PF (N=50)")).tell(results)
+    assert RmseVsTime(filters=("PF",)).default_caption(results) == ""  # of one there is no order
+    bars = Bars(filters=("PF", "PF (N=50)")).default_caption(results)
     assert bars.startswith("Of what is measured, lowest: PF (N=50) (")
     assert bars.endswith("Diamonds are the numbers that were published.")
 

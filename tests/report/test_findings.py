@@ -13,8 +13,8 @@ from tests.conftest import EXPERIMENTS
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.report.findings import sentences
-from trackbench.report.findings.ranking import Candidate, standing_of, standings
-from trackbench.report.findings.sentences import _leader, answer
+from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
+from trackbench.report.findings.sentences import _leader_sentence, answer
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import PointFacts
@@ -107,7 +107,7 @@ def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
 def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatch) -> None:
     found = [SimpleNamespace(among_the_best=[SimpleNamespace(label=label)]) for label in leaders]
     monkeypatch.setattr(sentences, "over_points", lambda _, each: [each[0].label])
-    assert _leader(None, found) == [leader] * bool(leader)
+    assert _leader_sentence(None, found) == [leader] * bool(leader)
 
 
 def test_equal_filters(tmp_path, A) -> None:
@@ -130,7 +130,7 @@ def test_values_with_which_more_runs_are_lost_are_not_the_best(A, apart) -> None
     lost = (np.arange(M) < 40).astype(float)
     few = Candidate("A", {}, lost, np.where(lost > 0, np.nan, 0.5 * A), {"N": 2})
     many = Candidate("A", {}, 0.0 * lost, A, {"N": 400})
-    standing = standing_of([few, many], "rmse", apart=apart)
+    standing = ranking_of([few, many], "rmse", apart=apart)
     assert standing.best is many
     assert (few in standing.losing) == apart
 
@@ -207,7 +207,7 @@ def test_equal_filters_are_told_apart_in_one_experiment_of_twenty(rng) -> None:
     for _ in range(experiments):
         errors = rng.gamma(4.0, size=(6, 40))
         found = [Candidate(str(i), {}, np.zeros(40), x) for i, x in enumerate(errors)]
-        wrong += bool(standing_of(found, "rmse").worse)
+        wrong += bool(ranking_of(found, "rmse").worse)
     assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
 
 
@@ -217,7 +217,7 @@ def test_equal_settings_are_told_apart_no_more_often(rng) -> None:
     for _ in range(experiments):
         errors = rng.gamma(4.0, size=(20, 40))
         found = [Candidate(str(i % 2), {}, np.zeros(40), x, {"k": i}) for i, x in enumerate(errors)]
-        standing = standing_of(found, "rmse")
+        standing = ranking_of(found, "rmse")
         assert standing.chosen
         wrong += bool(standing.worse)
     assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
@@ -232,7 +232,7 @@ def test_runs_that_are_lost_by_chance_take_no_filter_out(rng) -> None:
             Candidate(str(i), {}, gone.astype(float), x)
             for i, (gone, x) in enumerate(zip(lost, errors, strict=True))
         ]
-        wrong += bool(standing_of(found, "rmse").losing)
+        wrong += bool(ranking_of(found, "rmse").losing)
     assert wrong < experiments * 0.05 + 3 * (experiments * 0.05 * 0.95) ** 0.5
 
 
@@ -242,7 +242,7 @@ def test_what_is_said_of_shipped_results_is_in_their_files(path: Path, tmp_path:
     few = 12 if read(path).data.get("runs", 1) > 12 else None
     options = api.Options(quiet=True, out=tmp_path, formats=(), set=["block=fit"], times=False)
     results = api.run(path, options, runs=few).results
-    lines, (found,) = answer(results), standings(results)
+    lines, (found,) = answer(results), rankings(results)
     if found.best is None:  # of one run
         assert results.config["runs"] == 1
         assert len(lines) == 1

@@ -10,7 +10,7 @@ from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import compact, outline
-from trackbench.report.parallel_drawing import drawn
+from trackbench.report.parallel_drawing import draw_figure
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 
@@ -18,7 +18,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def svg(spec, results):
-    ((_, content),) = drawn(spec, results, ["svg"])
+    ((_, content),) = draw_figure(spec, results, ["svg"])
     return ET.fromstring(content)
 
 

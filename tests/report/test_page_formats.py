@@ -38,7 +38,7 @@ def test_each_figure_is_drawn_as_wide_as_a_column_and_as_a_page(folder):
 
 def test_letters_of_eight_points_and_no_title(made):
     results = api.load(made)
-    with drawing_for(COLUMN), style.house():
+    with drawing_for(COLUMN), style.rc_context():
         figure = results.parts("figures")["time"].draw(results)
         figure.draw_without_rendering()
         ax = figure.axes[0]

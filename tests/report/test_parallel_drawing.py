@@ -11,9 +11,9 @@ import pytest
 
 from trackbench import api
 from trackbench.report.kinds import FigureKind
-from trackbench.report.parallel_drawing import drawing, drawn
+from trackbench.report.parallel_drawing import draw_figure, drawing_pool
 from trackbench.report.plotting import style
-from trackbench.report.plugin_exhibits import UnmadeError
+from trackbench.report.plugin_exhibits import OutputError
 from trackbench.report.results import Results
 
 
@@ -40,9 +40,11 @@ def results(made: Path) -> Results:
 
 def test_files_are_the_same_whoever_draws(results: Results) -> None:
     figures = dict(reversed(results.parts("figures").items()))
-    with drawing(results, ["svg"], processes=2) as draw:
+    with drawing_pool(results, ["svg"], processes=2) as draw:
         elsewhere = {name: draw(name, spec) for name, spec in figures.items()}
-    assert elsewhere == {name: drawn(spec, results, ["svg"]) for name, spec in figures.items()}
+    assert elsewhere == {
+        name: draw_figure(spec, results, ["svg"]) for name, spec in figures.items()
+    }
     for name, [(form, content)] in elsewhere.items():
         assert content == (results.folder / "figures" / f"{name}.{form}").read_bytes()
 
@@ -50,7 +52,7 @@ def test_files_are_the_same_whoever_draws(results: Results) -> None:
 def test_what_another_process_dies_of_is_drawn_here(results: Results) -> None:
     with (
         pytest.MonkeyPatch.context() as patch,
-        drawing(_with(patch, results, deadly=Deadly()), ["svg"], processes=2) as draw,
+        drawing_pool(_with(patch, results, deadly=Deadly()), ["svg"], processes=2) as draw,
     ):
         assert [form for form, _ in draw("deadly", Deadly())] == ["svg"]
 
@@ -58,9 +60,9 @@ def test_what_another_process_dies_of_is_drawn_here(results: Results) -> None:
 def test_a_mistake_of_another_process_is_said(results: Results) -> None:
     with (
         pytest.MonkeyPatch.context() as patch,
-        drawing(_with(patch, results, bad=Failing()), ["svg"], processes=2) as draw,
+        drawing_pool(_with(patch, results, bad=Failing()), ["svg"], processes=2) as draw,
         pytest.raises(
-            UnmadeError, match=r"^test_parallel_drawing\.py:\d+: ValueError: drawn by a child"
+            OutputError, match=r"^test_parallel_drawing\.py:\d+: ValueError: drawn by a child"
         ),
     ):
         draw("bad", Failing())

@@ -9,7 +9,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.report.plugin_exhibits import PartlyMadeError
+from trackbench.report.plugin_exhibits import PartialReportError
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -154,7 +154,7 @@ def test_a_program_is_told_what_is_missing(home: Path, monkeypatch: pytest.Monke
     assert [*report.tables] == ["errors"]
     assert len(report.failed) == 1
     assert "ZeroDivisionError" in report.results._repr_html_()
-    with pytest.raises(PartlyMadeError) as caught:
+    with pytest.raises(PartialReportError) as caught:
         api.report(report.folder, allow_plugins=True)
     assert caught.value.lines == report.failed
     assert caught.value.written == [report.folder / "report.html"]
@@ -169,8 +169,9 @@ def test_verify_says_what_cannot_be_made_again(home: Path) -> None:
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [("needs = ['nees']", "needs is ['nees'], not a mapping of metrics to per_run, per_step, summary"),
-     ("needs = {'nees': 'per_rum'}", "needs is {'nees': 'per_rum'}, not a mapping of metrics to "),
+    [("requires = ['nees']",
+      "requires is ['nees'], not a mapping of metrics to per_run, per_step, summary"),
+     ("requires = {'nees': 'per_rum'}", "requires is {'nees': 'per_rum'}, not a mapping of metrics to "),
      ("label_keys = ('acros', 'up')", "OwnFigure: label_keys is ('acros', 'up'), not a tuple of keys"),
      ("label_keys = ('title')", "OwnFigure: label_keys is 'title', not a tuple of keys"),
      ("shown_runs = property(lambda self: 'a')", "shown_runs is 'a', no whole number"),

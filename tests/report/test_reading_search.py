@@ -9,7 +9,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.published import PublishedNumber
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import Term
+from trackbench.report.estimates import RunEstimate
 from trackbench.report.results import Results
 from trackbench.report.tables.reading_search import Number, distance, ways_to_measure
 
@@ -187,9 +187,14 @@ def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) ->
         squares = np.square(b - b.mean())
         found = distance(
             [
-                Number("A", 0.7, Term(a.mean(), 0.0, a - a.mean(), 100)),
-                Number("B", 1.0, Term(b.mean(), 0.0, b - b.mean(), 100)),
-                Number("B", 0.2, Term(squares.mean(), 0.0, squares - squares.mean(), 100), True),
+                Number("A", 0.7, RunEstimate(a.mean(), 0.0, a - a.mean(), 100)),
+                Number("B", 1.0, RunEstimate(b.mean(), 0.0, b - b.mean(), 100)),
+                Number(
+                    "B",
+                    0.2,
+                    RunEstimate(squares.mean(), 0.0, squares - squares.mean(), 100),
+                    True,
+                ),
             ]
         )
         values.append(found.value)
@@ -198,9 +203,9 @@ def test_standard_error_is_that_of_many_repetitions(rng: np.random.Generator) ->
 
 
 def test_a_reading_that_is_lost_is_infinitely_far() -> None:
-    good = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 10))
-    gone = Number("A", 1.0, Term(1.0, 0.1, np.zeros(10), 4, lost=6))
-    nothing = Number("A", 1.0, Term(np.nan, np.nan, None, 0, lost=10))
+    good = Number("A", 1.0, RunEstimate(1.0, 0.1, np.zeros(10), 10))
+    gone = Number("A", 1.0, RunEstimate(1.0, 0.1, np.zeros(10), 4, lost=6))
+    nothing = Number("A", 1.0, RunEstimate(np.nan, np.nan, None, 0, lost=10))
     assert distance([good]).value == 0.0
     assert distance([good, gone]).value == np.inf
     assert distance([good, nothing]).value == np.inf

@@ -16,7 +16,7 @@ SPANS = [(1e-3, 40.0), (0.2, 0.9), (2e4, 7e4), (3e-12, 2e9), (5.0, 31.0)]
 
 
 def figure(low: float, high: float, scale: str = "log") -> Any:
-    with style.house():
+    with style.rc_context():
         drawn, ax = style.subplots()
         ax.set_yscale(scale)
         ax.set_ylim(low, high)
@@ -80,5 +80,5 @@ def test_in_a_paper_whose_font_has_no_raised_digits_they_stay_formulas(sheet: An
 
 def test_the_picture_says_them_as_text() -> None:
     drawn = figure(1e-3, 40.0)
-    with style.house():
+    with style.rc_context():
         assert ">10⁻²</text>" in saved(drawn, "svg").decode()

@@ -13,9 +13,9 @@ from trackbench.evaluation import intervals
 from trackbench.evaluation import statistics as st
 from trackbench.evaluation.intervals import studentised
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import Share, Term
-from trackbench.report.expressions import Expressions
-from trackbench.report.findings.ranking import Candidate, standing_of
+from trackbench.report.estimates import RunEstimate, Share
+from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.verdicts import files, rules
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.rules import Verdict
@@ -32,11 +32,9 @@ class Steps(Folder):
     per_step: Any = None
 
 
-def measured(
-    values: dict[tuple[str, str], np.ndarray], steps: Columns | None = None
-) -> Expressions:
+def measured(values: dict[tuple[str, str], np.ndarray], steps: Columns | None = None) -> Evaluator:
     rows = steps or table("filter metric step value stderr runs", [("-", "-", 0, 0.0, 0.0, 1)])
-    return Expressions(Steps(values, NONE, NO_TIMES, per_step=rows), {})
+    return Evaluator(Steps(values, NONE, NO_TIMES, per_step=rows), {})
 
 
 def claimed(expression: str, **keys: Any) -> Claim:
@@ -91,7 +89,7 @@ def test_a_claim_at_many_steps_counts_those_that_hold_by_themselves(rng):
 
 def test_a_share_beside_an_error_or_of_no_run_is_normal():
     share = Share(0.1, 0.03, None, 100)
-    plain = Term(0.1, 0.03, None, 100)
+    plain = RunEstimate(0.1, 0.03, None, 100)
     for other in (0.01, 0.9):
         assert share.z(0.2, other) == plain.z(0.2, other)
         assert share.interval(other=other) == plain.interval(other=other)
@@ -102,7 +100,7 @@ def test_a_share_beside_an_error_or_of_no_run_is_normal():
 
 
 def test_a_term_that_is_divided_has_the_error_divided():
-    term = Term(3.0, 0.3, np.array([1.0, -1.0]), 2)
+    term = RunEstimate(3.0, 0.3, np.array([1.0, -1.0]), 2)
     found = term.scaled(1.5, by=-2.0, over=4.0)
     assert (found.value, found.stderr) == (1.5, pytest.approx(0.15))
     assert found.influences.tolist() == [-0.5, 0.5]
@@ -151,7 +149,7 @@ def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):
         Candidate("A", {}, np.zeros(100), common + off, {"N": n})
         for n, off in ((1, 0.5), (2, 0.0), (3, 0.9))
     ]
-    standing = standing_of(found, "rmse", apart=True)
+    standing = ranking_of(found, "rmse", apart=True)
     assert (standing.best, [c for c, _ in standing.worse]) == (found[1], [found[0], found[2]])
     assert not standing.chosen
-    assert standing_of(found, "rmse").chosen
+    assert ranking_of(found, "rmse").chosen

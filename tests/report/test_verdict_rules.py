@@ -8,14 +8,14 @@ import pytest
 from tests.report.test_verdicts import number
 from trackbench.evaluation.intervals import interval_of
 from trackbench.report import estimates
-from trackbench.report.estimates import Term
+from trackbench.report.estimates import RunEstimate
 from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.rules import of_claim, of_number, settled, weakest
+from trackbench.report.verdicts.rules import claim_verdict, combine_batches, number_verdict, weakest
 
 
 def word(published, value, stderr, *parts, runs=400):
-    terms = (Term(x, e, None, runs) for x, e in parts)
-    return of_number(published, Term(value, stderr, None, runs), list(terms)).word
+    terms = (RunEstimate(x, e, None, runs) for x, e in parts)
+    return number_verdict(published, RunEstimate(value, stderr, None, runs), list(terms)).word
 
 
 @pytest.mark.parametrize(("side", "decided"), [(-0.001, False), (0.001, True)])
@@ -24,7 +24,7 @@ def test_five_standard_errors_of_all_runs_decide_and_three_without_a_batch(side,
     for sign in (1, -1):
         claim = "holds" if sign > 0 else "fails"
         for z, parts in ((5.0 + side, (9.0,) * 4), (9.0, (9.0, 3.0 + side, 9.0, 9.0))):
-            found = of_claim(sign * z, [sign * part for part in parts])
+            found = claim_verdict(sign * z, [sign * part for part in parts])
             assert found.word == (claim if decided else "inconclusive")
             values = [(1.0 + sign * 0.2 * part / 9.0, 0.2 / 9.0) for part in parts]
             measured = word(published, 1.0 + sign * 0.2, 0.2 / z, *values)
@@ -38,15 +38,15 @@ def test_five_standard_errors_of_all_runs_decide_and_three_without_a_batch(side,
 def test_three_standard_errors_show_what_is_equal_or_exact(side, shown):
     z = 3.0 + side
     for exact in (False, True):
-        assert (of_claim(z, equal=True, exact=exact).word == "holds") == shown
-    assert (of_claim(-z, exact=True).word == "fails") == shown
-    assert of_claim(-z, equal=True).word == "inconclusive"  # that it is not equal takes five
-    assert (of_claim(-z - 2.0, equal=True).word == "fails") == shown
+        assert (claim_verdict(z, equal=True, exact=exact).word == "holds") == shown
+    assert (claim_verdict(-z, exact=True).word == "fails") == shown
+    assert claim_verdict(-z, equal=True).word == "inconclusive"  # that it is not equal takes five
+    assert (claim_verdict(-z - 2.0, equal=True).word == "fails") == shown
     unbiased = number("unbiased", margin=0.5)
     assert (word(unbiased, 0.2, 0.3 / z) == "agrees") == shown
     # Parts contradict what is equal from three on.
-    assert (of_claim(9.0, [9.0, -z], equal=True).word == "inconclusive") == shown
-    assert (of_claim(9.0, [9.0, -z], exact=True).word == "inconclusive") == shown
+    assert (claim_verdict(9.0, [9.0, -z], equal=True).word == "inconclusive") == shown
+    assert (claim_verdict(9.0, [9.0, -z], exact=True).word == "inconclusive") == shown
     assert (word(number(1.0, runs=0), 1.0, 0.01, (1.0 + 0.2, 0.2 / z)) == "inconclusive") == shown
 
 
@@ -79,13 +79,15 @@ def test_a_number_agrees_whose_interval_rounds_to_the_printed_digits():
     (50, 50, "agrees"), (49, 50, "differs"), (34, 66, "differs"), (1, 2, "differs"), (0, 3, "differs"),
 ])  # fmt: skip
 def test_more_lost_runs_than_others_differ(kept, gone, expected):
-    measured = Term(1.0 if kept else nan, 0.01, None, kept, lost=gone)
-    assert of_number(number(1.0, runs=0), measured, []).word == expected
+    measured = RunEstimate(1.0 if kept else nan, 0.01, None, kept, lost=gone)
+    assert number_verdict(number(1.0, runs=0), measured, []).word == expected
 
 
 def test_a_few_lost_runs_of_which_none_has_a_number_differ():
-    assert of_number(number(1.0), Term(inf, nan, None, 90, lost=10), []).word == "differs"
-    assert of_number(number(1.0), Term(inf, nan, None, 90), []).word == "not measured"
+    assert (
+        number_verdict(number(1.0), RunEstimate(inf, nan, None, 90, lost=10), []).word == "differs"
+    )
+    assert number_verdict(number(1.0), RunEstimate(inf, nan, None, 90), []).word == "not measured"
 
 
 def test_another_seed_lies_within_164_errors_of_a_difference_of_two():
@@ -93,18 +95,18 @@ def test_another_seed_lies_within_164_errors_of_a_difference_of_two():
     another = 1.6448536269514722 * sqrt(2.0)
     for z, side in ((5.0, 1), (5.0, -1)):
         for off, fragile in ((-1e-3, True), (1e-3, False)):
-            assert of_claim(side * (z + another + off)).fragile == fragile
+            assert claim_verdict(side * (z + another + off)).fragile == fragile
     published = number(1.0, digits=9, runs=0)
     for off, fragile in ((-1e-3, True), (1e-3, False)):
-        measured = Term(1.1 + 1e-4 * (another + off), 1e-4, None, 100)
-        assert of_number(published, measured, []).fragile == fragile
+        measured = RunEstimate(1.1 + 1e-4 * (another + off), 1e-4, None, 100)
+        assert number_verdict(published, measured, []).fragile == fragile
 
 
 def test_a_chosen_number_is_never_fragile_and_an_undecided_one_neither():
-    measured = Term(1.101, 0.001, None, 100)
-    assert of_number(number(1.0, digits=9, runs=0), measured, []).fragile
-    assert not of_number(number(1.0, digits=9, runs=0, chosen="R"), measured, []).fragile
-    assert not of_number(number(1.0, runs=0), Term(1.35, 0.1, None, 100), []).fragile
+    measured = RunEstimate(1.101, 0.001, None, 100)
+    assert number_verdict(number(1.0, digits=9, runs=0), measured, []).fragile
+    assert not number_verdict(number(1.0, digits=9, runs=0, chosen="R"), measured, []).fragile
+    assert not number_verdict(number(1.0, runs=0), RunEstimate(1.35, 0.1, None, 100), []).fragile
 
 
 def test_words_are_contradicted_by_their_opposites_only():
@@ -113,11 +115,11 @@ def test_words_are_contradicted_by_their_opposites_only():
         (["agrees", "near"], "inconclusive"),
         (["differs"], "inconclusive"),
     ):
-        assert settled("agrees", parts) == expected
-        assert settled("compatible", parts) == expected.replace("agrees", "compatible")
-    assert settled("near", ["differs", "near"]) == "near"
-    assert settled("differs", ["near", "compatible"]) == "inconclusive"
-    assert settled("holds", ["fails"]) == "inconclusive"
+        assert combine_batches("agrees", parts) == expected
+        assert combine_batches("compatible", parts) == expected.replace("agrees", "compatible")
+    assert combine_batches("near", ["differs", "near"]) == "near"
+    assert combine_batches("differs", ["near", "compatible"]) == "inconclusive"
+    assert combine_batches("holds", ["fails"]) == "inconclusive"
 
 
 def test_the_weakest_of_many_steps_fails_for_certain_only():
@@ -132,7 +134,7 @@ def test_the_weakest_of_many_steps_fails_for_certain_only():
 def test_the_interval_of_the_rules_is_of_95_percent():
     rng = np.random.default_rng(1)
     x = rng.standard_normal(100)
-    term = Term(1.0, 0.1, x - x.mean(), 100)
+    term = RunEstimate(1.0, 0.1, x - x.mean(), 100)
     assert term.interval() == interval_of(1.0, x - x.mean(), 0.95)
 
 

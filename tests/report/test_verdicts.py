@@ -13,14 +13,14 @@ from trackbench.config.published import Claim, PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation import block, run_filter
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.estimates import MISSING, Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import MISSING, RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
 from trackbench.report.verdicts.files import bars
 from trackbench.report.verdicts.numbers import Compared, Comparison, Reproduced, compare
-from trackbench.report.verdicts.rules import Verdict, of_claim, of_number, settled
+from trackbench.report.verdicts.rules import Verdict, claim_verdict, combine_batches, number_verdict
 
 
 def number(value, digits=4, runs=100, **keys):
@@ -30,7 +30,7 @@ def number(value, digits=4, runs=100, **keys):
 
 
 def verdict(published, *terms):
-    found = of_number(published, terms[0], terms[1:])
+    found = number_verdict(published, terms[0], terms[1:])
     return found.word, found.z
 
 
@@ -50,7 +50,7 @@ def verdict(published, *terms):
     ],
 )
 def test_verdict_of_a_number(published, measured, stderr, word):
-    assert verdict(number(published), Term(measured, stderr, None, 100))[0] == word
+    assert verdict(number(published), RunEstimate(measured, stderr, None, 100))[0] == word
 
 
 @pytest.mark.parametrize(
@@ -58,12 +58,12 @@ def test_verdict_of_a_number(published, measured, stderr, word):
     [(0.1, "unbiased"), (0.3, "inconclusive"), (-1.1, "biased"), (-0.9, "inconclusive")],
 )
 def test_a_bias_counts_beyond_its_margin(value, word):
-    found, _ = verdict(number(word, margin=0.5), Term(value, 0.1, None, 100))
+    found, _ = verdict(number(word, margin=0.5), RunEstimate(value, 0.1, None, 100))
     assert found == ("inconclusive" if word == "inconclusive" else "agrees")
 
 
 def test_z_has_the_papers_error_from_its_own_number_of_runs_or_its_own_spread():
-    measured = Term(2.0, 0.1, None, 100)
+    measured = RunEstimate(2.0, 0.1, None, 100)
     _, z = verdict(number(1.0, runs=25), measured)
     assert z == pytest.approx(1.0 / np.hypot(0.1, 0.2))
     _, z = verdict(number(1.0, runs=25, variance=4.0), measured)
@@ -71,26 +71,29 @@ def test_z_has_the_papers_error_from_its_own_number_of_runs_or_its_own_spread():
 
 
 def test_a_difference_shows_in_all_runs_and_without_any_batch():
-    whole, part = Term(2.0, 0.05, None, 400), Term(2.0, 0.06, None, 300)
-    unsure = Term(1.15, 0.06, None, 300)
+    whole, part = RunEstimate(2.0, 0.05, None, 400), RunEstimate(2.0, 0.06, None, 300)
+    unsure = RunEstimate(1.15, 0.06, None, 300)
     published = number(1.0, runs=0)
     assert verdict(published, whole, part, part)[0] == "differs"
     assert verdict(published, whole, part, unsure)[0] == "inconclusive"
-    assert of_claim(6.0, [4.0, 3.5]).word == "holds"
-    assert of_claim(6.0, [4.0, 2.5]).word == "inconclusive"
-    assert of_claim(-6.0, [-4.0, -3.1]).word == "fails"
-    assert of_claim(4.9, [4.0, 4.5]).word == "inconclusive"  # 170 verdicts, heavy tails
+    assert claim_verdict(6.0, [4.0, 3.5]).word == "holds"
+    assert claim_verdict(6.0, [4.0, 2.5]).word == "inconclusive"
+    assert claim_verdict(-6.0, [-4.0, -3.1]).word == "fails"
+    assert claim_verdict(4.9, [4.0, 4.5]).word == "inconclusive"  # 170 verdicts, heavy tails
     biased = number("biased", margin=0.5)
-    assert verdict(biased, Term(1.0, 0.09, None, 400), Term(0.9, 0.1, None, 300))[0] == "agrees"
-    assert verdict(biased, Term(0.9, 0.09, None, 400))[0] == "inconclusive"
+    assert (
+        verdict(biased, RunEstimate(1.0, 0.09, None, 400), RunEstimate(0.9, 0.1, None, 300))[0]
+        == "agrees"
+    )
+    assert verdict(biased, RunEstimate(0.9, 0.09, None, 400))[0] == "inconclusive"
 
 
 def test_parts_on_both_sides_of_the_margin_do_not_unsettle_a_difference():
     """All runs say which word it is; that it differs every part shows."""
     published = number(1.0, digits=9, runs=0)
-    parts = [Term(value, 0.006, None, 300) for value in (1.08, 1.11, 1.12, 1.09)]
+    parts = [RunEstimate(value, 0.006, None, 300) for value in (1.08, 1.11, 1.12, 1.09)]
     for value, word in ((1.095, "near"), (1.105, "differs")):
-        found = of_number(published, Term(value, 0.005, None, 400), parts)
+        found = number_verdict(published, RunEstimate(value, 0.005, None, 400), parts)
         assert (found.word, found.fragile) == (word, True)
 
 
@@ -110,7 +113,7 @@ def test_false_decisions_are_rare_and_power_is_kept(law: str) -> None:
 def test_the_simulated_z_is_the_packages(rng):
     x = rng.lognormal(size=200)
     sums = np.array([[(x**power).sum()] for power in (1, 2, 3, 4)])
-    z = Term(x.mean(), 0.0, x - x.mean(), 200).z(1.2)
+    z = RunEstimate(x.mean(), 0.0, x - x.mean(), 200).z(1.2)
     assert z_of(sums, 200, 1.2)[0] == pytest.approx(z, rel=1e-6)
 
 
@@ -122,9 +125,9 @@ def test_one_odd_batch_decides_nothing(rng):
         (2.0 * (np.arange(400) < 100), "not"),
     ):
         values = x - x.mean() + shift
-        term = Term(values.mean(), 0.0, values - values.mean(), 400)
+        term = RunEstimate(values.mean(), 0.0, values - values.mean(), 400)
         assert term.z() > 7.0
-        found = of_claim(term.z(), [part.z() for part in term.parts(4)])
+        found = claim_verdict(term.z(), [part.z() for part in term.parts(4)])
         assert found.word.startswith(word)
 
 
@@ -140,16 +143,16 @@ def test_what_is_not_fragile_comes_out_again(law, statistic, again, rng):
 
 
 def test_a_verdict_is_fragile_that_another_seed_or_few_runs_may_turn(rng):
-    assert not of_claim(7.4).fragile
-    assert of_claim(7.3).fragile  # 1.64 sqrt(2) above five
-    assert of_claim(7.4, stressed=[6.0, 4.9]).fragile
-    assert not of_claim(0.0, stressed=[6.0]).fragile  # nothing is said that could turn
-    assert of_claim(5.2, equal=True).fragile
-    assert not of_claim(5.4, equal=True).fragile
+    assert not claim_verdict(7.4).fragile
+    assert claim_verdict(7.3).fragile  # 1.64 sqrt(2) above five
+    assert claim_verdict(7.4, stressed=[6.0, 4.9]).fragile
+    assert not claim_verdict(0.0, stressed=[6.0]).fragile  # nothing is said that could turn
+    assert claim_verdict(5.2, equal=True).fragile
+    assert not claim_verdict(5.4, equal=True).fragile
     means = rng.uniform(4.0, 12.0, 20_000)
     words = {True: [], False: []}
     for z in means[:, None] + rng.standard_normal((len(means), 2)):
-        first, again = map(of_claim, z)
+        first, again = map(claim_verdict, z)
         if first.word == "holds":
             words[first.fragile].append((z[0], again.word == "holds"))
     edge = [same for z, same in words[False] if z < 7.7]
@@ -163,7 +166,9 @@ def test_a_number_that_is_not_fragile_has_its_word_at_another_seed(rng):
     means = 1.0 + np.where(rng.random(6000) < 0.5, 0.0, rng.uniform(-0.3, 0.3, 6000))
     for true, stderr in zip(means, errors, strict=True):
         seeds = true + stderr * rng.standard_normal(2)
-        one, other = (of_number(published, Term(x, stderr, None, 100), ()) for x in seeds)
+        one, other = (
+            number_verdict(published, RunEstimate(x, stderr, None, 100), ()) for x in seeds
+        )
         if one.word != "inconclusive":
             words[one.fragile].append((one.word, one.word == other.word))
     for word in ("agrees", "near", "differs"):
@@ -174,26 +179,26 @@ def test_a_number_that_is_not_fragile_has_its_word_at_another_seed(rng):
 
 
 def test_an_agreement_is_shown_by_all_runs_and_contradicted_by_none():
-    whole, wide = Term(1.0, 0.02, None, 400), Term(1.0, 0.025, None, 300)
+    whole, wide = RunEstimate(1.0, 0.02, None, 400), RunEstimate(1.0, 0.025, None, 300)
     published = number(1.0, runs=10_000)
     assert verdict(published, whole, wide, wide)[0] == "agrees"
-    assert verdict(published, whole, wide, Term(1.1, 0.025, None, 300))[0] == "inconclusive"
-    assert settled("unbiased", ["inconclusive", "unbiased"]) == "unbiased"
-    assert settled("unbiased", ["inconclusive", "biased"]) == "inconclusive"
+    assert verdict(published, whole, wide, RunEstimate(1.1, 0.025, None, 300))[0] == "inconclusive"
+    assert combine_batches("unbiased", ["inconclusive", "unbiased"]) == "unbiased"
+    assert combine_batches("unbiased", ["inconclusive", "biased"]) == "inconclusive"
 
 
 def test_a_number_that_was_chosen_to_come_out_decides_nothing():
     published = number(1.0, chosen="the speed")
-    assert verdict(published, Term(1.0, 0.001, None, 100))[0] == "chosen"
+    assert verdict(published, RunEstimate(1.0, 0.001, None, 100))[0] == "chosen"
 
 
 def test_a_filter_that_lost_every_run_differs():
-    assert verdict(number(1.0), Term(nan, nan, None, 0, lost=100))[0] == "differs"
+    assert verdict(number(1.0), RunEstimate(nan, nan, None, 0, lost=100))[0] == "differs"
 
 
 def test_a_filter_that_lost_most_runs_differs_whatever_the_rest_says():
-    assert verdict(number(1.0), Term(1.0, 0.1, None, 10, lost=90))[0] == "differs"
-    assert verdict(number(1.0), Term(1.0, 0.01, None, 90, lost=10))[0] == "agrees"
+    assert verdict(number(1.0), RunEstimate(1.0, 0.1, None, 10, lost=90))[0] == "differs"
+    assert verdict(number(1.0), RunEstimate(1.0, 0.01, None, 90, lost=10))[0] == "agrees"
 
 
 def test_every_number_has_a_verdict_and_a_wrong_one_differs(made):
@@ -242,7 +247,7 @@ def test_claims_are_decided_by_paired_z(made):
 def test_the_weakest_comparison_decides_a_claim(made):
     results = Results(made)
     judged = compare(results).claims[0]
-    expressions = Expressions(results, {})
+    expressions = Evaluator(results, {})
     zs = []
     for other in ("PF", "No data"):
         a, b = (results.runs({})[label, "rmse"] for label in (other, "PF (N=50)"))
@@ -259,7 +264,7 @@ def test_the_weakest_comparison_decides_a_claim(made):
 @pytest.mark.parametrize(("off", "word"), [(-20, "fails"), (0, "holds"), (20, "fails")])
 def test_equal_to_a_number_within_a_tolerance(made, off, word):
     results = Results(made)
-    measured = Expressions(results, {}).term(measure("mean(rmse)").of("No data"))
+    measured = Evaluator(results, {}).term(measure("mean(rmse)").of("No data"))
     claim = Claim(
         paper="p",
         claim="c",
@@ -285,15 +290,15 @@ def test_gain_is_the_paired_relative_gain(made):
     gain = 1.0 - np.sqrt(A.mean() / B.mean())
     influence = 0.5 * (1.0 - gain) * (A / A.mean() - B / B.mean())  # delta method on the ratio
     stderr = influence.std(ddof=1) / np.sqrt(len(A))
-    found = Expressions(results, {}).term(measure("gain(rms(rmse), PF)").of("PF (N=50)"))
+    found = Evaluator(results, {}).term(measure("gain(rms(rmse), PF)").of("PF (N=50)"))
     assert found.value == pytest.approx(100 * gain)
     assert found.stderr == pytest.approx(100 * stderr, rel=0.2)  # leaves runs out in turn
-    ratio = Expressions(results, {}).term(measure("ratio(rms(rmse), PF)").of("PF (N=50)"))
+    ratio = Evaluator(results, {}).term(measure("ratio(rms(rmse), PF)").of("PF (N=50)"))
     assert found.value == pytest.approx(100 * (1 - ratio.value))
 
 
 def test_steps_times_and_settings_can_be_measured(made):
-    expressions = Expressions(Results(made), {})
+    expressions = Evaluator(Results(made), {})
     assert expressions.term(measure("rmse@last").of("PF")) == expressions.term(
         measure("rmse@12").of("PF")
     )

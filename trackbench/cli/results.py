@@ -65,12 +65,12 @@ def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
 
 def _say(write: Callable[[], list[Path]]) -> None:
     """Print the written files; report failures and exit with 1."""
-    from trackbench.report.plugin_exhibits import PartlyMadeError
+    from trackbench.report.plugin_exhibits import PartialReportError
 
     lines: list[str] = []
     try:
         paths = write()
-    except PartlyMadeError as error:
+    except PartialReportError as error:
         paths, lines = error.written, error.lines
     for path in paths:
         typer.echo(path)

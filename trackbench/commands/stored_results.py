@@ -15,7 +15,7 @@ from trackbench.report.open import (
     open_with_notes,
 )
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.plugin_exhibits import PartlyMadeError
+from trackbench.report.plugin_exhibits import PartialReportError
 from trackbench.report.render import write_figures
 from trackbench.report.results import Results
 from trackbench.report.verdicts.files import write_comparison, write_paired
@@ -93,7 +93,7 @@ def _whole(results: Results, written: list[Path]) -> list[Path]:
     missing.
     """
     if results.unmade:
-        raise PartlyMadeError(results.unmade_lines, written)
+        raise PartialReportError(results.unmade_lines, written)
     return written
 
 

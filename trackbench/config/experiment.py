@@ -141,7 +141,7 @@ class Labelled:
 class Exhibit(Labelled, Part):
     """Base of tables and figures: what they show, and what they need for it."""
 
-    needs: ClassVar[dict[str, str]] = {}
+    requires: ClassVar[dict[str, str]] = {}
     """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
 
     @property

@@ -95,7 +95,7 @@ def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[AskedMeas
     """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
     for group, built in parts.items():
         for name, part in built.items():
-            for word, role in part.needs.items():
+            for word, role in part.requires.items():
                 yield AskedMeasure((group, name), measured(word), role, named=False)
             yield from _asked_by(part, (group, name))
 

@@ -60,9 +60,9 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
 
 
 def _mistakes_of_exhibit(cls: type[Any]) -> Iterator[str]:
-    needs = cls.needs
+    needs = cls.requires
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
-        yield f"needs is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
+        yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
     known = {field.name for field in fields(cls)}
     for name in ("label_keys", "numbers"):
         keys = getattr(cls, name, ())

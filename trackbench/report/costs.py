@@ -20,8 +20,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log
 from trackbench.evaluation.metric_expression import Measure, measure
 from trackbench.field_types import is_number
-from trackbench.report.estimates import Term, quietly, together
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate, ignore_float_errors, linear_combination
+from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_queries import named_form, points_of
 from trackbench.report.results import Results
 
@@ -33,9 +33,9 @@ class Spot(NamedTuple):
     """A filter at one of its sizes."""
 
     size: float
-    cost: Term
+    cost: RunEstimate
     """CPU time per step, s"""
-    error: Term
+    error: RunEstimate
     lost: Array
     """why each run (M,) is lost, 0 where it is not"""
 
@@ -44,7 +44,7 @@ class AtCost(NamedTuple):
     """A filter at a cost, between two of its sizes or at one."""
 
     size: float
-    error: Term
+    error: RunEstimate
     """logarithm of the error, with each run's influence and the error of the runs alone"""
     of_times: float = 0.0
     """standard error of the same by the times at both ends and the one that is asked for"""
@@ -74,7 +74,7 @@ class Curve:
         """Return whether it cannot be made any dearer."""
         return len(self.spots) == 1
 
-    def at(self, cost: Term) -> AtCost | None:
+    def at(self, cost: RunEstimate) -> AtCost | None:
         """Return the error at a CPU time per step, s; None outside the filter's own times.
 
         Where several sizes take that time, at the largest. What is fixed is had at all above its own.
@@ -93,7 +93,7 @@ class Curve:
                 return self._between(i, x, wanted, logged(cost).stderr)
         return None
 
-    @quietly
+    @ignore_float_errors
     def _between(self, i: int, x: Sequence[float], wanted: float, of_cost: float) -> AtCost:
         (a, b), share = self.spots[i : i + 2], (wanted - x[i]) / (x[i + 1] - x[i])
         y = [logged(spot.error) for spot in self.spots]
@@ -108,7 +108,7 @@ class Curve:
         sizes = [float(log(spot.size)) for spot in (a, b)]
         return AtCost(
             float(exp((1.0 - share) * sizes[0] + share * sizes[1])),
-            together(value, y[i], y[i + 1], 1.0 - share, share),
+            linear_combination(value, y[i], y[i + 1], 1.0 - share, share),
             abs(slope) * float(np.sqrt(of_cost**2 + ends[0] ** 2 + ends[1] ** 2)),
             max(bent, default=np.nan),
             np.maximum(a.lost, b.lost),
@@ -149,7 +149,7 @@ def curves(
     """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
     found: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
     for point in points_of(results, scene):
-        filters, expressions = results.facts(point).filters, Expressions(results, point)
+        filters, expressions = results.facts(point).filters, Evaluator(results, point)
         for label in (label for label in labels if label in filters):
             keys = {name: value for name, value in filters[label].items() if name != key}
             size = float(filters[label].get(key, np.nan))
@@ -168,7 +168,7 @@ def curves(
     ]
 
 
-def _spot(expressions: Expressions, label: str, metric: Measure, size: float) -> Spot:
+def _spot(expressions: Evaluator, label: str, metric: Measure, size: float) -> Spot:
     results, point = expressions.results, expressions.point
     steps, time = results.steps(point), expressions.term(_TIME.of(label))
     cost = time.scaled(time.value / steps, over=steps)
@@ -182,21 +182,21 @@ def _is_there(spot: Spot) -> bool:
     return all(0.0 < value < np.inf for value in values)
 
 
-@quietly
-def logged(term: Term) -> Term:
+@ignore_float_errors
+def logged(term: RunEstimate) -> RunEstimate:
     """Return the logarithm of a positive number, with its error (delta method)."""
     return term.scaled(float(log(term.value)), over=term.value)
 
 
-def _second_difference(x: Sequence[float], y: Sequence[Term], i: int) -> float:
+def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:
     """Return ``f[x_i, x_i+1, x_i+2]``."""
     first, second = (np.divide(y[j + 1].value - y[j].value, x[j + 1] - x[j]) for j in (i, i + 1))
     return float((second - first) / (x[i + 2] - x[i]))
 
 
-def beside(a: AtCost, b: AtCost) -> tuple[Term, float]:
+def beside(a: AtCost, b: AtCost) -> tuple[RunEstimate, float]:
     """Return the log ratio of two errors, paired by runs, and its further uncertainty."""
-    difference = together(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
+    difference = linear_combination(a.error.value - b.error.value, a.error, b.error, 1.0, -1.0)
     return difference, float(np.hypot(a.other, b.other))
 
 

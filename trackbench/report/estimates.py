@@ -46,10 +46,10 @@ def chance_of_losing_more(a: Array, b: Array) -> float:
 
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
-quietly = np.errstate(all="ignore")
+ignore_float_errors = np.errstate(all="ignore")
 
 
-class Term(NamedTuple):
+class RunEstimate(NamedTuple):
     """A number, its standard error, and each run's influence (M,) if it has one; runs and lost runs."""
 
     value: float
@@ -57,7 +57,7 @@ class Term(NamedTuple):
     influences: Array | None
     runs: int
     lost: int = 0
-    pair: "tuple[Term, Term, float] | None" = None
+    pair: "tuple[RunEstimate, RunEstimate, float] | None" = None
     """a, b and f of a difference a - f b that is tested by the limits of both"""
 
     @property
@@ -65,7 +65,7 @@ class Term(NamedTuple):
         """Return the value and standard error."""
         return Estimate(self.value, self.stderr)
 
-    def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "Term":
+    def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "RunEstimate":
         """Return an estimate of another value that changes by a multiple of this one's changes."""
         of_runs = None if self.influences is None else self.influences * by / over
         return self._replace(value=value, stderr=self.stderr * abs(by) / over, influences=of_runs)
@@ -94,7 +94,7 @@ class Term(NamedTuple):
         first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
         return Sides(first, second, correlation(a.influences, others))
 
-    def parts(self, number: int) -> "list[Term]":
+    def parts(self, number: int) -> "list[RunEstimate]":
         """Return the number without each of so many batches of consecutive runs in turn.
 
         To first order in the influences; exact for means and shares. Empty if it has none.
@@ -105,7 +105,7 @@ class Term(NamedTuple):
         batch = np.arange(M) * number // M
         return [self._over(batch != i) for i in range(number)]
 
-    def stressed(self) -> "list[Term]":
+    def stressed(self) -> "list[RunEstimate]":
         """Return the number without its farthest run, and with three more twice as far off.
 
         An event that none of M runs had may have a probability of 3 / M. A share's test counts that.
@@ -121,7 +121,7 @@ class Term(NamedTuple):
     def _is_of_shares(self) -> bool:
         return isinstance(self if self.pair is None else self.pair[0], Share)
 
-    def _over(self, rows: Mask) -> "Term":
+    def _over(self, rows: Mask) -> "RunEstimate":
         """Return the number of some of the runs."""
         assert self.influences is not None
         term = self._made_by(self.influences[rows])
@@ -130,8 +130,8 @@ class Term(NamedTuple):
         a, b, factor = self.pair
         return term._replace(pair=(a._over(rows), b._over(rows), factor))
 
-    @quietly
-    def _made_by(self, influences: Array) -> "Term":
+    @ignore_float_errors
+    def _made_by(self, influences: Array) -> "RunEstimate":
         """Return the number of runs with these influences on this one."""
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
@@ -160,7 +160,7 @@ class Term(NamedTuple):
             return interval_of(self.value, self.influences, level, other)
 
 
-class Share(Term):
+class Share(RunEstimate):
     """A share of runs: its z and its interval are those of the binomial distribution."""
 
     __slots__ = ()
@@ -183,14 +183,18 @@ class Share(Term):
         return intervals.interval(self.events, self.runs, level)
 
 
-MISSING = Term(np.nan, np.nan, None, 0)
+MISSING = RunEstimate(np.nan, np.nan, None, 0)
 
 
-@quietly
-def quotient(a: Term, b: Term) -> Term:
+@ignore_float_errors
+def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     """Return ``a / b``, paired where it can be; else by the delta method."""
     ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
-    term, of_a, of_b = together(ratio, a, b, scale, -scale * ratio), a.influences, b.influences
+    term, of_a, of_b = (
+        linear_combination(ratio, a, b, scale, -scale * ratio),
+        a.influences,
+        b.influences,
+    )
     if of_a is None or of_b is None or not term.splits:
         return term
     influences = influence_of_ratio(a.value, b.value, of_a, of_b)
@@ -198,25 +202,27 @@ def quotient(a: Term, b: Term) -> Term:
     return term._replace(influences=influences, stderr=stderr)
 
 
-@quietly
-def gain(ratio: Term) -> Term:
+@ignore_float_errors
+def gain(ratio: RunEstimate) -> RunEstimate:
     """Return the percent by which the ratio is below one."""
     return ratio.scaled(100.0 * (1.0 - ratio.value), by=-100.0)
 
 
-@quietly
-def together(value: float, a: Term, b: Term, of_a: float, of_b: float) -> Term:
+@ignore_float_errors
+def linear_combination(
+    value: float, a: RunEstimate, b: RunEstimate, of_a: float, of_b: float
+) -> RunEstimate:
     """Return the estimate of ``of_a`` times a plus ``of_b`` times b, paired by runs."""
     runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
     if of_runs is not None:
         there = of_runs[~np.isnan(of_runs)]
-        return Term(value, mean(there).stderr, of_runs, len(there), a.lost)
+        return RunEstimate(value, mean(there).stderr, of_runs, len(there), a.lost)
     stderr = float(np.hypot(of_a * a.stderr, of_b * b.stderr))
-    return Term(value, stderr, None, runs, a.lost)
+    return RunEstimate(value, stderr, None, runs, a.lost)
 
 
 def _combined(
-    a: Term, b: Term, x: Array | None, y: Array | None, of_a: float, of_b: float
+    a: RunEstimate, b: RunEstimate, x: Array | None, y: Array | None, of_a: float, of_b: float
 ) -> Array | None:
     """Return ``of_a x + of_b y`` of influences; None if a side has none and is inexact."""
     if x is None and y is not None and a.stderr == 0.0:
@@ -228,14 +234,18 @@ def _combined(
     return of_a * x + of_b * y
 
 
-def apart_by_variances(term: Term, a: Term, b: Term, factor: float) -> Term:
+def as_difference_of_variances(
+    term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
+) -> RunEstimate:
     """Return the difference ``a - factor b`` of variances, tested by the limits of both."""
     if term.influences is None or a.influences is None or b.influences is None:
         return term
     return term._replace(pair=(a, b, factor))
 
 
-def apart_by_shares(term: Term, a: Share, b: Share, factor: float) -> Term:
+def as_difference_of_proportions(
+    term: RunEstimate, a: Share, b: Share, factor: float
+) -> RunEstimate:
     """Return the difference ``a - factor b`` of shares of the same runs, tested by both limits."""
     if a.influences is None or b.influences is None:
         return term

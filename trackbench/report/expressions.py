@@ -19,14 +19,14 @@ from trackbench.evaluation.statistics import OVER_RUNS, influence, median
 from trackbench.field_types import is_number
 from trackbench.report.estimates import (
     MISSING,
+    RunEstimate,
     Share,
-    Term,
-    apart_by_shares,
-    apart_by_variances,
+    as_difference_of_proportions,
+    as_difference_of_variances,
     gain,
-    quietly,
+    ignore_float_errors,
+    linear_combination,
     quotient,
-    together,
 )
 from trackbench.report.results import Results
 from trackbench.scenarios.base import in_window
@@ -41,7 +41,7 @@ class _OverRuns(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Expressions:
+class Evaluator:
     """Measures over one results folder at one point of its grid."""
 
     results: Results
@@ -52,7 +52,7 @@ class Expressions:
         """Return batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
         return int(self.results.config.get("verdict_seeds", 1))
 
-    def term(self, m: Measure, common: Mask | bool = True) -> Term:
+    def term(self, m: Measure, common: Mask | bool = True) -> RunEstimate:
         """Return a filter's measure; over the ``common`` runs (M,) only, if they are given."""
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
@@ -80,26 +80,26 @@ class Expressions:
         known |= {s.step for s in shares if s.step is not None and s.metric == m.metric}
         return m.at_each(sorted(known))
 
-    @quietly
-    def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> Term:
+    @ignore_float_errors
+    def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
         """Return ``left - factor * right``, paired on common runs."""
-        common = self._found(left, right)
+        common = self._common_runs(left, right)
         a, b = self.term(left, common), self.term(right, common)
-        term = together(a.value - factor * b.value, a, b, 1.0, -factor)
+        term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
         if all(m.statistic == "variance" and not m.relation for m in (left, right)):
-            return apart_by_variances(term, a, b, factor)
+            return as_difference_of_variances(term, a, b, factor)
         if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
-            return apart_by_shares(term, a, b, factor)
+            return as_difference_of_proportions(term, a, b, factor)
         return term
 
-    def _related(self, m: Measure, mine: Measure, other: Measure) -> Term:
+    def _related(self, m: Measure, mine: Measure, other: Measure) -> RunEstimate:
         if m.relation == "minus":
             return self.difference(mine, other)
         if m.relation == "win_rate":
             return self._win_rate(mine, other)
         if m.family[0].is_score:  # a ratio of logarithms says nothing
             return MISSING
-        common = self._found(mine, other)
+        common = self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
         if m.is_cpu_time:
             ratio = self._paired_times(mine, other) or ratio
@@ -111,24 +111,26 @@ class Expressions:
         return self.results.runs(self.point)
 
     @cached_property
-    def stored(self) -> dict[tuple[str, str], Term]:
+    def stored(self) -> dict[tuple[str, str], RunEstimate]:
         """Return rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         rows = self.results.columns("summary", self.point).records()
         found = {
-            (r["filter"], r["metric"]): Term(r["value"], r["stderr"], None, r["runs"], r["lost"])
+            (r["filter"], r["metric"]): RunEstimate(
+                r["value"], r["stderr"], None, r["runs"], r["lost"]
+            )
             for r in rows
         }
         for r in self.results.columns("timing", self.point).records():
-            of_run = Term(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
+            of_run = RunEstimate(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
             found[r["filter"], "cpu_s_per_run"] = of_run
         return found
 
-    def _paired_times(self, mine: Measure, other: Measure) -> Term | None:
+    def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
         """Return the ratio of two filters' measured times, repeat by repeat; None if either has none."""
         rows = self.results.columns("timing", self.point).records()
         found = {row["filter"]: repeats_of(row) for row in rows}
         a, b = (found.get(m.filter, np.empty(0)) for m in (mine, other))
-        return Term(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
+        return RunEstimate(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
 
     def _of_runs(self, m: Measure) -> _OverRuns | None:
         """Return the statistic that a measure is; None for a time, or if no run has a part in it."""
@@ -144,33 +146,33 @@ class Expressions:
                 return _OverRuns("mean", nees, round(a.value / b.value))
         return None
 
-    def _found(self, *sides: Measure) -> Mask | bool:
+    def _common_runs(self, *sides: Measure) -> Mask | bool:
         """Return runs that every side's metric exists for."""
         common: Mask | bool = True
         for side in sides:
             for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
-                values = self._seen(m)
+                values = self._values_of(m)
                 if values is not None:
                     common = common & ~np.isnan(values)
         return common
 
-    def _seen(self, m: Measure) -> Array | None:
+    def _values_of(self, m: Measure) -> Array | None:
         """Return values (M,) of the runs that a measure is of, NaN where it has none."""
         if m.is_efficiency:
-            floor, distance = self.beside_reference(m)
+            floor, distance = self.reference_and_rmsd(m)
             return None if floor is None or distance is None else floor + distance
         over_runs = self._of_runs(m)
         return self.runs.get((m.filter, over_runs.name)) if over_runs else None
 
-    @quietly
-    def _win_rate(self, mine: Measure, other: Measure) -> Term:
+    @ignore_float_errors
+    def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
         """Return the share of the common runs in which a filter's metric is below another's."""
         a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
         if a is None or b is None:
             return MISSING
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
 
-    def _share(self, label: str, values: Array, common: Mask | bool = True) -> Term:
+    def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero, of those that have one."""
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
@@ -178,7 +180,9 @@ class Expressions:
             return share
         return share._replace(stderr=intervals.stderr(share.events, share.runs))
 
-    def _statistic(self, label: str, name: str, values: Array, common: Mask | bool = True) -> Term:
+    def _statistic(
+        self, label: str, name: str, values: Array, common: Mask | bool = True
+    ) -> RunEstimate:
         """Return a statistic of values (M,) over the filter's valid runs, NaN for missing."""
         there = ~np.isnan(values)
         codes = self.runs.get((label, "lost"))
@@ -189,11 +193,11 @@ class Expressions:
             return MISSING._replace(lost=lost)
         influences = np.full(len(values), np.nan)
         influences[kept] = influence(name, x)
-        return Term(*OVER_RUNS[name](x), influences, len(x), lost)
+        return RunEstimate(*OVER_RUNS[name](x), influences, len(x), lost)
 
-    def _efficiency(self, m: Measure, common: Mask | bool) -> Term:
+    def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
         """Return the efficiency over the runs that neither the filter nor the reference lost."""
-        floor, distance = self.beside_reference(m)
+        floor, distance = self.reference_and_rmsd(m)
         if floor is None or distance is None:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
@@ -203,9 +207,9 @@ class Expressions:
             return MISSING._replace(lost=lost)
         found, influences = efficiency(floor[kept], distance[kept]), np.full(len(both), np.nan)
         influences[kept] = found.influences
-        return Term(*found.estimate, influences, int(kept.sum()), lost)
+        return RunEstimate(*found.estimate, influences, int(kept.sum()), lost)
 
-    def beside_reference(self, m: Measure) -> tuple[Array | None, Array | None]:
+    def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
         """Return each run's (M,) parts of an efficiency; the reference's own difference is missing."""
         rmse, distance = m.made_of()
         reference = self.results.config.get("reference")
@@ -214,7 +218,7 @@ class Expressions:
             return floor, 0.0 * floor
         return floor, self.runs.get((m.filter, str(distance)))
 
-    def _at_step(self, m: Measure) -> Term:
+    def _at_step(self, m: Measure) -> RunEstimate:
         of, step = str(m._replace(steps=None)), m.steps.first if m.steps else "last"
         rows = self.results.columns("per_step", self.point).where(filter=m.filter, metric=of)
         if len(rows):
@@ -222,9 +226,9 @@ class Expressions:
         if not len(rows):
             return MISSING
         row = next(rows.records())
-        return Term(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
+        return RunEstimate(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
 
-    def _plain(self, m: Measure) -> Term:
+    def _plain(self, m: Measure) -> RunEstimate:
         """Return a row of summary.csv or timing.csv, or a number that the config gives the filter."""
         label, name = m.filter, str(m)
         if (label, name) in self.stored:
@@ -232,7 +236,7 @@ class Expressions:
         if label not in self.results.filters:
             return MISSING
         given = self.results.facts(self.point).filters[label].get(name)
-        return Term(float(given), 0.0, None, 1) if is_number(given) else MISSING
+        return RunEstimate(float(given), 0.0, None, 1) if is_number(given) else MISSING
 
     def values(self, m: Measure) -> Array | None:
         """Return values per run that a statistic is of, lost runs left out; None for anything else."""

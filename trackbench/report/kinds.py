@@ -39,7 +39,7 @@ class FigureKind(DrawnExhibit):
     caption: str = ""
     """what to see in it, said below it in the report; default: what its numbers tell"""
 
-    def tell(self, results: "Results") -> str:
+    def default_caption(self, results: "Results") -> str:
         """Return what to see in the figure of these results; empty if its kind says enough."""
         return ""
 
@@ -49,8 +49,8 @@ class FigureKind(DrawnExhibit):
 
 
 def shows_cpu_times(exhibit: Exhibit) -> bool:
-    """Return whether a table or figure names CPU times in a key or in its ``needs``."""
-    return "cpu_s_per_run" in exhibit.needs or _has_cpu_time(exhibit)
+    """Return whether a table or figure names CPU times in a key or in its ``requires``."""
+    return "cpu_s_per_run" in exhibit.requires or _has_cpu_time(exhibit)
 
 
 def figure_folder(figure: Exhibit) -> str:

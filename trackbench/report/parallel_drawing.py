@@ -12,23 +12,23 @@ from trackbench.report.figure_cache import Files, KeptFigures
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import is_crowded
-from trackbench.report.plugin_exhibits import as_figure, told
+from trackbench.report.plugin_exhibits import as_figure, catch_plugin_errors
 from trackbench.report.results import Results
 
 
-def drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
+def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
     """Return a figure as the content of a file, for each format; none of tracks if every filter failed.
 
-    Raises UnmadeError if the code of a kind of one's own fails.
+    Raises OutputError if the code of a kind of one's own fails.
     """
-    with told(spec):
+    with catch_plugin_errors(spec):
         return _drawn(spec, results, formats)
 
 
 def _drawn(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
     if spec.shown_runs and not results.shown:
         return []
-    with style.house():
+    with style.rc_context():
         figure = as_figure(spec.draw(results))
         # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
         forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
@@ -42,7 +42,7 @@ Draw: TypeAlias = Callable[[str, FigureKind], Files]
 
 
 @contextmanager
-def drawing(
+def drawing_pool(
     results: Results, formats: Sequence[str], processes: int = 1, fresh: bool = True
 ) -> Iterator[Draw]:
     """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here.
@@ -64,14 +64,14 @@ def drawing(
         try:
             files = begun[name].result()
         except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
-            files = drawn(spec, results, formats)
+            files = draw_figure(spec, results, formats)
         if store and name in own:
             store.put(spec, files)
         return files
 
     with ExitStack() as stack:
         if sent:
-            begin = (_open, results.folder, results.run_facts)
+            begin = (_init_worker, results.folder, results.run_facts)
             drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
             with suppress(BrokenExecutor):  # a drawer was killed as it began
                 for name, spec in sent.items():
@@ -82,9 +82,9 @@ def drawing(
 _opened: list[Results] = []
 
 
-def _open(folder: Path, facts: dict[str, Any]) -> None:
+def _init_worker(folder: Path, facts: dict[str, Any]) -> None:
     _opened[:] = [Results(folder, facts)]
 
 
 def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
-    return drawn(spec, _opened[0], formats)
+    return draw_figure(spec, _opened[0], formats)

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class UnmadeError(Exception):
+class OutputError(Exception):
     """Why a table or figure is not there, in words: the error may not survive the way from a drawer."""
 
 
-class PartlyMadeError(RunError):
+class PartialReportError(RunError):
     """Some tables or figures could not be made; all else is written."""
 
     def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
@@ -27,7 +27,7 @@ class PartlyMadeError(RunError):
         self.lines, self.written = list(lines), list(written)
 
 
-class GaveError(RunError):
+class WrongOutputError(RunError):
     """Wrong return value of a ``method`` of a table or figure."""
 
     def __init__(self, method: str, what: str) -> None:
@@ -36,8 +36,8 @@ class GaveError(RunError):
 
 
 @contextmanager
-def told(part: Any) -> Iterator[None]:
-    """Raise UnmadeError for what a part of one's own raises; what the package's own raise is a bug."""
+def catch_plugin_errors(part: Any) -> Iterator[None]:
+    """Raise OutputError for what a part of one's own raises; what the package's own raise is a bug."""
     if not is_foreign(part):
         yield
         return
@@ -45,18 +45,20 @@ def told(part: Any) -> Iterator[None]:
         with guarded():
             yield
     except Exception as error:
-        raise UnmadeError(located_message(error, part)) from None
+        raise OutputError(located_message(error, part)) from None
 
 
 def as_table(found: object, part: Any) -> Table:
     """Return a plugin's table; raises WrongOutputError if it is none, or cannot be written."""
     if not isinstance(found, Table):
-        raise GaveError("table", f"table gives a {type(found).__name__}, not a Table")
+        raise WrongOutputError("table", f"table gives a {type(found).__name__}, not a Table")
     if is_foreign(part):
         try:
             found.csv_rows(), found.markdown(), found.texts().tex("")
         except Exception as error:
-            raise GaveError("table", f"the table cannot be written: {message_of(error)}") from None
+            raise WrongOutputError(
+                "table", f"the table cannot be written: {message_of(error)}"
+            ) from None
     return found
 
 
@@ -65,5 +67,5 @@ def as_figure(found: object) -> "Figure":
     from matplotlib.figure import Figure
 
     if not isinstance(found, Figure):
-        raise GaveError("draw", f"draw gives a {type(found).__name__}, not a Figure")
+        raise WrongOutputError("draw", f"draw gives a {type(found).__name__}, not a Figure")
     return found

@@ -16,7 +16,7 @@ from trackbench.config.build_dataclass import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
 from trackbench.report.kinds import figure_folder
-from trackbench.report.parallel_drawing import Draw, drawing, drawn
+from trackbench.report.parallel_drawing import Draw, draw_figure, drawing_pool
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
 from trackbench.report.results import Results
@@ -33,7 +33,7 @@ def render(
 
     Unless ``fresh``, figures that were drawn before are taken as they were.
     """
-    with drawing(results, style.forms(formats), processes, fresh) as draw:
+    with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
         tables = write_tables(results, tex="tex" in formats)
         write_paired(results)
         comparison = compare(results)
@@ -102,7 +102,7 @@ def write_figures(
         contents: Files = []
         spec = figures[name]
         with results.without(f"figure {name}"), drawing_for(page):
-            contents = draw(name, spec) if draw else drawn(spec, results, forms)
+            contents = draw(name, spec) if draw else draw_figure(spec, results, forms)
         for form, content in contents:
             folder = ensure_folder(within(results.folder, figure_folder(spec)))
             path = folder / f"{name}{page.ending}.{form}"

@@ -15,7 +15,7 @@ from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at
 from trackbench.report.plotting import style
-from trackbench.report.plugin_exhibits import UnmadeError, as_table, told
+from trackbench.report.plugin_exhibits import OutputError, as_table, catch_plugin_errors
 from trackbench.report.result_files import ResultFiles
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder_contents import DEFAULT
@@ -78,7 +78,7 @@ class Results(ResultFiles):
             return None
         from trackbench.report.plotting.canvas import png
 
-        with self.without(f"figure {self.key_figure}"), told(key):
+        with self.without(f"figure {self.key_figure}"), catch_plugin_errors(key):
             return png(self.figure())
         return None
 
@@ -90,8 +90,8 @@ class Results(ResultFiles):
         figures = self.parts("figures")
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
-        with style.house():
-            return style.settled(figures[name or self.key_figure].draw(self))
+        with style.rc_context():
+            return style.lay_out(figures[name or self.key_figure].draw(self))
 
     @property
     def key_figure(self) -> str:
@@ -130,7 +130,7 @@ class Results(ResultFiles):
         """Return the experiment's tables by name, without those of one's own that fail."""
         made = {}
         for name, spec in self.parts("tables").items():
-            with self.without(f"table {name}"), told(spec):
+            with self.without(f"table {name}"), catch_plugin_errors(spec):
                 made[name] = as_table(spec.table(self), spec)
         return made
 
@@ -149,7 +149,7 @@ class Results(ResultFiles):
         """Continue without a failing table or figure, and note the reason."""
         try:
             yield
-        except UnmadeError as error:
+        except OutputError as error:
             self.unmade[what] = str(error)
 
     @cached_property

@@ -16,7 +16,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, metric_words, percent, two_digits, with_unit
-from trackbench.report.findings.ranking import Candidate, Standing, best_settings
+from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
@@ -99,8 +99,8 @@ def best_points(results: Results) -> Iterator[Best]:
             yield _best(standing, standing.best)
 
 
-def _best(standing: Standing, best: Candidate) -> Best:
-    metric, where = standing.metric, phrases.heading(standing.where)
+def _best(standing: Ranking, best: Candidate) -> Best:
+    metric, where = standing.metric, phrases.heading(standing.scene)
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
     if standing.ties:
@@ -113,7 +113,7 @@ def _best(standing: Standing, best: Candidate) -> Best:
         text += f"; {by} {side} at {nearest.setting}"
     return Best(
         filter=best.label,
-        point=best.own | standing.where,
+        point=best.own | standing.scene,
         metric=f"mean({metric})",
         value=best.mean.value,
         stderr=best.mean.stderr,

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, paired_difference
-from trackbench.report.estimates import Share, Term, in_words
+from trackbench.report.estimates import RunEstimate, Share, in_words
 from trackbench.report.text import Text, TextTable
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Cell(NamedTuple):
     """in place of the number"""
 
     @classmethod
-    def of(cls, term: Term) -> "Cell":
+    def of(cls, term: RunEstimate) -> "Cell":
         """Return a measured number; of an event that all runs or none of them had, how sure that is."""
         words = ""
         if isinstance(term, Share) and term.value in (0.0, 1.0):

@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.evaluation.statistics import interval
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import ranking, sentences
 from trackbench.report.kinds import FigureKind
@@ -42,10 +42,10 @@ class Bars(FigureKind):
     baseline: str | None = None
     """label of the filter that every other should beat: a grey dotted line"""
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return the who is best, and what the diamonds are."""
         point = results.points()[0]
-        expressions = Expressions(results, point)
+        expressions = Evaluator(results, point)
         rivals = [b for b in results.chosen(self.filters) if b not in (self.floor, self.baseline)]
         values = {b: expressions.term(self.metric.of(b)).value for b in rivals}
         where = f"At {phrases.heading(point)}" if point else "Of what is measured"
@@ -62,7 +62,7 @@ class Bars(FigureKind):
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
         for (ax,), point, head in zip(axes, points, style.headings(points), strict=True):
-            expressions = Expressions(results, point)
+            expressions = Evaluator(results, point)
             self._bars(ax, results, expressions, labels)
             for label, look in lines.items():
                 if label in results.labels:
@@ -74,15 +74,13 @@ class Bars(FigureKind):
             if self.log:
                 ax.set_xscale("log")
             ax.grid(visible=False, axis="y")
-        axes[0][0].set_yticks(range(len(labels)), [style.words(b) for b in labels])
+        axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])
         axes[0][0].invert_yaxis()
         style.title(figure, self.title, len(results.points()))
         style.legend_outside(figure)
         return figure
 
-    def _bars(
-        self, ax: Axes, results: Results, expressions: Expressions, labels: list[str]
-    ) -> None:
+    def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
         look: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3}
         for i, label in enumerate(labels):
             value, low, high = self._value(expressions, label)
@@ -94,7 +92,7 @@ class Bars(FigureKind):
             [], [], xerr=[], color=style.ANY, label=f"Measured, {100 * self.level:g} %", **look
         )
 
-    def _value(self, expressions: Expressions, label: str) -> tuple[float, float, float]:
+    def _value(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
         m = self.metric.of(label)
         term, values = expressions.term(m), expressions.values(m)
         if values is not None:

@@ -57,7 +57,7 @@ class CalibrationFigure(FigureKind):
         """Return steps that there are not."""
         return steps_that_are_not("columns", self.columns.values(), points)
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return which ranks are uniform, as far as the runs show, and which are not."""
         point = results.points()[0]
         found = judged(
@@ -89,7 +89,7 @@ class CalibrationFigure(FigureKind):
                 else:
                     _bars(ax, found, results.line_style(label)["color"], over_steps=not m.steps)
             head = ", ".join(filter(None, [label, phrases.heading(point)]))
-            line[0].set_ylabel(style.words(head, 16))
+            line[0].set_ylabel(style.wrap_label(head, 16))
         for ax, head in zip(axes[0], self.columns, strict=True):
             ax.set_title(f"{head}\n{ax.get_title()}".strip())
         for ax in axes[-1]:
@@ -139,7 +139,7 @@ class Reliability(Curves):
         """Return a step that there is not."""
         return steps_that_are_not("metric", [self.metric], points)
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return the coverage of the 90 % region."""
         point, told = results.points()[0], []
         for label, _ in self.labels(results):

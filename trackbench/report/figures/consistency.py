@@ -29,7 +29,7 @@ class Anees(OverTime):
     level: OpenShare = 0.95
     """probability of the chi-square band"""
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return how often each filter is inside the band."""
         point, parts = results.points()[0], []
         for rows, look in self.lines(results, point, self.metric):
@@ -78,7 +78,7 @@ class Bias(OverTime):
                 for i, (rows, look) in enumerate(lines):
                     k, value, stderr = (rows[c] for c in (self.x, "value", "stderr"))
                     ax.plot(k, value, **look)
-                    style.spread(ax, k, value, stderr, look, i, len(lines))
+                    style.error_band(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):

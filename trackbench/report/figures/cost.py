@@ -21,7 +21,7 @@ from trackbench.report.costs import (
     own_sizes,
     shown,
 )
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_queries import points_of, scenes
@@ -44,7 +44,7 @@ class AccuracyVsCost(FigureKind):
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("floor",)
-    needs: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
+    requires: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
 
     metric: Expression = measure("mean(rmse)")
     """what is compared: an RMSE, a distance or an efficiency"""
@@ -65,7 +65,7 @@ class AccuracyVsCost(FigureKind):
         most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
         return cost_conflicts(points, self.metric, self.along, {"along": most})
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return the filters on the front."""
         scene = scenes(results)[0]
         there = self._curves(results, scene)
@@ -127,7 +127,7 @@ class AccuracyVsCost(FigureKind):
 
     def _least(self, results: Results, point: dict[str, Any], floor: str) -> float:
         """Return a bound's value from summary.csv, which has no runs."""
-        expressions = Expressions(results, point)
+        expressions = Evaluator(results, point)
         stored = expressions.stored.get((floor, str(self.metric)))
         return (stored or expressions.term(self.metric.of(floor))).value
 

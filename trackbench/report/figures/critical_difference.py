@@ -114,7 +114,7 @@ def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, f
         depth = start + (place if left else k - 1 - place) + 0.5
         side = 0.6 if left else k + 0.4
         ax.plot([mean[index]] * 2 + [side], [0, depth, depth], color="#444444", linewidth=0.8)
-        text = style.words(f"{labels[index]} ({mean[index]:.2f})", 30)
+        text = style.wrap_label(f"{labels[index]} ({mean[index]:.2f})", 30)
         ax.text(side + (-0.1 if left else 0.1), depth, text, fontsize=8, va="center",
                 ha="right" if left else "left")  # fmt: skip
     ax.set(xlim=(1 - 0.28 * k, k + 0.28 * k), ylim=(start + half + 0.3, 0))

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Comparison, measure
 from trackbench.registry import register
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.grid_queries import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
@@ -46,7 +46,7 @@ class HeatMap(FigureKind):
         """Return the axes must be paths of the grid."""
         return missing_paths(points, x=self.x, y=self.y)
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return how to read the map, and for pairs how many differ."""
         if results.grid:
             return ""
@@ -70,7 +70,7 @@ class HeatMap(FigureKind):
         columns = list(dict.fromkeys(point[x] for point in points))
         if self.y is None:
             rows = [[self._cell(results, {x: c}, b) for c in columns] for b in labels]
-            names = [style.words(b) for b in labels]
+            names = [style.wrap_label(b) for b in labels]
             return self._panels(x, columns, "", names, {"": np.array(rows)})
         levels = list(dict.fromkeys(point[self.y] for point in points))
         panels = {
@@ -84,7 +84,7 @@ class HeatMap(FigureKind):
     def _cell(self, results: Results, wanted: dict[str, Any], label: str) -> float:
         points = points_of(results, wanted)
         m = self.metric.of(label)
-        return Expressions(results, points[0]).term(m).value if points else float("nan")
+        return Evaluator(results, points[0]).term(m).value if points else float("nan")
 
     def _panels(
         self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
@@ -102,7 +102,7 @@ class HeatMap(FigureKind):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
             names = [phrases.number(c) for c in columns]
             _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
-            ax.set_title(style.words(name))
+            ax.set_title(style.wrap_label(name))
             ax.set_xlabel(phrases.axis(x))
             _numbers(ax, values, [[f"{v:.3g}" for v in row] for row in values], image, cell_in)
         axes[0][0].set_ylabel(phrases.axis(y))
@@ -117,7 +117,7 @@ class HeatMap(FigureKind):
             z[i, j], z[j, i] = pair.z, -pair.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
-        names = [style.words(b) for b in labels]
+        names = [style.wrap_label(b) for b in labels]
         _ticks(ax, names, names, np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():

@@ -29,7 +29,7 @@ class Nis(OverTime):
     has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
     """
 
-    needs: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
+    requires: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
 
     y_label: str = "NIS per component"
     """label of the vertical axis"""
@@ -74,7 +74,7 @@ class Nis(OverTime):
 class Autocorrelation(Curves):
     """Autocorrelation of whitened innovations by lag, in measurements; white ones stay in the band."""
 
-    needs: ClassVar[dict[str, str]] = {
+    requires: ClassVar[dict[str, str]] = {
         "innovations": "per_run",
         **{f"autocorrelation_{lag}": "per_run" for lag in range(1, LAGS + 1)},
     }

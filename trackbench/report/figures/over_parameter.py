@@ -55,7 +55,7 @@ class RmseVsParameter(FigureKind):
         words = [value for value in values if not is_number(value)]
         return {"parameter": f"{words[0]!r} in the grid of {path} is no number"} if words else found
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return where each filter is best."""
         path, shown = self._shown(results)
         name, unit = phrases.quantity(path)

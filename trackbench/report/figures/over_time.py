@@ -116,7 +116,7 @@ class RmseVsTime(OverTime):
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return which filter's average over the steps is best."""
         point = results.points()[0]
         found = self.lines(results, point, self.metric)
@@ -141,7 +141,7 @@ class RmseVsTime(OverTime):
                     # What is known exactly, as a first state may be, has only rounding for an error.
                     value = np.where(value > _ROUNDING * np.nanmax(value), value, np.nan)
                 ax.plot(k, value, **look)
-                style.spread(ax, k, value, stderr, look, i, len(lines), self.log)
+                style.error_band(ax, k, value, stderr, look, i, len(lines), self.log)
         return self.finish(figure)
 
 

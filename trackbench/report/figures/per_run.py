@@ -36,7 +36,7 @@ class RmsePerRun(Curves):
         """Label of the horizontal axis."""
         return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return which filter's median is best."""
         runs = results.runs(results.points()[0])
         found = {b: runs.get((b, str(self.metric))) for b, _ in self.labels(results)}

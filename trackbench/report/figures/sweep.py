@@ -52,7 +52,7 @@ class SweepFigure(FigureKind):
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         return next((e for p in self.paths if (e := missing_paths(points, paths=p))), {})
 
-    def tell(self, results: Results) -> str:
+    def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
         held, metrics = _Held(results, self.paths), list(self._metrics(results).values())
         told = []
@@ -121,7 +121,7 @@ def _lines(
     metrics: dict[str, Measure],
     title: str,
 ) -> Figure:
-    figure, axes = style.mosaic(len(metrics), _ROW_IN, 0.6)
+    figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
     values = held.values[path]
     numeric = all(map(is_number, values))
     for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
@@ -190,7 +190,7 @@ def _heat_maps(
     across, down = held.values[x], held.values[y]
     fields = {label: _field(held, label, metric, across, down) for label in labels}
     fields = {label: field for label, field in fields.items() if np.isfinite(field).any()}
-    figure, axes = style.mosaic(len(fields), _ROW_IN, 0.6)
+    figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
     finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
     for ax, (label, values) in zip(axes, fields.items(), strict=False):
         image = ax.imshow(
@@ -198,7 +198,7 @@ def _heat_maps(
         )
         ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
         ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
-        ax.set_title(style.words(label))
+        ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
         _write_values(ax, values, finite, few=len(axes) == 1)
         _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))

@@ -81,7 +81,7 @@ class Track(FigureKind):
             ax.set_aspect("equal")
             ax.set_xlabel("x (km)")
             ax.locator_params(nbins=5)
-            ax.set_title(style.words(label))
+            ax.set_title(style.wrap_label(label))
         axes[0][0].set_ylabel("y (km)")
         style.title(figure, self.title)
         style.legend_outside(figure)
@@ -133,7 +133,7 @@ class MeanAndStd(FigureKind):
     per_step.csv. The quantities are those the scenario calls x and y.
     """
 
-    needs: ClassVar[dict[str, str]] = {
+    requires: ClassVar[dict[str, str]] = {
         f"{metric}_{quantity}": "per_step" for metric in ("bias", "std") for quantity in "xy"
     }
 

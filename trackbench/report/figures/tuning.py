@@ -35,11 +35,11 @@ class TuningFigure(FigureKind):
         """Return a panel per key."""
         record = results.tuning.get(self.filter)
         axes = record.axes if record is not None else ()
-        figure, panels = style.mosaic(len(axes), 2.4, 0.5)
+        figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _panel(ax, results.tuning[self.filter], axis)
         figure.supylabel(words_of(results.config["tuning"]["metric"]))
-        style.title(figure, self.title or style.words(self.filter, 80))
+        style.title(figure, self.title or style.wrap_label(self.filter, 80))
         return figure
 
 
@@ -70,7 +70,7 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)
-    ax.set_xlabel(style.words(axis.key, 40))
+    ax.set_xlabel(style.wrap_label(axis.key, 40))
 
 
 def _top(objectives: list[float], stderr: float) -> float:

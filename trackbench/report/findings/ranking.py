@@ -61,16 +61,16 @@ class Candidate:
         """Number of runs that are lost."""
         return int(np.count_nonzero(self.lost))
 
-    def beside(self, other: "Candidate") -> tuple[Array, Array]:
+    def common_runs(self, other: "Candidate") -> tuple[Array, Array]:
         """Return the values of both on the runs that neither loses."""
         both = np.isfinite(self.values) & np.isfinite(other.values)
         return self.values[both], other.values[both]
 
 
-class Standing(NamedTuple):
+class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
-    where: dict[str, Any]
+    scene: dict[str, Any]
     """what the grid gives the scenario"""
     metric: Measure
     best: Candidate | None
@@ -101,14 +101,14 @@ class Standing(NamedTuple):
         return self.metric.family[0].more_is_better
 
 
-def standings(results: Results, metric: str = "") -> list[Standing]:
+def rankings(results: Results, metric: str = "") -> list[Ranking]:
     """Return a ranking for each scenario of the grid, by the first or a given metric."""
     metric = metric or next(iter(ranking_metrics(results)), "")
     places = scenes(results) if metric else []
     return [_standing(results, where, metric, len(places)) for where in places]
 
 
-def best_settings(results: Results) -> list[Standing]:
+def best_settings(results: Results) -> list[Ranking]:
     """Yield for each varied filter which of its values are best, by scenario."""
     metric = next(iter(ranking_metrics(results)), "")
     found: list[list[Candidate]] = []
@@ -121,7 +121,7 @@ def best_settings(results: Results) -> list[Standing]:
                 found.append(mine)
                 wheres.append(where)
     return [
-        standing_of(settings, metric, times=len(found), apart=True)._replace(where=where)
+        ranking_of(settings, metric, times=len(found), apart=True)._replace(scene=where)
         for settings, where in zip(found, wheres, strict=True)
     ]
 
@@ -136,20 +136,20 @@ def ranking_metrics(results: Results) -> list[str]:
     return [*errors, *told]
 
 
-def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Standing:
+def _standing(results: Results, where: dict[str, Any], metric: str, times: int) -> Ranking:
     """Return the ranking in one scenario of several."""
     settings = list(_settings(results, points_of(results, where), metric))
-    found = standing_of(settings, metric, results.config.get("reference"), times)
-    return found._replace(where=where)
+    found = ranking_of(settings, metric, results.config.get("reference"), times)
+    return found._replace(scene=where)
 
 
-def standing_of(
+def ranking_of(
     settings: Sequence[Candidate],
     metric: str,
     reference: str | None = None,
     times: int = 1,
     apart: bool = False,
-) -> Standing:
+) -> Ranking:
     """Return the ranking of filters, each with its best values, in one scenario of several.
 
     ``apart``: of the values themselves.
@@ -163,7 +163,7 @@ def standing_of(
     rivals = [c for c in ranked if c not in losing and isfinite(c.mean.value)]
     losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
     chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
-    found = Standing({}, measure, None, [], [], losing, floor, chosen, runs)
+    found = Ranking({}, measure, None, [], [], losing, floor, chosen, runs)
     if not rivals or not isfinite(rivals[0].mean.stderr):
         return found
     # Values that were tried and not taken were compared as well.
@@ -174,8 +174,8 @@ def standing_of(
 
 
 def _compared(
-    found: Standing, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
-) -> Standing:
+    found: Ranking, best: Candidate, rivals: list[tuple[Candidate, Pair | None]], sign: float
+) -> Ranking:
     """Return the ranking with every comparison to the best, unless these contradict it."""
     ties: list[tuple[Candidate, Pair]] = []
     worse: list[tuple[Candidate, Pair]] = []

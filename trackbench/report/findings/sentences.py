@@ -25,7 +25,7 @@ from trackbench.report.findings.phrases import (
     verb,
     with_unit,
 )
-from trackbench.report.findings.ranking import Candidate, Standing, ranking_metrics, standings
+from trackbench.report.findings.ranking import Candidate, Ranking, ranking_metrics, rankings
 from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
@@ -58,7 +58,7 @@ class Time(NamedTuple):
         return self.value > SCATTER * other.value
 
 
-def cost(results: Results, standing: Standing) -> str:
+def cost(results: Results, standing: Ranking) -> str:
     """Return the CPU time of the best filter, or the cheapest of several, beside that of the others."""
     as_good = _times(results, standing.among_the_best)
     if not as_good:
@@ -74,7 +74,7 @@ def cost(results: Results, standing: Standing) -> str:
     return f"{text}{_beside_worse(results, cheapest, standing)}."
 
 
-def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
+def _beside_worse(results: Results, cheapest: Time, standing: Ranking) -> str:
     """Return whether one that is worse is faster; nothing where that is inconclusive."""
     worse = _times(results, [c for c, _ in standing.worse])
     faster = [time for time in worse if cheapest.above(time)]
@@ -86,7 +86,7 @@ def _beside_worse(results: Results, cheapest: Time, standing: Standing) -> str:
     return ""
 
 
-def calibration(results: Results, standing: Standing) -> str:
+def calibration(results: Results, standing: Ranking) -> str:
     """Return which best filters are calibrated, overconfident or underconfident, with numbers."""
     words: dict[Credibility, list[str]] = {}
     for candidate in standing.among_the_best:
@@ -164,21 +164,31 @@ HOW_DECIDED = (
 
 def answer(results: Results) -> list[str]:
     """Return sentences on the filters of a results folder, a line each; none if nothing is decided."""
-    found = standings(results)
+    found = rankings(results)
     if len(found) == 1:
-        lines = [_best(found[0]), _otherwise(results, found[0]), _losing(found), _failed(results)]
+        lines = [
+            _best_sentence(found[0]),
+            _other_metrics(results, found[0]),
+            _losing(found),
+            _failed(results),
+        ]
         lines += [
             cost(results, found[0]),
             calibration(results, found[0]),
         ]
     else:
-        lines = [_over_points(found), _losing(found), _failed(results), *_leader(results, found)]
+        lines = [
+            _over_points(found),
+            _losing(found),
+            _failed(results),
+            *_leader_sentence(results, found),
+        ]
     if found and max(standing.runs for standing in found) == 1:
         lines.append("One run has no standard error: which filter is best is inconclusive.")
     return [line for line in lines if line]
 
 
-def _best(standing: Standing) -> str:
+def _best_sentence(standing: Ranking) -> str:
     best, words = standing.best, metric_words(standing.metric)
     if best is None:
         return ""
@@ -189,15 +199,15 @@ def _best(standing: Standing) -> str:
         text = f"With each filter at the best of the grid's values, {text}"
     if standing.ties:
         names = [c.name for c, _ in standing.ties]
-        text += f"; {listed(names)} {verb(names)} not told apart from it ({_room(standing)})"
-    return f"{text}; {_others(standing)}." if standing.worse else f"{text}."
+        text += f"; {listed(names)} {verb(names)} not told apart from it ({_tie_margin(standing)})"
+    return f"{text}; {_worse_clause(standing)}." if standing.worse else f"{text}."
 
 
-def _extreme(standing: Standing) -> str:
+def _extreme(standing: Ranking) -> str:
     return "largest" if standing.more_is_better else "smallest"
 
 
-def _value(standing: Standing) -> str:
+def _value(standing: Ranking) -> str:
     """Return ``43.3 ± 0.2 m over 400 runs``, and how far it is above the reference."""
     best, reference = standing.best, standing.reference
     assert best is not None
@@ -206,18 +216,20 @@ def _value(standing: Standing) -> str:
     text = f"{with_unit(rounded(*best.mean, 4), standing.metric)} over {left} runs{kept}"
     if reference is None or standing.metric.family[0].is_score:
         return text
-    own, least = best.beside(reference)
+    own, least = best.common_runs(reference)
     if not interval("mean", without_rounding(own, least))[0] > 0.0:
         return text
     above = percent(mean(own).value / mean(least).value - 1.0)
     return f"{text}, {above} above the reference {reference.name}"
 
 
-def _room(standing: Standing) -> str:
+def _tie_margin(standing: Ranking) -> str:
     """Return how much worse the filters without a significant difference may be: upper 95 % limit."""
     assert standing.best is not None
     sign = -1.0 if standing.more_is_better else 1.0
-    apart = [sign * without_rounding(*other.beside(standing.best)) for other, _ in standing.ties]
+    apart = [
+        sign * without_rounding(*other.common_runs(standing.best)) for other, _ in standing.ties
+    ]
     apart = [differences for differences in apart if np.any(differences)]
     if not apart:
         return "equal in every run"
@@ -227,7 +239,7 @@ def _room(standing: Standing) -> str:
     return f"at most {percent(most / standing.best.mean.value)} larger, 95 %"
 
 
-def _others(standing: Standing) -> str:
+def _worse_clause(standing: Ranking) -> str:
     """Return how much worse the other filters are, the nearest first."""
     assert standing.nearest is not None
     nearest, pair = standing.nearest
@@ -240,7 +252,7 @@ def _others(standing: Standing) -> str:
     return f"those of the {other} {n} are {apart}, the nearest ({nearest.name}) {by}"
 
 
-def _difference(standing: Standing, pair: Pair) -> str:
+def _difference(standing: Ranking, pair: Pair) -> str:
     """Return ``0.97 ± 0.08 m (2.2 %)``; of scores no share."""
     text = with_unit(rounded(abs(pair.difference), pair.stderr, 3), standing.metric)
     if standing.best is None or standing.metric.family[0].is_score:
@@ -248,11 +260,11 @@ def _difference(standing: Standing, pair: Pair) -> str:
     return f"{text} ({percent(abs(pair.difference) / standing.best.mean.value)})"
 
 
-def _otherwise(results: Results, standing: Standing) -> str:
+def _other_metrics(results: Results, standing: Ranking) -> str:
     """Return the other metrics by which another filter is better than the best."""
     better: dict[str, list[str]] = {}
     for metric in ranking_metrics(results)[1:] if standing.best is not None else []:
-        for other in standings(results, metric):
+        for other in rankings(results, metric):
             worse = [c.name for c, _ in other.worse]
             if other.best and standing.best and standing.best.name in worse:
                 better.setdefault(other.best.name, []).append(metric_words(other.metric))
@@ -260,7 +272,7 @@ def _otherwise(results: Results, standing: Standing) -> str:
     return f"But {', '.join(parts[:2])} better." if parts else ""
 
 
-def _over_points(found: Sequence[Standing]) -> str:
+def _over_points(found: Sequence[Ranking]) -> str:
     """Return at how many points each filter is among the best."""
     counts = Counter(c.label for standing in found for c in standing.among_the_best)
     by_count: dict[int, list[str]] = {}
@@ -268,7 +280,7 @@ def _over_points(found: Sequence[Standing]) -> str:
         by_count.setdefault(n, []).append(named(label))
     if not by_count:
         return ""
-    paths = " and ".join(phrases.axis(path) for path in found[0].where)
+    paths = " and ".join(phrases.axis(path) for path in found[0].scene)
     (most, leaders), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
     text = f"By mean {metric_words(found[0].metric)} per run {listed(leaders)} {verb(leaders)} best, or"
@@ -276,7 +288,7 @@ def _over_points(found: Sequence[Standing]) -> str:
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
 
 
-def _leader(results: Results, found: Sequence[Standing]) -> list[str]:
+def _leader_sentence(results: Results, found: Sequence[Ranking]) -> list[str]:
     """Return cost and calibration of the filter that is best at most points, if any."""
     leaders: dict[str, list[Candidate]] = {}
     for candidate in (c for standing in found for c in standing.among_the_best):
@@ -287,7 +299,7 @@ def _leader(results: Results, found: Sequence[Standing]) -> list[str]:
     return over_points(results, ranked[0])
 
 
-def _losing(found: Sequence[Standing]) -> str:
+def _losing(found: Sequence[Ranking]) -> str:
     """Return the filters that lose more runs than another, at the point where each loses most."""
     most: dict[str, Candidate] = {}
     for candidate in sorted((c for s in found for c in s.losing), key=lambda c: -c.losses):

@@ -51,7 +51,7 @@ def marked(content: str, figure: Figure, labels: list[str]) -> str:
     if not labels:
         return content
     told = json.dumps(
-        {"labels": labels, "axes": [_told(figure, ax, labels) for ax in _panels(figure)]},
+        {"labels": labels, "axes": [_axes_metadata(figure, ax, labels) for ax in _panels(figure)]},
         ensure_ascii=False,
     )
     content = _MARK.sub(r'data-\1="\2"', content)
@@ -88,7 +88,7 @@ def _is_called_zero(ax: Axes, tick: float) -> bool:
     return ax.xaxis.get_major_formatter()(tick, None) == "0"
 
 
-def _told(figure: Figure, ax: Axes, labels: list[str]) -> dict[str, Any]:
+def _axes_metadata(figure: Figure, ax: Axes, labels: list[str]) -> dict[str, Any]:
     """Return an axes' box in SVG points, limits, scales, shared axes, and error shapes."""
     width, height = figure.get_size_inches() * _POINTS
     box = ax.get_position()

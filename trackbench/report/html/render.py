@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.parallel_drawing import drawn
-from trackbench.report.plugin_exhibits import told
+from trackbench.report.parallel_drawing import draw_figure
+from trackbench.report.plugin_exhibits import catch_plugin_errors
 from trackbench.report.results import Results
 
 
@@ -41,17 +41,17 @@ def drawings(results: Results) -> list[Drawing]:
         asked = results.figure_configs.get(name, {})
         title, said = (results.fill_title(asked.get(key) or "") for key in ("title", "caption"))
         what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
-        caption = said or _told(results, name, spec) or what
+        caption = said or _caption(results, name, spec) or what
         svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
         found.append(Drawing(name, svg, "" if title else f"{name}.", caption))
     return found
 
 
-def _told(results: Results, name: str, spec: FigureKind | None) -> str:
+def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
     """Return the figure's caption, if it has one."""
     if spec is not None:
-        with results.without(f"caption of figure {name}"), told(spec):
-            return spec.tell(results)
+        with results.without(f"caption of figure {name}"), catch_plugin_errors(spec):
+            return spec.default_caption(results)
     return ""
 
 
@@ -72,7 +72,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
         failed = f"figure {name}" in results.unmade
         if not contents and spec is not None and name in asked and not failed:
             with results.without(f"figure {name}"):
-                contents = [content for _, content in drawn(spec, results, ["svg"])]
+                contents = [content for _, content in draw_figure(spec, results, ["svg"])]
         if contents:
             yield name, spec, contents[0]
 

@@ -72,7 +72,7 @@ def line(index: int) -> dict[str, Any]:
     return {"color": colour, "linestyle": dash}
 
 
-def spread(
+def error_band(
     ax: Axes,
     x: Array,
     value: Array,
@@ -139,7 +139,7 @@ def _legend(figure: Figure) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            found.setdefault(words(label), handle)
+            found.setdefault(wrap_label(label), handle)
     last = {label: found.pop(label) for label in [SPREAD] if label in found}
     return found | last
 
@@ -159,7 +159,7 @@ def panels(number: int, rows: int, height_in: float, **kwargs: Any) -> tuple[Fig
     return figure, panes[:number]
 
 
-def mosaic(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[Axes]]:
+def panel_grid(number: int, row_in: float, beside_in: float) -> tuple[Figure, list[Axes]]:
     """Return a figure with axes in rows of three, and the blank axes of the last row."""
     across = min(max(number, 1), _MOSAIC)
     rows = -(-max(number, 1) // across)
@@ -186,7 +186,7 @@ def headings(points: Sequence[dict[str, Any]]) -> list[str]:
 
 def wrapped(text: str, across: int = 1) -> str:
     """Return a text in lines that have room over one of so many panels beside each other."""
-    return words(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
+    return wrap_label(text, int(_LETTERS_PER_IN * sheet().width_in) // across)
 
 
 def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
@@ -201,13 +201,13 @@ def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
-def words(label: str, width: int = 24) -> str:
+def wrap_label(label: str, width: int = 24) -> str:
     """Return a label as it is written, in lines of so many characters; a dollar starts no formula."""
     return "\n".join(textwrap.wrap(label, width)).replace("$", r"\$")
 
 
 @contextmanager
-def house() -> Iterator[None]:
+def rc_context() -> Iterator[None]:
     """Draw in the house style, and leave the user's as it was.
 
     Without warnings: of a glyph that the font has not, of axes that end near 1e308.
@@ -232,7 +232,7 @@ def content(figure: Figure, form: str) -> bytes:
     return interactive_svg.marked(compact(saved(figure, form).decode()), figure, labels).encode()
 
 
-def settled(figure: Figure) -> Figure:
+def lay_out(figure: Figure) -> Figure:
     """Return the figure, laid out here and now: what is left for later would be in the user's style."""
     spell_out(figure)
     figure.draw_without_rendering()

@@ -7,7 +7,7 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import mean_of
-from trackbench.report.findings.ranking import Standing, best_settings
+from trackbench.report.findings.ranking import Ranking, best_settings
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -31,21 +31,21 @@ class BestSettings(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder."""
         found = best_settings(results)
-        where = [phrases.axis(path) for path in (found[0].where if found else ())]
+        where = [phrases.axis(path) for path in (found[0].scene if found else ())]
         heads = [*where, "Filter", "Best at", "Not told apart"]
         value = mean_of(found[0].metric) if found else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
         for standing in found:
             if standing.best is not None:
-                keys = [*map(phrases.number, standing.where.values()), *_keys(standing)]
+                keys = [*map(phrases.number, standing.scene.values()), *_keys(standing)]
                 table.add(keys, _cells(standing))
         if not table.keys:
             table.notes.append("Of one value none is the best.")
         return table
 
 
-def _keys(standing: Standing) -> list[str]:
+def _keys(standing: Ranking) -> list[str]:
     assert standing.best is not None
     ties = [c.setting for c, _ in standing.ties]
     more = len(ties) - _MOST
@@ -53,7 +53,7 @@ def _keys(standing: Standing) -> list[str]:
     return [standing.best.label, standing.best.setting, shown or "none"]
 
 
-def _cells(standing: Standing) -> list[Cell]:
+def _cells(standing: Ranking) -> list[Cell]:
     best = standing.best
     assert best is not None
     cell = Cell(best.mean, len(best.lost) - best.losses, best.losses)

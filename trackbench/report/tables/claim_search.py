@@ -9,7 +9,7 @@ from trackbench.config.published_csv import read_published
 from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -80,7 +80,7 @@ def _judged(
     results: Results, claims: list[Claim], points: list[dict[str, Any]]
 ) -> tuple[list[Claim], list[list[str]]]:
     """Return the claims that any point decides, and the words on each of them at every point."""
-    evidence = [Expressions(results, point) for point in points]
+    evidence = [Evaluator(results, point) for point in points]
     found = [[judge(claim, there).verdict.word for claim in claims] for there in evidence]
     measured = [any(at[i] != NOT_MEASURED for at in found) for i in range(len(claims))]
     return list(compress(claims, measured)), [list(compress(at, measured)) for at in found]

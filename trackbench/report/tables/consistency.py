@@ -26,7 +26,7 @@ class Consistency(TableKind):
     the steps (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.3).
     """
 
-    needs: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
+    requires: ClassVar[dict[str, str]] = {"anees": "per_step", "nis": "per_step"}
 
     filters: tuple[str, ...] | None = None
     """labels of the rows; default: all"""

@@ -7,8 +7,8 @@ from trackbench.config.experiment import Labelled
 from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.estimates import Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -86,7 +86,7 @@ class Claims(TableKind):
         points = results.points()
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
-        at = [Expressions(results, point) for point in points]
+        at = [Evaluator(results, point) for point in points]
         for words, claim in self.claims.items():
             found = [_compared(evidence, claim) for evidence in at]
             table.add([words], [Cell.of(term) for term, _ in found])
@@ -94,12 +94,14 @@ class Claims(TableKind):
         return table
 
 
-def _compared(evidence: Expressions, claim: ClaimRow) -> tuple[Term, str]:
+def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     """Return the difference of the two filters on common runs, and what it says of the claim."""
     mean = claim.metric._replace(statistic="mean")
     less, than = mean.of(claim.less), mean.of(claim.than)
     off = evidence.difference(less, than)
-    return off, rules.of_claim(-off.z(), [-part.z() for part in off.parts(evidence.batches)]).word
+    return off, rules.claim_verdict(
+        -off.z(), [-part.z() for part in off.parts(evidence.batches)]
+    ).word
 
 
 def _ranges(names: list[str], words: list[str]) -> str:

@@ -33,7 +33,7 @@ from trackbench.report.costs import (
     shown,
 )
 from trackbench.report.estimates import loses_more
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.grid_queries import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
@@ -73,16 +73,16 @@ class EfficiencyTable(TableKind):
         for scene in every:
             for label in labels:
                 for name, point in _forms(results, scene, label):
-                    cells = self._cells(Expressions(results, point), label)
+                    cells = self._cells(Evaluator(results, point), label)
                     keys = [*map(phrases.number, scene.values()), name]
                     table.add(keys, cells)
                     if _is_not_zero(cells[-1]):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
 
-    def _cells(self, expressions: Expressions, label: str) -> list[Cell]:
+    def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
         m = self.metric.of(label)
-        floor, distance = expressions.beside_reference(m)
+        floor, distance = expressions.reference_and_rmsd(m)
         error = expressions.runs.get((label, str(m.made_of()[0])))
         if floor is None or distance is None or error is None:
             return [Cell.missing()] * 4
@@ -135,7 +135,7 @@ class EqualCost(TableKind):
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("of",)
-    needs: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
+    requires: ClassVar[dict[str, str]] = {"cpu_s_per_run": "summary"}
 
     of: str
     """label of the filter at whose times the others are looked at"""

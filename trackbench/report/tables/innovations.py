@@ -11,7 +11,7 @@ from trackbench.evaluation.intervals import anees_band
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.estimates import MISSING
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -65,7 +65,7 @@ class Innovations(TableKind):
     predicted and not filtered.
     """
 
-    needs: ClassVar[dict[str, str]] = {
+    requires: ClassVar[dict[str, str]] = {
         "anis": "per_run",
         "innovations": "per_run",
         "autocorrelation_1": "per_run",
@@ -80,7 +80,7 @@ class Innovations(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder; columns that no filter has are left out."""
         found = {
-            tuple(point.items()): Expressions(results, point).stored for point in results.points()
+            tuple(point.items()): Evaluator(results, point).stored for point in results.points()
         }
         there = {metric for cells in found.values() for _, metric in cells}
         columns = {h: m for h, m in _COLUMNS.items() if m in there} | _errors(results)
@@ -110,7 +110,7 @@ def _bands(results: Results, labels: list[str]) -> list[str]:
     for point in results.points():
         alike: dict[str, list[str]] = {}
         for label in labels:
-            for told in _told(results.runs(point), label):
+            for told in _notes(results.runs(point), label):
                 alike.setdefault(told, []).append(label)
         for told, names in alike.items():
             who = [phrases.listed(names)] if len(alike) > 1 else []
@@ -121,7 +121,7 @@ def _bands(results: Results, labels: list[str]) -> list[str]:
     return [f"{'; '.join(places)}: {told}" for told, places in said.items()]
 
 
-def _told(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
+def _notes(runs: dict[tuple[str, str], Array], label: str) -> list[str]:
     """Return the sentence on a filter's bands; none of one that foretells nothing."""
     numbers = runs.get((label, "innovations"), np.empty(0))
     there = ~np.isnan(numbers)

@@ -12,7 +12,7 @@ from trackbench.evaluation.error_series import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.expressions import Expressions
+from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
@@ -60,7 +60,7 @@ class Metrics(TableKind):
         table.least = [i for i, m in enumerate(self.columns.values()) if _is_least_best(m)]
         table.apart = {str(results.config.get(key)) for key in ("bound", "reference")}
         for point in results.points():
-            expressions = Expressions(results, point)
+            expressions = Evaluator(results, point)
             keys = [str(v) for v in point.values()]
             for label in labels:
                 wanted = [m.of(label) for m in self.columns.values()]
@@ -89,7 +89,7 @@ def _is_least_best(m: Measure) -> bool:
     return smaller and m.relation not in ("gain", "win_rate")
 
 
-def _cell(expressions: Expressions, m: Measure) -> Cell:
+def _cell(expressions: Evaluator, m: Measure) -> Cell:
     """Return a row of summary.csv, or evaluate it, such as a ratio to another filter."""
     stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
     return Cell.of(stored or expressions.term(m))

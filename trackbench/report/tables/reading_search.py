@@ -16,8 +16,8 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.evaluation.statistics import STATISTICS, Estimate, mean
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register
-from trackbench.report.estimates import Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -30,7 +30,7 @@ class Number(NamedTuple):
 
     label: str
     printed: float
-    measured: Term
+    measured: RunEstimate
     is_variance: bool = False
 
     @property
@@ -91,7 +91,7 @@ class Readings(TableKind):
         printed = len(ways[0][1]) if numbers else 0
         found = []
         for shown, point in points:
-            expressions = Expressions(results, point)
+            expressions = Evaluator(results, point)
             for way, chosen in ways:
                 there = _measured(expressions, chosen)
                 parts = [distance([n for n in there if n.label == label]) for label in labels]
@@ -180,7 +180,7 @@ def _is_average(m: Measure) -> bool:
     return m.statistic in averages and not m.steps and not m.relation
 
 
-def _measured(expressions: Expressions, numbers: list[PublishedNumber]) -> list[Number]:
+def _measured(expressions: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
     return [
         Number(label, float(number.value), expressions.term(m.of(label)), m.statistic == "variance")
         for number in numbers

@@ -8,14 +8,14 @@ from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, z_score
 from trackbench.report import estimates
-from trackbench.report.estimates import Share, Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import RunEstimate, Share
+from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts import rules
 from trackbench.report.verdicts.rules import NOT_MEASURED, UNDECIDED, Verdict
 
 
-class Judged(NamedTuple):
+class ClaimVerdict(NamedTuple):
     """A claim, the verdict by the z of its weakest comparison (positive: in its favour), and why."""
 
     claim: Claim
@@ -24,7 +24,7 @@ class Judged(NamedTuple):
     note: str
 
 
-def judge(claim: Claim, evidence: Expressions | None) -> Judged:
+def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     """Return the verdict on a claim: it holds if it does against every filter that it names."""
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
@@ -39,7 +39,7 @@ def judge(claim: Claim, evidence: Expressions | None) -> Judged:
         for every in ([score.parts for score in found], [score.stressed for score in found])
     )
     exact = isinstance(weakest.off.term, Share)  # and so are all that are measured
-    verdict = rules.of_claim(z, parts, stressed, claim.relation == "~", exact)
+    verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if isnan(weakest.off.term.value):
         verdict = verdict._replace(word=NOT_MEASURED, fragile=False)
@@ -47,14 +47,14 @@ def judge(claim: Claim, evidence: Expressions | None) -> Judged:
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
     steps = _of_steps(weakest, found) if len(single) > 1 else ""
     note = noted(*losing, _why(evidence, weakest), steps, claim.note)
-    return Judged(claim, verdict, weakest.off.term.splits, note)
+    return ClaimVerdict(claim, verdict, weakest.off.term.splits, note)
 
 
-def _unjudged(claim: Claim, why: str) -> Judged:
-    return Judged(claim, Verdict(NOT_MEASURED, nan), False, noted(why, claim.note))
+def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
+    return ClaimVerdict(claim, Verdict(NOT_MEASURED, nan), False, noted(why, claim.note))
 
 
-def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
+def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
     """Return the claim at each of its steps, or itself without steps."""
     left, right = (
         whole.at_each_step(m.of(claim.left)) if m else [None]
@@ -66,10 +66,10 @@ def _at_each_step(claim: Claim, whole: Expressions) -> list[Claim]:
     ]
 
 
-class _Off(NamedTuple):
+class _Margin(NamedTuple):
     """Margin of a claim: the left side's estimate, its value at the claim's edge, and its target."""
 
-    term: Term
+    term: RunEstimate
     edge: float
     target: float
 
@@ -96,12 +96,12 @@ class _Score(NamedTuple):
     z: float
     parts: list[float]
     stressed: list[float]
-    off: _Off
+    off: _Margin
 
 
-def _score(evidence: Expressions, claim: Claim, right: str) -> _Score:
+def _score(evidence: Evaluator, claim: Claim, right: str) -> _Score:
     """Return the claim against one filter of its right side, or against its factor if there is none."""
-    off = _off(evidence, claim, right)
+    off = _margin(evidence, claim, right)
     parts, stressed = (
         [off._replace(term=term).in_favour(claim) for term in terms]
         for terms in (off.term.parts(evidence.batches), off.term.stressed())
@@ -109,15 +109,15 @@ def _score(evidence: Expressions, claim: Claim, right: str) -> _Score:
     return _Score(claim, right, off.in_favour(claim), parts, stressed, off)
 
 
-def _off(expressions: Expressions, claim: Claim, right: str) -> _Off:
+def _margin(expressions: Evaluator, claim: Claim, right: str) -> _Margin:
     left, *others = claim.sides(right)
     if not others:
-        return _Off(expressions.term(left), claim.factor, claim.factor)
+        return _Margin(expressions.term(left), claim.factor, claim.factor)
     target = claim.factor * expressions.term(others[0]).value
-    return _Off(expressions.difference(left, others[0], claim.factor), 0.0, target)
+    return _Margin(expressions.difference(left, others[0], claim.factor), 0.0, target)
 
 
-def _why(whole: Expressions, score: _Score) -> str:
+def _why(whole: Evaluator, score: _Score) -> str:
     """Return both sides of a comparison, in words."""
     claim, right = score.claim, score.right
     why = [_in_words(side.filter, whole.term(side)) for side in claim.sides(right)]
@@ -133,11 +133,11 @@ def _of_steps(weakest: _Score, found: list[_Score]) -> str:
     return f"{where}{surely} of {len(found)} comparisons hold by themselves"
 
 
-def _in_words(label: str, term: Term) -> str:
+def _in_words(label: str, term: RunEstimate) -> str:
     return f"{label} {term.value:.4g}" + (f" ({term.losses})" if term.lost else "")
 
 
-def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
+def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
     """Return why a filter with a smaller error is no better: it loses more of the same runs."""
     a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
     better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
@@ -147,7 +147,7 @@ def _loses_more(expressions: Expressions, claim: Claim, right: str) -> str:
     return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
 
 
-def no_results(row: PublishedNumber | Claim, evidence: Expressions | None) -> str:
+def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
     """Return a note if the grid lacks the point that a row names."""
     return "" if evidence is not None else f"no results at {row.point}"
 
@@ -157,10 +157,10 @@ def noted(*notes: str) -> str:
     return "; ".join(filter(None, notes))
 
 
-def evidence_at(results: Results, text: str) -> Expressions | None:
+def evidence_at(results: Results, text: str) -> Evaluator | None:
     """Return the measures at the point that a published row names, None if it has no results."""
     point = point_of(results, text)
-    return None if point is None else Expressions(results, point)
+    return None if point is None else Evaluator(results, point)
 
 
 def point_of(results: Results, text: str) -> dict[str, Any] | None:

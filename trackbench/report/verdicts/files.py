@@ -12,7 +12,7 @@ from trackbench.report.paired import Pair
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.text import Text, TextTable
-from trackbench.report.verdicts.claims import Judged
+from trackbench.report.verdicts.claims import ClaimVerdict
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked
 from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS, Verdict
@@ -45,7 +45,7 @@ class Bar(NamedTuple):
         return f"{self.title}: {', '.join(parts)}"
 
 
-def parts(found: Iterable[Compared | Judged]) -> list[Tally]:
+def parts(found: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     """Return the parts in a fixed order, without those of which there is none."""
     rows = list(found)
     numbers = Counter(row.verdict.word for row in rows)
@@ -211,7 +211,7 @@ def _row(row: Compared, readings: int = 1) -> list[Text]:
     ]
 
 
-def _word(row: Compared | Judged) -> str:
+def _word(row: Compared | ClaimVerdict) -> str:
     return row.verdict.word + (", fragile" if row.verdict.fragile else "")
 
 
@@ -219,7 +219,7 @@ def _parts(verdict: Verdict) -> str:
     return "; ".join(_z(z) for z in verdict.parts)
 
 
-def _claim_table(claims: list[Judged]) -> TextTable:
+def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
     """Return claims with verdict and z."""
     table = TextTable(
         "Claims (z: standard errors in the claim's favour, weakest comparison)",

@@ -14,11 +14,11 @@ import numpy as np
 
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
-from trackbench.report.estimates import MISSING, Term
-from trackbench.report.expressions import Expressions
+from trackbench.report.estimates import MISSING, RunEstimate
+from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts import rules
-from trackbench.report.verdicts.claims import Judged, evidence_at, judge, no_results, noted
+from trackbench.report.verdicts.claims import ClaimVerdict, evidence_at, judge, no_results, noted
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.rules import NOT_MEASURED, NUMBER_WORDS, Verdict
 
@@ -28,7 +28,7 @@ class Compared(NamedTuple):
 
     published: PublishedNumber
     label: str
-    measured: Term
+    measured: RunEstimate
     verdict: Verdict
     note: str
 
@@ -64,7 +64,7 @@ class Comparison:
     """Everything that is published about one experiment, with verdicts."""
 
     rows: list[Compared]
-    claims: list[Judged]
+    claims: list[ClaimVerdict]
     ranks: list[Ranked]
 
     def __repr__(self) -> str:
@@ -120,13 +120,13 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
     return float(np.clip(tau, -1.0, 1.0))
 
 
-def _readings(number: PublishedNumber, evidence: Expressions | None) -> Iterator[Compared]:
+def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
     if evidence is None or not number.labels or not number.expression:
         note = noted(no_results(number, evidence), number.reading, number.note)
         yield Compared(number, "", MISSING, Verdict(NOT_MEASURED, nan), note)
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
-        verdict = rules.of_number(number, measured, measured.parts(evidence.batches))
+        verdict = rules.number_verdict(number, measured, measured.parts(evidence.batches))
         note = noted(measured.losses, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)

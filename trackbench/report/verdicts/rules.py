@@ -11,7 +11,7 @@ from math import inf, isfinite, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from trackbench.config.published import PublishedNumber
-from trackbench.report.estimates import Term
+from trackbench.report.estimates import RunEstimate
 
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
@@ -42,13 +42,15 @@ class Verdict(NamedTuple):
     """whether another seed, a run that was drawn or three that were not could well turn the word"""
 
 
-def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Verdict:
+def number_verdict(
+    number: PublishedNumber, whole: RunEstimate, parts: Sequence[RunEstimate]
+) -> Verdict:
     """Return the verdict on a published number from all runs and from the parts of them."""
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
     found = [judge(number, part, SURE) for part in parts]
     turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
-    word = settled(word, [w for w, _ in found])
+    word = combine_batches(word, [w for w, _ in found])
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen and word not in (NOT_MEASURED, UNDECIDED):
@@ -57,7 +59,7 @@ def of_number(number: PublishedNumber, whole: Term, parts: Sequence[Term]) -> Ve
     return Verdict(word, z, tuple(z for _, z in found), turns and decides)
 
 
-def _others(whole: Term) -> Iterator[Term]:
+def _others(whole: RunEstimate) -> Iterator[RunEstimate]:
     """Generate what other runs could well have measured."""
     yield from whole.stressed()
     room = ANOTHER_SEED * whole.stderr
@@ -65,7 +67,7 @@ def _others(whole: Term) -> Iterator[Term]:
         yield whole._replace(value=whole.value + end)
 
 
-def of_claim(
+def claim_verdict(
     z: float,
     parts: Sequence[float] = (),
     stressed: Sequence[float] = (),
@@ -87,7 +89,7 @@ def of_claim(
     if exact or (equal and word == "holds"):
         word = UNDECIDED if {word, *found} >= {"holds", "fails"} else word
     else:
-        word = settled(word, found)
+        word = combine_batches(word, found)
     return Verdict(word, z, tuple(parts), turns and word != UNDECIDED)
 
 
@@ -105,7 +107,7 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
     return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
-def settled(word: str, parts: Sequence[str]) -> str:
+def combine_batches(word: str, parts: Sequence[str]) -> str:
     """Return the word of all runs, unless a part of them does not show it or contradicts it."""
     if word in _SHOWN:
         return word if all(part in _SHOWN[word] for part in parts) else UNDECIDED
@@ -116,7 +118,7 @@ def _claimed(z: float, holds: float, fails: float) -> str:
     return "holds" if z >= holds else "fails" if z <= -fails else UNDECIDED
 
 
-def _difference(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+def _difference(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple[str, float]:
     """Compare a number with the printed one, whose error is the paper's own where it prints a spread."""
     value, printed = measured.value, number.value
     if measured.lost > measured.runs > 0:
@@ -137,7 +139,7 @@ def _difference(number: PublishedNumber, measured: Term, least: float) -> tuple[
     return ("near" if abs(value - printed) <= room else "differs"), z
 
 
-def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
+def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
     """Return the standard error of the printed number: from its own spread, else from ours."""
     if not number.runs:
         return 0.0
@@ -146,7 +148,7 @@ def _of_the_paper(number: PublishedNumber, measured: Term) -> float:
     return measured.stderr * sqrt(measured.runs / number.runs)
 
 
-def _bias(number: PublishedNumber, measured: Term, least: float) -> tuple[str, float]:
+def _bias(number: PublishedNumber, measured: RunEstimate, least: float) -> tuple[str, float]:
     """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
     value, stderr = measured.estimate
     if not isfinite(value):
