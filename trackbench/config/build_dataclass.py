@@ -9,6 +9,7 @@ from math import isinf, isnan
 from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from trackbench.errors import Mark, Problem
 from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError
@@ -102,14 +103,19 @@ def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
 
 
 def build(
-    cls: type[T], source: Source, keys: Keys, parts: Sequence[Any] = (), also: Sequence[str] = ()
+    cls: type[T],
+    source: Source,
+    keys: Keys,
+    data: object = None,
+    parts: Sequence[object] = (),
+    also: Sequence[str] = (),
 ) -> T | None:
-    """Return the dataclass from the mapping at ``keys``, or None, with the reasons noted in ``source``.
+    """Return the dataclass from the mapping at ``keys``, or None, with its mistakes in ``source``.
 
-    A number stands in the mapping for each of the ``parts`` made before, None for one with mistakes.
-    ``also`` names keys that stand beside the dataclass's own.
+    ``data`` replaces that mapping: a number stands in it for each of the prebuilt ``parts``, which are
+    None where they have mistakes. ``also`` names keys that stand beside those of the dataclass.
     """
-    data = at(source, keys)
+    data = source.at(keys) if data is None else data
     if not isinstance(data, dict):
         source.add_problem(keys, f"{_show(data)} is not a mapping")
         return None
@@ -117,25 +123,17 @@ def build(
         # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
         return adapter(cls).validate_json(json.dumps(data), strict=True, context=parts)
     except (AttributeError, TypeError):
-        if None in parts:  # what is missing has been said
+        if None in parts:  # the mistakes of that part are reported
             return None
         raise
     except ValidationError as error:
-        found: dict[Problem, None] = {}
+        problems: dict[Problem, None] = {}
         for item in error.errors(include_url=False):
-            if None in parts and item["type"] == "value_error":  # what is said without a part
+            if None in parts and item["type"] == "value_error":  # perhaps for lack of that part
                 continue
-            found |= dict.fromkeys(_problems(item, source, keys, cls, also))
-        source.problems += _of_unions(found)
+            problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
+        source.problems += _without_unions(problems)
         return None
-
-
-def at(source: Source, keys: Keys) -> Any:
-    """Return the value at ``keys``."""
-    data = source.data
-    for key in keys:
-        data = data[key]
-    return data
 
 
 def unknown(word: str, known: list[str]) -> str:
@@ -144,15 +142,15 @@ def unknown(word: str, known: list[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
 
 
-def _of_unions(found: Collection[Problem]) -> list[Problem]:
-    """Return one line for an invalid value, from the validator's several.
+def _without_unions(problems: Collection[Problem]) -> list[Problem]:
+    """Return one line for an invalid value, for which the validator of a union has several.
 
-    Nor is a list said to be no word where its items are mistaken.
+    A mistaken item of a list is reported without the remark that the list is no word.
     """
     merged: dict[tuple[Mark, str, str], Problem] = {}
-    for problem in found:
+    for problem in problems:
         value, verb, rest = problem.what.rpartition(" is ")
-        if verb and any(p.path.startswith(f"{problem.path}.") for p in found):
+        if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
             continue
         place = problem.mark, problem.path, value or rest
         before = merged.get(place)
@@ -161,44 +159,40 @@ def _of_unions(found: Collection[Problem]) -> list[Problem]:
 
 
 def _problems(
-    item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]
+    item: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
 ) -> list[Problem]:
-    raised = item.get("ctx", {}).get("error")
-    if isinstance(raised, DataError):
-        return [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in raised.places]
-    return [_problem(item, source, keys, cls, also)]
-
-
-def _problem(item: Any, source: Source, keys: Keys, cls: type[Any], also: Sequence[str]) -> Problem:
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
     error = ctx.get("error")
-    within = error.path if isinstance(error, InvalidKeyError) else ()
-    where = _existing(source, keys, item["loc"] + within)
+    if isinstance(error, DataError):
+        return [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
+    # The validator's location names options of unions, too, which are no keys of the config.
+    where = keys
+    for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
+        if source.has((*where, step)):
+            where = (*where, step)
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        inner = _within(cls, where[len(keys) : -1])
+        inner = _dataclass_at(cls, where[len(keys) : -1])
         known = [f.name for f in fields(inner)] if inner is not None else []
         if inner is cls:
             known += also
-        word = str(item["loc"][-1])
-        what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
-        return Problem(source.key_mark(where), dotted(where), what)
+        what = f"unknown key; {unknown(str(item['loc'][-1]), known)}" if known else "unknown key"
+        return [Problem(source.key_mark(where), dotted(where), what)]
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
-        return Problem(source.key_mark(where), path, "this key is required")
-    return source.problem(where, _words(kind, ctx, value, item["msg"]))
+        return [Problem(source.key_mark(where), path, "this key is required")]
+    return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
-def _within(cls: type[Any], path: Keys) -> type[Any] | None:
+def _dataclass_at(cls: Any, path: Keys) -> Any:
     """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
-    found: type[Any] = cls
     for key in path:
         if isinstance(key, int):
             continue
-        inner = dataclasses_in(get_type_hints(found).get(key))
-        if len(inner) != 1:
+        options = dataclasses_in(get_type_hints(cls).get(key))
+        if len(options) != 1:
             return None
-        found = inner[0]
-    return found
+        cls = options[0]
+    return cls
 
 
 def dataclasses_in(hint: Any) -> list[type[Any]]:
@@ -208,7 +202,8 @@ def dataclasses_in(hint: Any) -> list[type[Any]]:
     return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
-def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
+def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> str:
+    """Return in words what the validator found wrong with a value."""
     shown = _show(value)
     if kind == "value_error":
         return str(ctx["error"])
@@ -235,16 +230,7 @@ def _words(kind: str, ctx: dict[str, Any], value: Any, message: str) -> str:
     return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
 
 
-def _existing(source: Source, keys: Keys, loc: tuple[str | int, ...]) -> Keys:
-    """Return the part of a validator's location that exists in the config."""
-    found = keys
-    for step in loc:
-        if (*found, step) in source.marks:
-            found = (*found, step)
-    return found
-
-
-def _show(value: Any) -> str:
+def _show(value: object) -> str:
     if isinstance(value, float) and value.is_integer():
         return f"{value:g}"
     text = json.dumps(value) if not isinstance(value, str) else repr(value)

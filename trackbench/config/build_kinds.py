@@ -1,19 +1,18 @@
 """The parts of a config that name a ``kind``: a mapping into the registered dataclass."""
 
 from collections.abc import Sequence
-from dataclasses import is_dataclass, replace
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin
 
-from trackbench.config.build_dataclass import at, build, file_keys, hints_of, unknown
+from trackbench.config.build_dataclass import build, file_keys, hints_of, unknown
 from trackbench.config.includes import deep_merge
-from trackbench.config.plugin_checks import mistaken_sensor
-from trackbench.extension_points import foreign_parts
+from trackbench.config.plugin_checks import check_sensors
 from trackbench.field_types import part_group
-from trackbench.plugins.errors import located_message
-from trackbench.plugins.interrupts import guarded
+from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group, kinds, of_kind
-from trackbench.yaml_source import Keys, Source, dotted
+from trackbench.yaml_source import Keys, Source, dotted, marked, put
 
 T = TypeVar("T")
 
@@ -27,7 +26,7 @@ _GONE = {
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
-    data = at(source, keys)
+    data = source.at(keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
         if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
@@ -42,7 +41,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
         return None
     own = _with_absolute_files(cls, source, keys, _with_preset(cls, source, keys))
     also = ["preset"] if cls.presets else []
-    if group == "filters":  # of every filter: see `trackbench.config.assumed_model`
+    if group == "filters":  # a key of every filter: see `read_assumed`
         own.pop("assume", None)
         also.append("assume")
     return _built(cls, own, source, keys, also)
@@ -50,50 +49,53 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
 
 def build_plain(cls: type[T], source: Source, keys: Keys) -> T | None:
     """Return a dataclass without a kind from the mapping at ``keys``, with the parts it has."""
-    data = at(source, keys)
+    data = source.at(keys)
     if not isinstance(data, dict):
         source.add_problem(keys, "is not a mapping")
         return None
     return _built(cls, data, source, keys)
 
 
-def _built(
-    cls: type[T], own: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
-) -> T | None:
-    inner = _Inner(source, [])
-    part = source.subtree(keys, inner.numbered(cls, own, keys))
-    what, built = mistaken_sensor(inner.made), None
-    if what is not None:
-        source.add_problem(keys, what)
+def read_assumed(source: Source, label: str) -> Assume | None:
+    """Return the filter model that the key ``assume`` of a filter's entry gives, if it has one."""
+    entry = source.data["filters"][label]
+    if not isinstance(entry, dict) or entry.get("assume") is None:
         return None
+    keys = ("filters", label, "assume")
+    if label == source.data.get("reference"):
+        source.add_key_problem(keys, "the reference filter uses the true model; leave this key out")
+    return build_plain(Assume, source, keys)
+
+
+def _built(
+    cls: type[T], data: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
+) -> T | None:
+    inner = _InnerParts(source, [])
+    numbered = inner.numbered(cls, data, keys)
     try:
-        with guarded():
-            built = build(cls, part, (), inner.made, also)
-    except Exception as error:
-        foreign = foreign_parts((cls, *inner.made))
-        if not foreign:
-            raise
-        part.add_problem((), located_message(error, *foreign))
-    source.problems += [
-        replace(p, path=".".join(filter(None, [dotted(keys), p.path]))) for p in part.problems
-    ]
-    return None if None in inner.made else built
+        check_sensors(inner.parts)
+        with plugin_code(cls, *inner.parts):
+            built = build(cls, source, keys, numbered, inner.parts, also)
+    except PluginError as error:
+        source.add_problem(keys, str(error))
+        return None
+    return None if None in inner.parts else built
 
 
-class _Inner(NamedTuple):
-    """The parts within a part, made one after another; a number stands for each in the mapping."""
+class _InnerParts(NamedTuple):
+    """The components within a component, in the order of the numbers that stand for them."""
 
     source: Source
-    made: list[Any]
+    parts: list[Any]
 
     def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
-        """Return the mapping of a dataclass with its parts, and those of mappings in it, made."""
+        """Build the components in the mapping of a dataclass; return it with their numbers."""
         hints, out = hints_of(cls), dict(data)
         for key in hints.keys() & data.keys():
-            out[key] = self._made(hints[key], data[key], (*keys, key))
+            out[key] = self._value(hints[key], data[key], (*keys, key))
         return out
 
-    def _made(self, hint: Any, value: Any, keys: Keys) -> Any:
+    def _value(self, hint: Any, value: Any, keys: Keys) -> Any:
         group = part_group(hint)
         if group is not None and not (value is None and _may_be(hint, type(None))):
             return self._number(cast(Group, group), hint, value, keys)
@@ -106,20 +108,18 @@ class _Inner(NamedTuple):
         if isinstance(value, list) and _may_be(hint, tuple):
             if not value:
                 self.source.add_problem(keys, f"is empty: name at least one of {group}")
-            parts = [self._part(group, (*keys, i)) for i in range(len(value))]
-            self.made.append(None if None in parts or not parts else tuple(parts))
+            items = [self._part(group, (*keys, i)) for i in range(len(value))]
+            self.parts.append(None if None in items or not items else tuple(items))
         else:
-            self.made.append(self._part(group, keys))
-        return len(self.made) - 1
+            self.parts.append(self._part(group, keys))
+        return len(self.parts) - 1
 
     def _part(self, group: Group, keys: Keys) -> Any:
         """Return the part at ``keys``; a word is a kind without keys of its own."""
-        value = at(self.source, keys)
-        if not isinstance(value, str):
-            return build_kind(group, self.source, keys)
-        mark, parent = self.source.mark(keys), at(self.source, keys[:-1])
-        parent[keys[-1]] = {"kind": value}
-        self.source.marks[(*keys, "kind")] = mark
+        value = self.source.at(keys)
+        if isinstance(value, str):
+            mark = self.source.mark(keys)
+            put(self.source.at(keys[:-1]), keys[-1], marked({"kind": value}, mark), mark)
         return build_kind(group, self.source, keys)
 
 
@@ -146,7 +146,7 @@ def _with_absolute_files(
 
 
 def _with_preset(cls: type[Any], source: Source, keys: Keys) -> dict[str, Any]:
-    presets, data = cls.presets, {k: v for k, v in at(source, keys).items() if k != "kind"}
+    presets, data = cls.presets, {k: v for k, v in source.at(keys).items() if k != "kind"}
     name = data.pop("preset", None) if presets else None
     if name is None:
         return data

@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
 from typing import Any, cast
 
-from trackbench.config import exhibit_checks, plugin_checks
+from trackbench.config import plugin_checks
 from trackbench.config.build_dataclass import unknown
 from trackbench.config.experiment import (
     DrawnExhibit,
@@ -17,8 +17,10 @@ from trackbench.config.experiment import (
 )
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
+from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
@@ -81,7 +83,25 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             unmet = True
     # A filter may ask of the scenario what it needs, so it is only asked if that is there.
     if not unmet:
-        _blame_each(source, keys, plugin_checks.conflicts(tracker, scenario))
+        _blame_each(source, keys, plugin_checks.filter_conflicts(tracker, scenario))
+
+
+def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
+    """Return the scenario as this filter models it; None, with a problem added, if impossible."""
+    keys = ("filters", label, "assume")
+    try:
+        with plugin_code(point.assumed.get(label)):
+            try:
+                scenario = point.seen_by(label)
+                _ = scenario.model
+            except InvalidKeyError as error:
+                owner = keys[:2] if label in point.assumed else ("scenario",)
+                source.add_problem((*owner, *error.path), str(error))
+                return None
+    except (ValueError, PluginError) as error:
+        source.add_problem(keys, str(error))
+        return None
+    return scenario
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
@@ -89,7 +109,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
     for label in points[0].filters if points else ():
         trackers = [point.filters[label] for point in points]
         every = [
-            plugin_checks.asked(tracker.idle_keys, dict, point.seen_by(label))
+            plugin_checks.call_hook(tracker.idle_keys, dict, point.seen_by(label))
             for tracker, point in zip(trackers, points, strict=True)
         ]
         for key, why in every[0].items():
@@ -202,7 +222,7 @@ def check_drawable(
 ) -> None:
     """Add the conflicts of tables and figures with these points."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), exhibit_checks.conflicts(part, points))
+        _blame_each(source, (group, name), plugin_checks.exhibit_conflicts(part, points))
 
 
 def check_figures(

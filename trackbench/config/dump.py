@@ -8,14 +8,14 @@ from typing import Any, cast
 
 import yaml
 
-from trackbench.config.build_dataclass import at, file_keys
+from trackbench.config.build_dataclass import file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
-from trackbench.config.tuning_settings import tuned_label
+from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part
-from trackbench.yaml_source import Keys, scalar
+from trackbench.yaml_source import Keys, MarkedList, MarkedMapping, scalar
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
 
     def written(part: Any, keys: Keys) -> Any:
         full = as_config(part, relative)
-        return _only_given(full, at(experiment.source, keys)) if keys in unfilled else full
+        return _only_given(full, experiment.source.at(keys)) if keys in unfilled else full
 
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     # A results folder holds copies of the files under these names, so that it stands alone.
@@ -58,7 +58,7 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
         keys = ("filters", label, "assume")
         assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}
         if keys[:2] in unfilled:
-            assumed = _only_given(assumed, at(experiment.source, keys))
+            assumed = _only_given(assumed, experiment.source.at(keys))
         out["filters"][label]["assume"] = assumed
     return out
 
@@ -105,6 +105,8 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(str, _Dumper.represent_word)
+_Dumper.add_representer(MarkedMapping, _Dumper.represent_dict)
+_Dumper.add_representer(MarkedList, _Dumper.represent_list)
 
 
 def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:

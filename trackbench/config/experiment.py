@@ -7,13 +7,13 @@ from typing import Annotated, Any, ClassVar, Literal
 from annotated_types import Ge
 from pydantic import AfterValidator, StringConstraints
 
-from trackbench.config.plugins import Plugin
 from trackbench.config.published import Published
-from trackbench.config.tuning_settings import Axis, Tuning
+from trackbench.config.tuning import Axis, Tuning
 from trackbench.extension_points import Part
 from trackbench.field_types import ONE_LINE, Count, Natural
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 from trackbench.config.checks import blame_label
 from trackbench.config.experiment import Settings
 from trackbench.config.includes import override, split_assignment, split_path
-from trackbench.config.tuning_settings import RANGE
+from trackbench.config.tuning import RANGE
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Keys, Source, dotted, scalar
 
@@ -172,13 +172,10 @@ def add_axis(source: Source, text: str) -> None:
     keys, values, mark = split_assignment(source, text, "--grid")
     path = dotted(keys)
     if not isinstance(source.data.get("grid"), dict):
-        source.data["grid"] = {}
-        source.marks["grid",] = source.key_marks["grid",] = mark
+        override(source, ("grid",), {}, mark)
     if path in source.data["grid"] and not source.mark(("grid", path)).line:
         raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
-    found = source.data["grid"][path] = axis_values(values, mark)
-    for at in (("grid", path), *(("grid", path, i) for i in range(len(found)))):
-        source.marks[at] = source.key_marks[at] = mark
+    override(source, ("grid", path), axis_values(values, mark), mark)
 
 
 def axis_values(text: str, mark: Mark) -> list[Any]:

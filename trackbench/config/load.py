@@ -12,10 +12,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.assumed_model import check_assumed, read_assumed
 from trackbench.config.build_dataclass import build
-from trackbench.config.build_kinds import build_kind
+from trackbench.config.build_kinds import build_kind, read_assumed
 from trackbench.config.checks import (
+    check_assumed,
     check_bound,
     check_drawable,
     check_figures,
@@ -28,21 +28,24 @@ from trackbench.config.checks import (
 )
 from trackbench.config.defaults_without_truth import fill_in
 from trackbench.config.experiment import Experiment, Point, Settings
-from trackbench.config.from_mapping import source_of
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.metric_checks import check_metrics, check_trained_metrics
-from trackbench.config.plugin_checks import mistake_of
-from trackbench.config.plugins import Plugin, load_plugins
+from trackbench.config.plugin_checks import check_scenario, load_plugins
 from trackbench.config.published import Published
 from trackbench.config.published_csv import read_published
-from trackbench.config.training_scenario import training_point
-from trackbench.config.tuned_entries import Chosen, add_tuned, tuned_axes, with_defaults
+from trackbench.config.tuned_entries import (
+    Chosen,
+    add_tuned,
+    training_point,
+    tuned_axes,
+    with_defaults,
+)
 from trackbench.errors import Mark, Problem, RunError, UserError
-from trackbench.plugins.errors import foreign_line
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.errors import PluginError, foreign_line, guarded
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
-from trackbench.yaml_source import Source, read, unprintable_reason
+from trackbench.yaml_source import Source, from_mapping, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
 _ALONE = {
@@ -100,7 +103,7 @@ def load(
 def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
     """Return a config's source, and the folder that its paths are relative to."""
     if isinstance(config, Mapping):
-        return source_of(config), Path()
+        return from_mapping(config), Path()
     return read(config), config.parent
 
 
@@ -215,7 +218,7 @@ def _without_mistakes(source: Source) -> Settings | None:
     if not meant <= _ALONE:
         return None
     data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
-    return build(Settings, Source(data, source.marks, source.key_marks), ())
+    return build(Settings, Source(source.data), (), data)
 
 
 def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point | None:
@@ -224,9 +227,10 @@ def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point |
     assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
     if scenario is None:
         return None
-    what = mistake_of(scenario, bounded=source.data.get("bound") is not None)
-    if what is not None:
-        source.add_problem(("scenario",), what)
+    try:
+        check_scenario(scenario, bounded=source.data.get("bound") is not None)
+    except PluginError as error:
+        source.add_problem(("scenario",), str(error))
         return None
     point = Point(dict(values), scenario, filters, assumed)
     check_bound(source, scenario)

@@ -9,7 +9,7 @@ from typing import Any
 from trackbench.config.build_dataclass import hints_of
 from trackbench.config.experiment import Exhibit, Point, Settings
 from trackbench.config.metric_names import Names, kept_metrics, names_of
-from trackbench.config.tuning_objective import as_expression, bad_terms
+from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.statistics import STATISTICS

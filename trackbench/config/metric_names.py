@@ -26,7 +26,7 @@ from trackbench.filters.base import (
     has_likelihood,
 )
 from trackbench.metrics import METRICS, is_reserved, joined
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
 

@@ -1,36 +1,91 @@
-"""Kinds of one's own, held to what the runner takes for granted, before anything runs.
+"""Load the plugins of a config, and check what the runner takes for granted of their classes.
 
-What is asked here of a class that a plugin registers, and of a filter that a config makes of it, would
-else end as a traceback, or in a number.
+A mistake that these checks miss would end as a traceback, or in a wrong number.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeGuard, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar, cast
 
 import numpy as np
 
 from trackbench.config.build_dataclass import adapter
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
+from trackbench.errors import UserError, reason
 from trackbench.evaluation.error_series import per_run_metrics, series
 from trackbench.extension_points import Part, foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import AnyFilter, Filter, WrongReturnError
 from trackbench.models.sensors.base import Measuring
-from trackbench.plugins.errors import BadPluginError, located_message, location_of
-from trackbench.plugins.interrupts import guarded
-from trackbench.registry import base_of
+from trackbench.plugins.errors import PluginError, guarded, location_of, plugin_code
+from trackbench.plugins.load import Plugin, load_plugin, read_plugin
+from trackbench.registry import base_of, kinds, registered
 from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import Source
+
+if TYPE_CHECKING:
+    from trackbench.scenarios.targets.base import Target
+
+T = TypeVar("T")
 
 _FILES = {"per_step", "per_run", "summary"}
 _PLAIN = (bool, int, float, str, type(None))
 
 
+def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, ...]:
+    """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
+
+    A config that names plugins is refused unless their code may be run.
+    """
+    names = source.data.get("plugins") or []
+    if not isinstance(names, list):
+        return ()  # said by the validation of the whole
+    plugins, problems = [], []
+    for i, name in enumerate(names):
+        where = ("plugins", i)
+        try:
+            plugins.append(_loaded(folder, name, allowed))
+        except PluginError as why:
+            problems += [source.problem(where, what) for what in why.args]
+    if problems:
+        raise UserError(*problems)
+    _check_apart(plugins, source)
+    return tuple(plugins)
+
+
+def _check_apart(plugins: list[Plugin], source: Source) -> None:
+    """Reject two plugins of a config that register the same kind."""
+    owners: dict[tuple[str, str], Plugin] = {}
+    for i, plugin in enumerate(plugins):
+        for group, kind, _ in registered(plugin.module):
+            owner = owners.setdefault((group, kind), plugin)
+            if owner is not plugin and owner.module != plugin.module:
+                what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
+                where = ("plugins", i)
+                raise UserError(source.problem(where, what))
+
+
+def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
+    if not isinstance(name, str) or not name.endswith(".py"):
+        raise PluginError(f"{name!r} is not the path of a Python file")
+    if not allowed:
+        raise PluginError(f"the code in {name} is run only with --allow-plugins")
+    kinds("filters"), kinds("scenarios")  # first, so that a plugin cannot take their names
+    try:
+        plugin = read_plugin(folder / name)
+        load_plugin(plugin, check_kind)
+    except OSError as error:
+        raise PluginError(f"{folder / name}: {reason(error)}") from None
+    return plugin
+
+
 def check_kind(cls: type[Part]) -> None:
-    """Raise BadPluginError for a class that no config could make a part of."""
+    """Raise PluginError for a class that no config could make a part of."""
     for what in _mistakes(cls):
-        raise BadPluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
+        raise PluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
 
 
 def _mistakes(cls: type[Part]) -> Iterator[str]:
@@ -84,92 +139,98 @@ def _is_plain(value: Any) -> bool:
     return isinstance(value, _PLAIN) or (is_dataclass(value) and not isinstance(value, type))
 
 
-def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
+def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
     """Return a filter's conflicts with the scenario; for plugins also what would stop the runner."""
     if not is_foreign(tracker):
         return tracker.conflicts(scenario)
     try:
-        found: dict[str, str] = asked(tracker.conflicts, dict, scenario)
-        sentences = asked(tracker.cautions, list, scenario)
-        check_words(*found, *found.values(), *sentences)
-        asked(tracker.extra_memory, int, scenario.model)
-        for key in ("N", "particle_count", "max_particle_count"):
-            number = getattr(tracker, key, 1)
-            if not isinstance(number, int) or number < 1:
-                raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
-        hash(tracker)
-    except Exception as error:
-        return {"": located_message(error, tracker)}
-    return found
+        with plugin_code(tracker):
+            conflicts: dict[str, str] = call_hook(tracker.conflicts, dict, scenario)
+            sentences = call_hook(tracker.cautions, list, scenario)
+            _check_words(*conflicts, *conflicts.values(), *sentences)
+            call_hook(tracker.extra_memory, int, scenario.model)
+            for key in ("N", "particle_count", "max_particle_count"):
+                number = getattr(tracker, key, 1)
+                if not isinstance(number, int) or number < 1:
+                    raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
+            hash(tracker)
+    except PluginError as error:
+        return {"": str(error)}
+    return conflicts
 
 
-def check_words(*texts: object) -> None:
-    """Raise WrongReturnError for what is said in anything but words."""
+def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+    """Return the conflicts of a table or figure; for plugins also what would stop the runner."""
+    if not is_foreign(part):
+        return part.conflicts(points)
+    try:
+        with plugin_code(part):
+            conflicts: dict[str, str] = call_hook(part.conflicts, dict, points)
+            _check_words(*conflicts, *conflicts.values())
+            if isinstance(part, DrawnExhibit):
+                _check_shown(part)
+    except PluginError as error:
+        return {"": str(error)}
+    return conflicts
+
+
+def _check_shown(part: DrawnExhibit) -> None:
+    """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
+    runs, components = part.shown_runs, part.shown_components
+    _ = part.shown_covariances, part.shown_measurements
+    if not isinstance(runs, int):
+        raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
+    if components is not None and not isinstance(components, tuple):
+        what = f"shown_components is {components!r}, neither a tuple of numbers nor None"
+        raise WrongReturnError("shown_components", what)
+
+
+def _check_words(*texts: object) -> None:
+    """Raise WrongReturnError unless all of these are words."""
     if not all(isinstance(text, str) for text in texts):
         raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
 
 
-def asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
+def call_hook(hook: Callable[[Any], T], kind: type, about: object) -> T:
     """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
     with guarded():
-        found = hook(about)
-    if not isinstance(found, (list, tuple) if kind is list else kind):
-        what = f"{hook.__name__} gives a {type(found).__name__}, not a {kind.__name__}"
+        value = hook(about)
+    if not isinstance(value, (list, tuple) if kind is list else kind):
+        what = f"{hook.__name__} gives a {type(value).__name__}, not a {kind.__name__}"
         raise WrongReturnError(hook.__name__, what)
-    return found
+    return value
 
 
-if TYPE_CHECKING:
-    from trackbench.scenarios.targets.base import Target
-
-
-def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
-    """Return what would stop the runner in the plugin components of a scenario.
+def check_scenario(scenario: Scenario, bounded: bool) -> None:
+    """Raise PluginError for what would stop the runner in the plugin components of a scenario.
 
     ``bounded`` if its lower bounds are wanted.
     """
-    own = foreign_parts(scenario)
-    for part in own:
-        try:
-            with guarded(), np.errstate(all="ignore"):
-                _ask_part(part, scenario)
-        except Exception as error:
-            return located_message(error, part, *own)
-    try:
-        with guarded(), np.errstate(all="ignore"):
-            if own:
-                _ask(scenario, bounded)
-    except Exception as error:
-        method = error.method if isinstance(error, WrongReturnError) else ""
-        return located_message(error, *sorted(own, key=lambda part: not _gives(part, method)))
-    return None
+    plugins = foreign_parts(scenario)
+    for part in plugins:
+        with plugin_code(part, *plugins), np.errstate(all="ignore"):
+            _check_part(part, scenario)
+    if plugins:
+        with plugin_code(*plugins), np.errstate(all="ignore"):
+            _simulate_and_score(scenario, bounded)
 
 
-def _gives(part: Any, method: str) -> bool:
-    """Return whether a method is of the part's own code."""
-    return any(method in vars(cls) for cls in type(part).__mro__ if is_foreign(cls))
+def check_sensors(parts: Sequence[object]) -> None:
+    """Raise PluginError for a plugin's sensor that cannot measure one of these targets.
 
-
-def mistaken_sensor(made: Sequence[Any]) -> str | None:
-    """Return the mistake of a plugin's sensor with one of these targets.
-
-    Asked before a scenario is made of them, which may look at its measurements.
+    It is checked before a scenario is made of them, which may use its measurements.
     """
-    sensors = [part for part in foreign_parts(tuple(made)) if isinstance(part, Measuring)]
-    targets = [*filter(_is_target, walk_parts(tuple(made)))] if sensors else []
+    sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, Measuring)]
+    targets = [*filter(_is_target, walk_parts(tuple(parts)))] if sensors else []
     for target in targets:
         for sensor in sensors:
-            try:
-                with guarded(), np.errstate(all="ignore"):
-                    _ask_sensor(sensor, len(target.components))
-            except Exception as error:
-                return located_message(error, sensor, target)
-    return None
+            with plugin_code(sensor, target), np.errstate(all="ignore"):
+                _check_sensor(sensor, len(target.components))
 
 
-def _ask_part(part: Any, scenario: Scenario) -> None:
+def _check_part(part: object, scenario: Scenario) -> None:
     if isinstance(part, Measuring):
-        _ask_sensor(part, len(scenario.components))
+        _check_sensor(part, len(scenario.components))
     if _is_target(part):
         scored = np.ones(len(scenario.steps), dtype=bool)
         _check_windows(part.windows(scenario.times, scored), len(scored))
@@ -181,7 +242,7 @@ def _is_target(part: Any) -> "TypeGuard[Target]":
     return isinstance(part, Target)
 
 
-def _ask_sensor(sensor: Measuring, n_x: int) -> None:
+def _check_sensor(sensor: Measuring, n_x: int) -> None:
     """Raise WrongReturnError for what is no distribution of a measurement of two states."""
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
@@ -194,8 +255,8 @@ def _ask_sensor(sensor: Measuring, n_x: int) -> None:
 
 
 @lru_cache(maxsize=4)
-def _ask(scenario: Scenario, bounded: bool) -> None:
-    """Ask what a run and its report ask of a scenario; once of equal ones."""
+def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
+    """Call every hook that a run and its report call; once for equal scenarios."""
     runs, steps = min(2, scenario.recorded_runs or 2), len(scenario.steps)
     _check_shape("times", "times", scenario.times, (steps,))
     _check_windows(scenario.windows, steps)

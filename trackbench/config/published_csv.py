@@ -16,7 +16,15 @@ from trackbench.config.build_dataclass import build, unknown
 from trackbench.config.published import Claim, Published, PublishedNumber, picks, split
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.yaml_source import Source, formula, scalar, text_of, unprintable_reason
+from trackbench.yaml_source import (
+    MarkedMapping,
+    Source,
+    formula,
+    put,
+    scalar,
+    text_of,
+    unprintable_reason,
+)
 
 _NUMBERS = re.compile("[-_.]*[0-9]+")
 
@@ -142,7 +150,7 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
     Empty cells are left out, numbers are read as in YAML.
     """
     start = Mark(name, line, 1)
-    source = Source({}, {(): start}, {(): start})
+    source = Source(MarkedMapping(), start)
     if len(cells) != len(header):
         source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
@@ -151,17 +159,15 @@ def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list
     for key, written in zip(header, cells, strict=False):
         cell = written.strip()
         if cell != "" or key in words & required:
-            source.data[key] = cell if key in words else _number(cell)
-            source.marks[key,] = source.key_marks[key,] = Mark(name, line, column)
+            value = scalar(cell)
+            if key in words or type(value) not in (int, float):
+                value = cell
+            mark = Mark(name, line, column)
+            put(source.data, key, value, mark, mark)
             if what := unprintable_reason(cell) or (formula(cell) if key in words else None):
                 source.add_problem((key,), what)
         column += len(_as_written(written)) + 1
     return source
-
-
-def _number(cell: str) -> Any:
-    value = scalar(cell)
-    return value if type(value) in (int, float) else cell
 
 
 def _as_written(cell: str) -> str:

@@ -8,12 +8,12 @@ from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.metric_names import max_metrics_per_run, number_per_step
-from trackbench.config.plugins import Plugin
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import BlockTask
 from trackbench.filters.base import AnyFilter
 from trackbench.os_specific import memory
+from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768

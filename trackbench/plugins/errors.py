@@ -1,15 +1,20 @@
-"""Errors of plugin code as one line with file and line."""
+"""Run plugin code: it cannot end the program, and its errors become one line with file and line."""
 
 import inspect
+import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from traceback import walk_tb
-from typing import Any
+from types import FrameType
+from typing import NoReturn
 
 from trackbench.errors import RunError
-from trackbench.extension_points import is_foreign, walk_parts
+from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import WrongReturnError
 from trackbench.registry import registered_kinds
 
@@ -21,11 +26,35 @@ class FilterError(Exception):
     """Why a block failed, in words: the error itself may not survive the way from a worker."""
 
 
-class BadPluginError(Exception):
-    """Why a plugin cannot be used, in lines that name its file and line."""
+class PluginError(Exception):
+    """What is wrong with a plugin, in lines that name its file and line."""
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.args))
 
 
-def located_message(error: BaseException, *parts: Any) -> str:
+@contextmanager
+def plugin_code(*parts: object) -> Iterator[None]:
+    """Run code of these components; what it raises becomes a PluginError if a plugin is among them.
+
+    An error of the package's own components is a bug, and stays as it is.
+    """
+    foreign = foreign_parts(parts)
+    try:
+        with guarded():
+            yield
+    except PluginError:
+        raise
+    except Exception as error:
+        if not foreign:
+            raise
+        # The place is in the component that defines the method which returned something wrong.
+        method = getattr(error, "method", "")
+        foreign.sort(key=lambda part: all(method not in vars(c) for c in _plugin_classes(part)))
+        raise PluginError(located_message(error, *foreign)) from error
+
+
+def located_message(error: BaseException, *parts: object) -> str:
     """Return ``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
 
     Where none was running, it is the line of the method that the error names, or of the first part's
@@ -52,10 +81,11 @@ def missing_package_hint(module: str) -> str:
     return f"the module {module}, which is not installed"
 
 
-def location_of(error: BaseException, *parts: Any) -> str:
+def location_of(error: BaseException, *parts: object) -> str:
     """Return ``my_filter.py:12: ``, or nothing."""
-    files = {_file(cls) for part in walk_parts(parts) for cls in _own(part)}
-    return place_within(error, files) or _defined(getattr(error, "method", None), parts[:1])
+    files = {_file(cls) for part in walk_parts(parts) for cls in _plugin_classes(part)}
+    method = getattr(error, "method", None) or ""  # of a WrongReturnError, whichever it is
+    return place_within(error, files) or (_definition(method, parts[0]) if parts else "")
 
 
 def foreign_line(error: BaseException) -> str | None:
@@ -67,12 +97,9 @@ def foreign_line(error: BaseException) -> str | None:
 def own_line(error: BaseException) -> str:
     """Return ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
-    own = [
-        f.f_code.co_filename
-        for f in frames
-        if f.f_globals.get("__name__", "").startswith("trackbench")
-    ]
-    return place_within(error, set(own)) + message_of(error)
+    names = [(str(f.f_globals.get("__name__", "")), f.f_code.co_filename) for f in frames]
+    package_files = {file for module, file in names if module.startswith("trackbench")}
+    return place_within(error, package_files) + message_of(error)
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
@@ -94,38 +121,105 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
         link = link.__cause__ or link.__context__
 
 
-def _own(part: Any) -> list[type[Any]]:
-    """Return the classes that a part is made of, as far as they are not the package's own."""
+def _plugin_classes(part: object) -> list[type]:
+    """Return the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
-    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and not _is_pythons(c)]
+    bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
+    pythons = sys.stdlib_module_names  # such as of `object` and `Generic`
+    return [c for c in bases if is_foreign(c) and c.__module__.partition(".")[0] not in pythons]
 
 
-def _is_pythons(cls: type[Any]) -> bool:
-    """Return whether a class, such as `object` or `Generic`, comes with Python."""
-    return cls.__module__.partition(".")[0] in sys.stdlib_module_names
+def _file(cls: type) -> str:
+    module = sys.modules.get(cls.__module__)
+    return (module.__file__ if module else None) or ""
 
 
-def _file(cls: type[Any]) -> str:
-    return getattr(sys.modules.get(cls.__module__), "__file__", None) or ""
-
-
-def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
+def _definition(method: str, part: object) -> str:
     """Return the place of a method in a component's class, or of the class."""
-    for part in parts:
-        for cls in _own(part):
-            found = vars(cls).get(method or "")
-            code = getattr(found.fget if isinstance(found, property) else found, "__code__", None)
-            if code is not None:
-                return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
-        for cls in _own(part)[:1]:
-            line = class_line(cls)
-            return f"{Path(_file(cls)).name}:{line}: " if line else ""
-    return ""
-
-
-def class_line(cls: type[Any]) -> int | None:
-    """Return the line at which a class is defined, if its source is there."""
+    classes = _plugin_classes(part)
+    for cls in classes:
+        function = vars(cls).get(method)
+        function = function.fget if isinstance(function, property) else function
+        if inspect.isfunction(function):
+            code = function.__code__
+            return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
     try:
-        return inspect.getsourcelines(cls)[1]
-    except (OSError, TypeError):
-        return None
+        return f"{Path(_file(classes[0])).name}:{inspect.getsourcelines(classes[0])[1]}: "
+    except (IndexError, OSError, TypeError):  # no class of a plugin, or no source
+        return ""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal to stop the program, which no filter raises by itself."""
+
+
+def interrupt(signal_number: int, frame: FrameType | None) -> None:
+    """Handle an interrupt signal."""
+    raise Interrupted
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Run code that is not the package's own: it cannot end the program, and Ctrl-C still does.
+
+    SystemExit, ``os._exit``, or a KeyboardInterrupt that no signal made, becomes a RunError.
+    """
+    with _with_own_interrupt(), _without_os_exit():
+        try:
+            yield
+        except (Exception, Interrupted):
+            raise
+        except BaseException as error:
+            raise RunError(f"code of a plugin raised {error!r}") from None
+
+
+@contextmanager
+def postponed() -> Iterator[None]:
+    """Let signals to stop wait until this is done; only the main thread hears them at all."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    ours = [number for number, handler in handlers.items() if callable(handler) and is_main]
+    for number in ours:
+        signal.signal(number, lambda number, frame: heard.append(number))
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, handlers[number])
+        if heard:
+            signal.raise_signal(heard[0])
+
+
+@contextmanager
+def _without_os_exit() -> Iterator[None]:
+    """Let ``os._exit`` raise SystemExit: it would end the program at once, perhaps with exit code 0.
+
+    Processes that are forked meanwhile leave by it as ever.
+    """
+    process, leave = os.getpid(), os._exit
+
+    def stay(status: int) -> NoReturn:
+        if os.getpid() != process:
+            leave(status)
+        raise SystemExit(status)
+
+    os._exit = stay
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
+@contextmanager
+def _with_own_interrupt() -> Iterator[None]:
+    """Let Ctrl-C raise Interrupted where it would raise KeyboardInterrupt; workers ignore it."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from trackbench.config.build_dataclass import build
 from trackbench.config.experiment import Settings
-from trackbench.config.plugins import Plugin, load_plugins
+from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, own_line
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.report.result_files import AGAIN
 from trackbench.report.results import Results

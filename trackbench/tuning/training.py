@@ -8,8 +8,7 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import kinds_of
 from trackbench.config.tuned_entries import Trial, make_trial
-from trackbench.config.tuning_objective import Objective, Score
-from trackbench.config.tuning_settings import Axis
+from trackbench.config.tuning import Axis, Objective, Score
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
