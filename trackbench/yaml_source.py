@@ -71,6 +71,10 @@ class MarkedList(list[Any]):
         self.key_marks: dict[str | int, Mark] = {}
 
 
+yaml.SafeDumper.add_representer(MarkedMapping, yaml.SafeDumper.represent_dict)
+yaml.SafeDumper.add_representer(MarkedList, yaml.SafeDumper.represent_list)
+
+
 def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | None = None) -> None:
     """Set the value of a key, or the item of an index, with its position and that of the key."""
     node[key] = value

@@ -164,7 +164,7 @@ def _problems(
     kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
     error = ctx.get("error")
     if isinstance(error, DataError):
-        return [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
+        return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
     # The validator's location names options of unions, too, which are no keys of the config.
     where = keys
     for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):

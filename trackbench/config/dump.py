@@ -15,7 +15,7 @@ from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part
-from trackbench.yaml_source import Keys, MarkedList, MarkedMapping, scalar
+from trackbench.yaml_source import Keys, scalar
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
@@ -105,8 +105,6 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(str, _Dumper.represent_word)
-_Dumper.add_representer(MarkedMapping, _Dumper.represent_dict)
-_Dumper.add_representer(MarkedList, _Dumper.represent_list)
 
 
 def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:

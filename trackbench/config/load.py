@@ -26,14 +26,12 @@ from trackbench.config.checks import (
     chosen_labels,
     with_recorded_runs,
 )
-from trackbench.config.defaults_without_truth import fill_in
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
-from trackbench.config.metric_checks import check_metrics, check_trained_metrics
 from trackbench.config.plugin_checks import check_scenario, load_plugins
-from trackbench.config.published import Published
-from trackbench.config.published_csv import read_published
+from trackbench.config.published import Published, read_published
+from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
 from trackbench.config.tuned_entries import (
     Chosen,
     add_tuned,
@@ -42,6 +40,7 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
+from trackbench.models.base import moving
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
@@ -187,7 +186,7 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     settings = with_defaults(source, settings, points, training)
     axes = tuned_axes(source, settings, points, training)
     if whole:
-        fill_in(source, settings, points)
+        _add_default_exhibits(source, settings, points)
     tables = _parts("tables", source)
     figures = _parts("figures", source)
     parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
@@ -273,3 +272,27 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()
+
+
+def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
+    """Add tables and figures of innovations to recordings without ground truth that name none."""
+    chosen = settings.metrics is not None or settings.per_step is not None
+    if chosen or not points or any(p.scenario.has_truth for p in points):
+        return
+    mark = Mark("default without ground truth")
+    if "tables" not in source.data:
+        override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)
+    if "figures" not in source.data:
+        override(source, ("figures",), _default_figures(points[0]), mark)
+
+
+def _default_figures(point: Point) -> dict[str, Any]:
+    figures: dict[str, Any] = {
+        "nis": {"kind": "nis"},
+        "whiteness": {"kind": "autocorrelation"},
+        "estimates": {"kind": "estimates"},
+    }
+    if point.scenario.components[:4] == moving(2):
+        del figures["estimates"]
+        figures["track"] = {"kind": "track", "filters": list(point.filters)[:4]}
+    return figures

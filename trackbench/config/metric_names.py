@@ -12,12 +12,10 @@ from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.consistency import sizes
-from trackbench.evaluation.error_series import StepSums, over_steps
-from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.summary import step_rows, summary_rows
+from trackbench.evaluation.statistics import STATISTICS
 from trackbench.field_types import is_number
 from trackbench.filters.base import (
     AnyFilter,
@@ -25,7 +23,7 @@ from trackbench.filters.base import (
     has_expectations,
     has_likelihood,
 )
-from trackbench.metrics import METRICS, is_reserved, joined
+from trackbench.metrics import METRICS, is_reserved, joined, metrics_of
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
@@ -102,28 +100,27 @@ class Names:
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
-        """Take over the names that a filter's series give."""
+        """Add the names that a filter's series give."""
         self.series |= series
-        values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
+        nothing = {name: np.zeros((len(scenario.steps), 1)) for name in series}
         with np.errstate(all="ignore"):
-            own, of, windows = scenario.run_metrics(values), sizes(scenario), [*scenario.windows]
-            names = frozenset((*own, *windows, *of)), counts, series
-            if names in self._added:  # as at another point of a sweep
-                return
-            self._added.add(names)
-            somewhere = np.arange(len(scenario.steps)) == 0  # as in any window
-            over = [name for name, _ in over_steps(values, somewhere, counts)]
-            per_run = {"lost", *own, *(in_window(n, w) for n in over for w in windows)}
-            one = StepSums(np.ones(1), np.ones(1), np.ones(1))
-            medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
-            steps = dict.fromkeys(sorted(series), one)
-            result = FilterResult({"lost": np.zeros(1)}, steps, medians, None, [])
-            everywhere = {name: np.ones(1, dtype=bool) for name in windows}
-            self.per_run |= per_run
-            self.per_step |= {row.metric for row in step_rows(result, of)}
-            self.summary |= {row.metric for row in summary_rows(result, of, everywhere)}
-            self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
-            self.made |= set(_efficiencies(per_run))
+            of_scenario = frozenset(scenario.run_metrics(nothing))
+        windows = tuple(scenario.windows)
+        names = of_scenario, windows, tuple(sizes(scenario)), counts, series
+        if names in self._added:  # as at another point of a sweep
+            return
+        self._added.add(names)
+        over_steps = {in_window(name, w) for name in _per_run(series, counts) for w in windows}
+        per_run = {"lost", *of_scenario, *over_steps}
+        self.per_run |= per_run
+        self.per_step |= {f"median({name})" for name in settings.medians if name in series}
+        for one in series:
+            for metric, name in metrics_of(one):
+                self.per_step |= {name} if metric.over_runs else set()
+                if metric.name == "rmse":
+                    self.summary |= {f"{TIME_MEAN}({in_window(name, w)})" for w in windows}
+        self.summary |= frozenset().union(*map(_summary_names, per_run - {"lost"}))
+        self.made |= set(_efficiencies(per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Return whether a filter of unknown diagnostics may have this one."""
@@ -131,11 +128,24 @@ class Names:
         return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
 
 
+def _per_run(series: Iterable[str], counts: frozenset[str]) -> Iterator[str]:
+    """Yield the metrics of a run that series are made into, without window."""
+    for one in series:
+        for metric, name in metrics_of(one, counts):
+            if metric.over_steps:
+                yield name
+        if one == "innovations":
+            yield "anis"
+        if one.startswith("autocovariance_"):
+            yield one.replace("covariance", "correlation")
+
+
 @cache
-def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
-    """Return the rows of one metric in summary.csv, the same at every point."""
-    result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
-    return frozenset(row.metric for row in summary_rows(result, sizes, {}))
+def _summary_names(name: str) -> frozenset[str]:
+    """Return the rows of summary.csv that a metric of a run is made into."""
+    of = measured(name)
+    means = [in_window(n, of.window) for m, n in metrics_of(of.metric) if m.per_component]
+    return frozenset((*means, *(f"{statistic}({name})" for statistic in STATISTICS)))
 
 
 def names_of(

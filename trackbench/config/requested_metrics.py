@@ -1,16 +1,202 @@
-"""Metrics that an experiment requests from its filters: predictions, and each run's contributions."""
+"""Metrics that an experiment requests: check that they exist and are stored, and what they need."""
 
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from difflib import get_close_matches
 from itertools import chain
+from typing import Any
 
-from trackbench.config.experiment import Experiment
-from trackbench.config.metric_checks import asked_by_parts
+from trackbench.config.build_dataclass import hints_of
+from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
+from trackbench.config.metric_names import Names, kept_metrics, names_of
+from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
-from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
+from trackbench.evaluation.statistics import STATISTICS
+from trackbench.filters.base import AnyFilter
+from trackbench.registry import Group
+from trackbench.yaml_source import Keys, Source
+
+_OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage", "crps", "nci")
+"""Series of errors."""
+
+
+@dataclass(frozen=True)
+class AskedMeasure:
+    """Request of a component: metric, place in the config, and its role."""
+
+    keys: Keys
+    measure: Measure
+    role: str
+    named: bool = True
+    """whether the config names it; what a kind shows by itself need not be there, but be kept"""
+
+
+def check_metrics(
+    source: Source,
+    settings: Settings,
+    points: list[Point],
+    parts: dict[Group, dict[str, Exhibit]],
+    others: dict[str, AnyFilter],
+) -> None:
+    """Check that every metric named by tables, figures and settings exists and is stored.
+
+    ``points`` are all, or none if any is mistaken: then what there is is not known.
+    ``others`` are filters that are not run, whose metrics may be named. What filters note that are
+    mistaken or fail is not known.
+    """
+    asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
+    if not points:
+        return
+    names = names_of(settings, points, others, noted=False)
+    if any(not a.named or _unknown(a, names, settings) for a in asked):
+        names = names_of(settings, points, others, noted=True)
+    for a in asked:
+        what = _unknown(a, names, settings) or _left_out(a, names, settings)
+        if what is not None:
+            source.add_problem(a.keys, what)
+
+
+def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
+    """Check that the metric of tuning is one of the training scenario."""
+    if training is None or settings.tuning.scenario is None:
+        return
+    names = names_of(settings, [training], {}, noted=True)
+    for a in _asked_by_tuning(settings):
+        what = _unknown(a, names, settings)
+        if what is not None:
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
+
+
+def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
+    for key, role, words in (
+        ("medians", "series", settings.medians),
+        ("metrics", "base", settings.metrics),
+        ("per_step", "base", settings.per_step),
+    ):
+        for i, word in enumerate(words or ()):
+            yield AskedMeasure((key, i), measured(word), role)
+    for word in settings.until:
+        yield AskedMeasure(("until", word), measured(word), "row")
+    yield from _asked_by_tuning(settings)
+
+
+def _asked_by_tuning(settings: Settings) -> Iterator[AskedMeasure]:
+    metric = settings.tuning.metric if settings.tune else None
+    known = {word for word, _ in bad_terms(metric)}
+    for word in [metric] if isinstance(metric, str) else metric or ():
+        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
+        if word not in known:  # which is said elsewhere
+            yield AskedMeasure(where, measured(as_expression(word)), "summary")
+
+
+def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[AskedMeasure]:
+    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
+    for group, built in parts.items():
+        for name, part in built.items():
+            for word, role in part.needs.items():
+                yield AskedMeasure((group, name), measured(word), role, named=False)
+            yield from _asked_by(part, (group, name))
+
+
+def _asked_by(part: Any, keys: Keys) -> Iterator[AskedMeasure]:
+    for key in fields(part):
+        hint = hints_of(type(part))[key.name]
+        yield from _asked_in(getattr(part, key.name), hint, (*keys, key.name))
+
+
+def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[AskedMeasure]:
+    if isinstance(value, Measure):
+        yield AskedMeasure(keys, value, role_of(hint))
+        if role_of(hint) == "rank" and not value.steps:
+            for bar in bars(value.family[1]):
+                yield AskedMeasure(keys, value._replace(metric=bar), "per_run", named=False)
+    elif is_dataclass(value):
+        yield from _asked_by(value, keys)
+    elif isinstance(value, dict):
+        for head, inner in value.items():
+            yield from _asked_in(inner, hint, (*keys, head))
+
+
+def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
+    """Add the problem of an unknown metric, if the config names it."""
+    role, word = _where(asked, settings)
+    if role == "made" and settings.reference is None:
+        return f"{word!r} is beside a reference: say which filter is exact by `reference`"
+    known = names.bases if role == "base" else names.of(role)
+    m = asked.measure
+    if m.relation in ("gain", "ratio") and m.family[0].is_score:
+        return f"'{m}': a log score is a logarithm, of which there is no share: take minus(...)"
+    if word not in known and not names.has_truth and _is_of_truth(m):
+        less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
+        bases = {measured(name).base for name in known}
+        others = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
+        return f"there is no truth to measure {word!r} by; there are: {others}"
+    if m.metric == "evidence" and settings.reference is None:
+        return "the evidence is a ratio to an exact filter's: name that under reference"
+    if word in known or not asked.named or names.could_be_diagnostic(asked.measure.metric):
+        return None
+    near = get_close_matches(word, sorted(known), 1, 0.5)
+    short = sorted({measured(name).base for name in known})
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
+    return f"{word!r} is no metric here; {hint}"
+
+
+def _is_of_truth(m: Measure) -> bool:
+    """Return whether it is an error, or what is made of errors."""
+    found, quantity = m.family
+    of_prediction = quantity.startswith(("predicted_", "held_"))
+    return found.series in _OF_TRUTH and not of_prediction
+
+
+def _left_out(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
+    """Add the problem of a metric that is missing in its file."""
+    role, word = _where(asked, settings)
+    if role == "made":
+        return _not_made(asked.measure, settings)
+    kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
+        return None
+    if asked.measure.family[0].name == "rank" and not asked.named:  # said of the PIT that it is of
+        return None
+    if word in names.given or not (asked.named or word in names.of(role)):
+        return None
+    key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
+    return f"{word!r} is not kept: name it under {key}"
+
+
+def _not_made(m: Measure, settings: Settings) -> str | None:
+    """Add the problem of an expression whose parts are not stored."""
+    kept = kept_metrics(settings, "summary.csv")
+    missing = [] if kept is None else [part.base for part in m.made_of() if part.base not in kept]
+    if not missing:
+        return None
+    return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
+
+
+def _where(asked: AskedMeasure, settings: Settings) -> tuple[str, str]:
+    """Return the file that holds what is asked for, and its name there."""
+    m = asked.measure
+    if asked.role == "base":
+        return "base", m.base
+    if asked.role == "rank":
+        return "per_run", m._replace(steps=None).name
+    if asked.role == "comparison" and not settings.grid:
+        return "per_run", m.name
+    if asked.role not in ("expression", "comparison"):
+        return asked.role, str(m)
+    if m.plain.is_efficiency:
+        return "made", str(m.plain)
+    if m.steps is not None:
+        return "per_step", str(m.plain._replace(steps=None))
+    if m.statistic in STATISTICS:
+        return "per_run", m.name
+    return "per_run" if m.relation == "below" else "summary", str(m.plain)
+
 
 _OF_SCORE = ("log_score", "log_likelihood")
 _OF_PREDICTIONS = re.compile(
