@@ -21,10 +21,10 @@ HOME = Path(trackbench.__file__).parent
 DIGESTED = {path.relative_to(HOME).as_posix() for path in block_sources(HOME)}
 WORKER = """
 import json, pickle, sys
-from trackbench.execution.worker import compute, ground
+from trackbench.execution.worker import compute, environment_digests
 tasks, plugins = pickle.load(sys.stdin.buffer)
 for task in tasks:
-    compute(task, plugins, ground())
+    compute(task, plugins, environment_digests())
 print(json.dumps([n for n in sys.modules if n.partition(".")[0] == "trackbench"]))
 """
 CONFIG = f"""name: c

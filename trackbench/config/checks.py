@@ -20,6 +20,7 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
+from trackbench.models.sensors.stacked import each
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
@@ -78,12 +79,22 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
     unmet = False
     for need in tracker.all_requirements:
         if not has(scenario, need):
-            what = f"{tracker.kind} needs {_NEEDS.get(need, need)}, which there is not here"
+            what = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}; {_remedy(scenario, need)}"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
-    # A filter may ask of the scenario what it needs, so it is only asked if that is there.
+    # A filter's own checks may use what it requires of the scenario.
     if not unmet:
         _blame_each(source, keys, plugin_checks.filter_conflicts(tracker, scenario))
+
+
+def _remedy(scenario: Scenario, need: str) -> str:
+    """Return what to do about a requirement that a scenario does not meet."""
+    part = need.partition(".")[0]
+    if part == "sensor":
+        sensors = " and ".join(f"`{sensor.kind}`" for sensor in each(scenario.true_sensor))
+        return f"this scenario has {sensors}: take another filter or sensor"
+    name = {"state": "target", "motion": "motion", "prior": "start"}.get(part, part)
+    return f"take another filter or {name}"
 
 
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
@@ -105,8 +116,15 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
-    """Reject a set key that changes nothing at any point, unless default or preset set it."""
+    """Reject a set key that changes nothing at any point, unless default or preset set it.
+
+    Filters with other mistakes are left out: their methods may rely on what is mistaken.
+    """
+    mistaken = {problem.path for problem in source.problems}
     for label in points[0].filters if points else ():
+        entry = dotted(("filters", label))
+        if any(path == entry or path.startswith(f"{entry}.") for path in mistaken):
+            continue
         trackers = [point.filters[label] for point in points]
         every = [
             plugin_checks.call_hook(tracker.idle_keys, dict, point.seen_by(label))
@@ -157,11 +175,22 @@ def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
 
+def check_idle_settings(source: Source, settings: Settings) -> None:
+    """Reject settings that only another key gives an effect, unless they have their default."""
+    if settings.min_runs != Settings.min_runs and not settings.until:
+        source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
+    if settings.tuning != Settings.tuning and not settings.tune:
+        source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+
+
 def check_key_figure(source: Source, settings: Settings) -> None:
     """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        source.add_problem(("key_figure",), unknown(name, list(settings.figures)))
+        what = f"{name!r} is not a figure here; {unknown(name, list(settings.figures))}"
+        source.add_problem(
+            ("key_figure",), what if settings.figures else f"{what}none; leave it out"
+        )
 
 
 def check_named_filters(

@@ -21,6 +21,7 @@ from trackbench.config.checks import (
     check_figures,
     check_fit,
     check_idle,
+    check_idle_settings,
     check_key_figure,
     check_named_filters,
     chosen_labels,
@@ -176,8 +177,8 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
         tried.append(_point(source, labels, values))
     points = [point for point in tried if point is not None]
     whole_grid = points if len(points) == len(tried) else []
-    if not source.problems:
-        check_idle(source, whole_grid)
+    check_idle(source, whole_grid)
+    check_idle_settings(source, settings)
     others = [label for label in settings.filters if label not in labels]
     left_out = _filters(source, others)
     if whole:
