@@ -17,10 +17,11 @@ from trackbench.config.experiment import (
 )
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.extension_points import walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
-from trackbench.models.sensors.stacked import each
+from trackbench.models.sensors.base import Measuring
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
@@ -79,7 +80,8 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
     unmet = False
     for need in tracker.all_requirements:
         if not has(scenario, need):
-            what = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}; {_remedy(scenario, need)}"
+            limit = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}"
+            what = f"{limit}; {_remedy(scenario, need)}"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
     # A filter's own checks may use what it requires of the scenario.
@@ -89,12 +91,13 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
 
 def _remedy(scenario: Scenario, need: str) -> str:
     """Return what to do about a requirement that a scenario does not meet."""
-    part = need.partition(".")[0]
-    if part == "sensor":
-        sensors = " and ".join(f"`{sensor.kind}`" for sensor in each(scenario.true_sensor))
+    component = need.partition(".")[0]
+    if component == "sensor":
+        parts = walk_parts(scenario.true_sensor)
+        sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, Measuring))
         return f"this scenario has {sensors}: take another filter or sensor"
-    name = {"state": "target", "motion": "motion", "prior": "start"}.get(part, part)
-    return f"take another filter or {name}"
+    key = {"state": "target", "prior": "start"}.get(component, component)
+    return f"take another filter or {key}"
 
 
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
@@ -187,10 +190,9 @@ def check_key_figure(source: Source, settings: Settings) -> None:
     """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        what = f"{name!r} is not a figure here; {unknown(name, list(settings.figures))}"
-        source.add_problem(
-            ("key_figure",), what if settings.figures else f"{what}none; leave it out"
-        )
+        figures = [*settings.figures]
+        hint = unknown(name, figures) if figures else "there are none: leave this key out"
+        source.add_problem(("key_figure",), f"{name!r} is not a figure here; {hint}")
 
 
 def check_named_filters(
