@@ -8,11 +8,11 @@ it is put on it when it is registered. What it misses, or spells nearly like a h
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from difflib import get_close_matches
 from inspect import getattr_static
 from types import new_class
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 _ALIKE = 0.8  # of two names: `bound` and `bounds` are 0.91, `estimated` and `estimate` 0.94
 _NOTHING = object()
@@ -21,9 +21,12 @@ _NOTHING = object()
 class Part:
     """Root of the bases of all groups."""
 
+    if TYPE_CHECKING:  # every registered class is a dataclass
+        __dataclass_fields__: ClassVar[dict[str, Field[object]]]
+
     kind: str = ""
     """the name under which the class is registered"""
-    presets: ClassVar[dict[str, dict[str, Any]]] = {}
+    presets: ClassVar[dict[str, dict[str, object]]] = {}
     """named sets of keys, chosen in a config by ``preset: NAME``"""
     optional_capabilities: ClassVar[tuple[type, ...]] = ()
     """protocols of hooks that have no default: a class has them or not"""
@@ -39,13 +42,13 @@ class Part:
         return ""
 
 
-def is_foreign(part: Any) -> bool:
+def is_foreign(part: object) -> bool:
     """Return whether a part of an experiment, or a class of parts, is not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return cls.__module__.partition(".")[0] != "trackbench"
 
 
-def walk_parts(part: Any) -> Iterator[Any]:
+def walk_parts(part: object) -> Iterator[object]:
     """Yield a part of an experiment, or each of several, and all that it is made of."""
     if isinstance(part, tuple | list):
         for one in part:
@@ -58,7 +61,7 @@ def walk_parts(part: Any) -> Iterator[Any]:
             yield from walk_parts(getattr(part, field.name))
 
 
-def foreign_parts(part: Any) -> list[Any]:
+def foreign_parts(part: object) -> list[Any]:
     """Return the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
@@ -78,7 +81,7 @@ class Hook(NamedTuple):
     text: str
 
 
-def rebase(cls: type[Any], base: type[Part]) -> type[Any]:
+def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     """Return the class itself, or one of the same name and keys with the base's hooks behind its own.
 
     Raises InvalidHookError at what is missing or nearly spelt like a hook; the package's own classes
@@ -104,7 +107,7 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
         yield Hook(form, _is_needed(found[name]), _text(name, found[name], base))
 
 
-def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
+def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
     """Return names of the hooks that have a default and that a class has an own of."""
     keys = {f.name for f in fields(cls)}
     names = [n for n, what in _declared(base).items() if n not in keys and not _is_needed(what)]
@@ -112,9 +115,9 @@ def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
     return [name for name, own, default in found if own is not default]
 
 
-def _declared(base: type[Part]) -> dict[str, Any]:
+def _declared(base: type[Part]) -> dict[str, object]:
     """Return the base's declaration of each hook."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for owner in _owners(base):
         without = None if owner in base.optional_capabilities else _NOTHING
         here = dict.fromkeys(inspect.get_annotations(owner), without) | dict(vars(owner))
@@ -133,16 +136,16 @@ def _owners(base: type[Part]) -> list[type]:
     return [*own, *base.optional_capabilities]
 
 
-def mistakes(cls: type[Any], base: type[Part]) -> list[tuple[str, int, str]]:
+def mistakes(cls: type, base: type[Part]) -> list[tuple[str, int, str]]:
     """Return the mistakes of a class against its base, with file and line, in their order."""
     return sorted(_mistakes(cls, base))
 
 
-def _is_needed(declared: Any) -> bool:
+def _is_needed(declared: object) -> bool:
     return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
 
 
-def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]]:
+def _mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
     """Yield the file, line and what is wrong there."""
     known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
     for name, declared in known.items():
@@ -161,7 +164,7 @@ def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]
             yield from [(*_place(owner, name), what)] if near else []
 
 
-def _place(cls: type[Any], name: str) -> tuple[str, int]:
+def _place(cls: type, name: str) -> tuple[str, int]:
     """Return the file and line of a name in a class, or of the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
@@ -177,13 +180,13 @@ def _arguments(method: Any) -> str:
     return f"({', '.join(names)})"
 
 
-def _text(name: str, declared: Any, base: type[Part]) -> str:
+def _text(name: str, declared: object, base: type[Part]) -> str:
     """Return the first paragraph of its docstring; of an attribute the string under it."""
     text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
     return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
 
 
-def _is_plain(declared: Any) -> bool:
+def _is_plain(declared: object) -> bool:
     return not (inspect.isroutine(declared) or isinstance(declared, property | classmethod))
 
 

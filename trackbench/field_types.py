@@ -86,7 +86,7 @@ class Registered:
     group: str
     """registry group of the part"""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> Any:
         """Return any value in a schema: the registry knows what may stand here."""
         from pydantic_core import core_schema
 
@@ -95,7 +95,7 @@ class Registered:
         )
 
 
-def _prebuilt(number: Any, info: Any) -> Any:
+def _prebuilt(number: object, info: Any) -> Any:
     return None if number is None else info.context[number]
 
 
@@ -104,7 +104,7 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def part_group(hint: Any) -> str | None:
+def part_group(hint: object) -> str | None:
     """Return the registry group of the parts that a key of this type holds, if it holds any."""
     marks = (
         mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Registered)

@@ -17,7 +17,7 @@ from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Literal, TypeVar, cast, get_args
 
 from trackbench.extension_points import Part, rebase
 
@@ -47,9 +47,9 @@ _BASES: dict[Group, str] = {
     "figures": "trackbench.report.kinds.FigureKind",
     "tables": "trackbench.report.kinds.TableKind",
 }
-_kinds: dict[Group, dict[str, type]] = {group: {} for group in _PACKAGES}
+_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in _PACKAGES}
 _scanned: set[Group] = set()
-_of_plugins: dict[str, list[tuple[Group, str, type[Any]]]] = {}
+_of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
@@ -65,7 +65,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
-        whole = rebase(cls, base_of(group))
+        whole: type[Part] = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
         if is_plugin(cls.__module__):
@@ -81,12 +81,12 @@ def base_of(group: Group) -> type[Part]:
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
-def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
+def registered(module: str) -> list[tuple[Group, str, type[Part]]]:
     """Return the registrations of a plugin's module: group, kind, class."""
     return _of_plugins.get(module, [])
 
 
-def registered_kinds() -> Iterator[type[Any]]:
+def registered_kinds() -> Iterator[type[Part]]:
     """Yield every class of any group that is registered by now."""
     return (cls for known in _kinds.values() for cls in known.values())
 
@@ -120,14 +120,14 @@ def is_plugin(module: str) -> bool:
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 
-def of_kind(group: Group, kind: str) -> type[Any] | None:
+def of_kind(group: Group, kind: str) -> type[Part] | None:
     """Return the class of a kind; of the package's own only the file that has it is imported."""
     if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
         importlib.import_module(_homes(group)[kind])
     return _kinds[group].get(kind) or kinds(group).get(kind)
 
 
-def kinds(group: Group) -> dict[str, type[Any]]:
+def kinds(group: Group) -> dict[str, type[Part]]:
     """Return every registered class of a group by its kind, sorted."""
     if group not in _scanned:
         _scanned.add(group)

@@ -23,7 +23,7 @@ from trackbench.field_types import FORMULA, require_regular_file
 
 Keys: TypeAlias = tuple[str | int, ...]
 """Keys and list indices that lead to a value."""
-Config: TypeAlias = Path | str | Mapping[str, Any]
+Config: TypeAlias = Path | str | Mapping[str, object]
 """A file, the name of a shipped experiment, or the content of a file as a mapping."""
 Scalar: TypeAlias = bool | int | float | str | None
 """A value of a config that is no mapping or list."""
@@ -374,7 +374,7 @@ def from_mapping(config: Mapping[str, object]) -> Source:
     return source
 
 
-def _as_plain(value: Any, keys: Keys, source: Source) -> Any:
+def _as_plain(value: object, keys: Keys, source: Source) -> Any:
     if what := _inexpressible(value, keys):
         source.problems.append(Problem(source.start, dotted(keys), what))
         return None

@@ -110,7 +110,7 @@ def test_mistakes_elsewhere_hide_none_in_metrics(tmp_path: Path, monkeypatch) ->
 def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("EKF: {kind: ekf}", "KF: {kind: kf}"))
     found = prepared(tmp_path, COLUMNS)
-    assert all("filters.KF: kf needs" in line for line in found[:-1])
+    assert all("filters.KF: `kf` works only with" in line for line in found[:-1])
     assert len(found) > 1
     assert found[-1] == f"7:42: {LATE}"
 

@@ -46,7 +46,7 @@ class Looped(Filter[Objects]):
 
     @cached_property
     def _keys(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def _made(self) -> Any:
         return self.one(**self._keys)

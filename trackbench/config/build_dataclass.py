@@ -47,7 +47,7 @@ def described(cls: type[T]) -> TypeAdapter[T]:
     return _adapter(cast(Any, cls), described=True)
 
 
-def help_texts(cls: type[Any]) -> dict[str, str]:
+def help_texts(cls: type) -> dict[str, str]:
     """Return the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
     for base in reversed(cls.__mro__):
@@ -57,17 +57,17 @@ def help_texts(cls: type[Any]) -> dict[str, str]:
     return texts
 
 
-def hints_of(cls: type[Any]) -> dict[str, Any]:
+def hints_of(cls: type) -> dict[str, Any]:
     """Return the types of a dataclass's keys, with what they are annotated with."""
     return _hints(cast(Any, cls))
 
 
-def file_keys(cls: type[Any]) -> frozenset[str]:
+def file_keys(cls: type) -> frozenset[str]:
     """Return keys of a dataclass that are paths of data files."""
     return _file_keys(cast(Any, cls))
 
 
-def _is_file(hint: Any) -> bool:
+def _is_file(hint: object) -> bool:
     options = (hint, *get_args(hint))
     return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
 
@@ -88,7 +88,7 @@ def _adapter(cls: Any, described: bool) -> TypeAdapter[Any]:
     return TypeAdapter(cls)
 
 
-def _configure(hint: Any, config: ConfigDict, done: set[type]) -> None:
+def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
     """Make a dataclass, and every dataclass within it, strict and documented.
 
     Set here and not on each class, so that a filter stays a plain dataclass.
@@ -195,7 +195,7 @@ def _dataclass_at(cls: Any, path: Keys) -> Any:
     return cls
 
 
-def dataclasses_in(hint: Any) -> list[type[Any]]:
+def dataclasses_in(hint: object) -> list[type[Any]]:
     """Return the dataclasses that a value of this type, or an item of it, may be."""
     if isinstance(hint, type) and is_dataclass(hint):
         return [hint]

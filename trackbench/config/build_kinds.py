@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin
 from trackbench.config.build_dataclass import build, file_keys, hints_of, unknown
 from trackbench.config.includes import deep_merge
 from trackbench.config.plugin_checks import check_sensors
+from trackbench.extension_points import Part
 from trackbench.field_types import part_group
 from trackbench.models.assumed_sensor import Assume
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -68,7 +69,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 
 
 def _built(
-    cls: type[T], data: dict[str, Any], source: Source, keys: Keys, also: Sequence[str] = ()
+    cls: type[T], data: dict[str, object], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
     inner = _InnerParts(source, [])
     numbered = inner.numbered(cls, data, keys)
@@ -86,16 +87,16 @@ class _InnerParts(NamedTuple):
     """The components within a component, in the order of the numbers that stand for them."""
 
     source: Source
-    parts: list[Any]
+    parts: list[object]
 
-    def numbered(self, cls: type[Any], data: dict[str, Any], keys: Keys) -> dict[str, Any]:
+    def numbered(self, cls: type, data: dict[str, object], keys: Keys) -> dict[str, object]:
         """Build the components in the mapping of a dataclass; return it with their numbers."""
         hints, out = hints_of(cls), dict(data)
         for key in hints.keys() & data.keys():
             out[key] = self._value(hints[key], data[key], (*keys, key))
         return out
 
-    def _value(self, hint: Any, value: Any, keys: Keys) -> Any:
+    def _value(self, hint: object, value: object, keys: Keys) -> Any:
         group = part_group(hint)
         if group is not None and not (value is None and _may_be(hint, type(None))):
             return self._number(cast(Group, group), hint, value, keys)
@@ -104,7 +105,7 @@ class _InnerParts(NamedTuple):
             return self.numbered(inner[0], value, keys)
         return value
 
-    def _number(self, group: Group, hint: Any, value: Any, keys: Keys) -> int:
+    def _number(self, group: Group, hint: object, value: object, keys: Keys) -> int:
         if isinstance(value, list) and _may_be(hint, tuple):
             if not value:
                 self.source.add_problem(keys, f"is empty: name at least one of {group}")
@@ -123,15 +124,15 @@ class _InnerParts(NamedTuple):
         return build_kind(group, self.source, keys)
 
 
-def _may_be(hint: Any, cls: type[Any]) -> bool:
+def _may_be(hint: object, cls: type) -> bool:
     """Return whether a key of this type may hold an instance of the class."""
     options = (hint, *get_args(hint), *(o for inner in get_args(hint) for o in get_args(inner)))
     return any(cls in (option, get_origin(option)) for option in options)
 
 
 def _with_absolute_files(
-    cls: type[Any], source: Source, keys: Keys, data: dict[str, Any]
-) -> dict[str, Any]:
+    cls: type, source: Source, keys: Keys, data: dict[str, object]
+) -> dict[str, object]:
     """Return the paths count from the folder of the YAML file they stand in."""
     out = dict(data)
     for key in file_keys(cls):
@@ -145,7 +146,7 @@ def _with_absolute_files(
     return out
 
 
-def _with_preset(cls: type[Any], source: Source, keys: Keys) -> dict[str, Any]:
+def _with_preset(cls: type[Part], source: Source, keys: Keys) -> dict[str, object]:
     presets, data = cls.presets, {k: v for k, v in source.at(keys).items() if k != "kind"}
     name = data.pop("preset", None) if presets else None
     if name is None:

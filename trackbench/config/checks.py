@@ -35,7 +35,7 @@ _NEEDS = {
     "motion.F": "a linear motion and steps of equal length",
     "motion.F|linear": "a linear motion",
     "motion.Q": "a linear motion",
-    "motion.T": "steps of equal length (of recorded data: `resample`)",
+    "motion.T": "steps of equal length",
     "motion.T|intervals": "a motion with a sampling time",
     "sensor.H": "a linear sensor",
     "sensor.jacobian": "a sensor with a Jacobian",
@@ -96,6 +96,8 @@ def _remedy(scenario: Scenario, need: str) -> str:
         parts = walk_parts(scenario.true_sensor)
         sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, Measuring))
         return f"this scenario has {sensors}: take another filter or sensor"
+    if need == "motion.T":
+        return "take another filter, or resample recorded data (`resample: SECONDS`)"
     key = {"state": "target", "prior": "start"}.get(component, component)
     return f"take another filter or {key}"
 
@@ -123,10 +125,10 @@ def check_idle(source: Source, points: list[Point]) -> None:
 
     Filters with other mistakes are left out: their methods may rely on what is mistaken.
     """
-    mistaken = {problem.path for problem in source.problems}
+    mistaken = [f"{problem.path}." for problem in source.problems]
     for label in points[0].filters if points else ():
-        entry = dotted(("filters", label))
-        if any(path == entry or path.startswith(f"{entry}.") for path in mistaken):
+        entries = "scenario.", f"{dotted(('filters', label))}."
+        if any(path.startswith(entries) for path in mistaken):
             continue
         trackers = [point.filters[label] for point in points]
         every = [
@@ -151,11 +153,11 @@ def _is_given(source: Source, label: str, path: list[str]) -> bool:
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
     """Return whether a key has its default, or what a preset gives it."""
-    part: Any = tracker
+    part: object = tracker
     usual = list(tracker.presets.values())
     for name in path[:-1]:
         part = getattr(part, name, None)
-        usual = [preset.get(name, {}) for preset in usual]
+        usual = [cast(dict[str, object], preset.get(name, {})) for preset in usual]
     if not is_dataclass(part):  # `assume` is no key of the class
         return False
     defaults = [key.default for key in fields(part) if key.name == path[-1]]
@@ -180,9 +182,9 @@ def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
 
 def check_idle_settings(source: Source, settings: Settings) -> None:
     """Reject settings that only another key gives an effect, unless they have their default."""
-    if settings.min_runs != Settings.min_runs and not settings.until:
+    if settings.min_runs != Settings.min_runs and "until" not in source.data:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
-    if settings.tuning != Settings.tuning and not settings.tune:
+    if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
 
 
@@ -208,14 +210,14 @@ def check_named_filters(
             for key in ("filters", *part.label_keys)
             for found in _labels(getattr(part, key), (group, name, key))
         ]
-        for key in fields(cast(Any, part)):
+        for key in fields(part):
             named += _compared(getattr(part, key.name), (group, name, key.name))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
                 blame_label(source, settings, where, label)
 
 
-def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+def _compared(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     """Yield the filter beside which each measure in what a key holds stands, and the measure's place."""
     if isinstance(value, Measure):
         if value.other:
@@ -225,7 +227,7 @@ def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
             yield from _compared(part, (*where, key))
 
 
-def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     """Yield every label in what a key holds, and where it stands."""
     if isinstance(value, str):
         yield where, value

@@ -15,6 +15,7 @@ from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part
+from trackbench.models.assumed_sensor import Assume
 from trackbench.yaml_source import Keys, scalar
 
 
@@ -35,7 +36,7 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)
 
-    def written(part: Any, keys: Keys) -> Any:
+    def written(part: Part, keys: Keys) -> object:
         full = as_config(part, relative)
         return _only_given(full, experiment.source.at(keys)) if keys in unfilled else full
 
@@ -74,7 +75,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
 
 
-def _only_given(full: Any, given: Any) -> Any:
+def _only_given(full: object, given: object) -> Any:
     """Return ``full`` without the keys that were not given."""
     if isinstance(full, dict) and isinstance(given, dict):
         return {key: _only_given(full.get(key, value), value) for key, value in given.items()}
@@ -83,7 +84,7 @@ def _only_given(full: Any, given: Any) -> Any:
     return full
 
 
-def as_yaml(data: Any) -> str:
+def as_yaml(data: object) -> str:
     """Return plain data as YAML in its order; `source.read` returns the same data."""
     return yaml.dump(
         data,
@@ -107,7 +108,7 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
+def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> dict[str, Any]:
     """Return a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
     out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
@@ -119,7 +120,7 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     return out
 
 
-def _plain(value: Any, shown: Callable[[str], str]) -> Any:
+def _plain(value: object, shown: Callable[[str], str]) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 from pydantic import AfterValidator, StringConstraints
@@ -67,9 +67,9 @@ class Settings:
     block: Count | Literal["fit"] | None = None
     """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
     always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""
-    scenario: dict[str, Any]
+    scenario: dict[str, object]
     """what is simulated: kind and keys, a path, or {use: path, key: value}"""
-    filters: dict[Label, dict[str, Any]]
+    filters: dict[Label, dict[str, object]]
     """filters by label, each like the scenario"""
     reference: Label | None = None
     """label of the filter whose estimates the others' distances are measured to"""
@@ -85,19 +85,19 @@ class Settings:
     """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
-    grid: dict[str, list[Any]] = field(default_factory=dict)
+    grid: dict[str, list[object]] = field(default_factory=dict)
     """paths and the values they take; `a & b` take a value together, or of a list [1, 2] one each"""
     product: bool = True
     """run every combination of the grid's values; else keys of different filters are varied one filter
     after the other, at the first values of the others: a sweep does so"""
-    tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
+    tune: dict[Label, dict[str, object]] = field(default_factory=dict)
     """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
     of choices. What is found is run as one more filter, `KF (tuned)`"""
     tuning: Tuning = _AS_IT_IS
     """by what they are tuned, on how many training runs, and how often each may try"""
-    tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    tables: dict[Name, dict[str, object]] = field(default_factory=dict)
     """tables to write, by name"""
-    figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    figures: dict[Name, dict[str, object]] = field(default_factory=dict)
     """figures to draw, by name"""
     key_figure: Name | None = None
     """name of the figure that the report begins with; default: the first"""
@@ -118,7 +118,7 @@ def labels_to_run(
 class Point:
     """One combination of the grid's values, with its scenario and filters by label."""
 
-    values: dict[str, Any]
+    values: dict[str, object]
     scenario: Scenario
     filters: dict[str, AnyFilter]
     assumed: dict[str, Assume] = field(default_factory=dict)

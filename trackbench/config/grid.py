@@ -26,7 +26,7 @@ def single_paths(path: str) -> list[str]:
     return path.split(" & ")
 
 
-def values_of(path: str, value: Any) -> list[Any]:
+def values_of(path: str, value: Any) -> list[object]:
     """Return the value of each path: a common value, or each its own from a list."""
     paths = single_paths(path)
     each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
@@ -65,7 +65,10 @@ def independent_filter_paths(
 
 
 def combinations(
-    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, Sequence[object]],
+    labels: Collection[str],
+    reference: str | None,
+    every: bool,
 ) -> list[Places]:
     """Return the points in the order of their values: every combination, or one filter group at a time.
 
@@ -83,7 +86,10 @@ def combinations(
 
 
 def number_of_points(
-    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, Sequence[object]],
+    labels: Collection[str],
+    reference: str | None,
+    every: bool,
 ) -> int:
     """Return the number of points in `combinations`."""
     if every:
@@ -98,7 +104,9 @@ def number_of_points(
 _MOST_POINTS = 10_000
 
 
-def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+def grid_points(
+    source: Source, settings: Settings
+) -> list[tuple[dict[str, object], dict[str, Mark]]]:
     """Return each point's values by path, with their positions."""
     grid = settings.grid
     if not _is_possible(source, settings):
@@ -112,7 +120,7 @@ def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any]
     return out
 
 
-def apply_point(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
+def apply_point(source: Source, values: dict[str, object], marks: dict[str, Mark]) -> None:
     """Give the config the values of one point, which stand at these marks."""
     for joint, value in values.items():
         for path, own in zip(single_paths(joint), values_of(joint, value), strict=True):
@@ -141,7 +149,7 @@ def _is_possible(source: Source, settings: Settings) -> bool:
     return not overlaps
 
 
-def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
+def _overlapping(source: Source, grid: dict[str, list[object]]) -> bool:
     """Reject two axes that set the same value, as one would overwrite the other."""
     varied: dict[Keys, str] = {}
     found = False
@@ -156,7 +164,7 @@ def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
     return found
 
 
-def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
+def _check_repeated(source: Source, path: str, values: list[object]) -> None:
     """Reject two points of equal values, which would count every run twice."""
     for i, value in enumerate(values):
         if value in values[:i]:
@@ -178,7 +186,7 @@ def add_axis(source: Source, text: str) -> None:
     override(source, ("grid", path), axis_values(values, mark), mark)
 
 
-def axis_values(text: str, mark: Mark) -> list[Any]:
+def axis_values(text: str, mark: Mark) -> Sequence[object]:
     """Return the values of one axis: a list, or a range that is linear or logarithmic."""
     match = _RANGE.fullmatch(text)
     if match is None:

@@ -110,7 +110,7 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
 def split_path(source: Source, path: str) -> Keys:
     """Return a dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
     keys: Keys = ()
-    data: Any = source.data
+    data: object = source.data
     while path:
         known = (
             [k for k in data if path == k or path.startswith(f"{k}.")]
@@ -161,7 +161,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
 
 
 def deep_merge(
-    base: Mapping[str, Any], top: Mapping[str, Any], by_kind: bool = False
+    base: Mapping[str, object], top: Mapping[str, object], by_kind: bool = False
 ) -> MarkedMapping:
     """Return ``base`` with the keys of ``top``; a mapping in both is merged in the same way.
 

@@ -27,7 +27,7 @@ from trackbench.config.checks import (
     chosen_labels,
     with_recorded_runs,
 )
-from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
 from trackbench.config.plugin_checks import check_scenario, load_plugins
@@ -41,6 +41,7 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
+from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
@@ -63,7 +64,7 @@ class UnknownNamesError(UserError):
 
 
 def load(
-    config: Path | Mapping[str, Any],
+    config: Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     only: Sequence[str] = (),
     runs: int | None = None,
@@ -100,7 +101,7 @@ def load(
     return experiment
 
 
-def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
+def _source(config: Path | Mapping[str, object]) -> tuple[Source, Path]:
     """Return a config's source, and the folder that its paths are relative to."""
     if isinstance(config, Mapping):
         return from_mapping(config), Path()
@@ -188,17 +189,17 @@ def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -
     axes = tuned_axes(source, settings, points, training)
     if whole:
         _add_default_exhibits(source, settings, points)
-    tables = _parts("tables", source)
-    figures = _parts("figures", source)
-    parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
-    for group, built in parts.items():
+    tables: dict[str, Exhibit] = _exhibits("tables", source)
+    figures: dict[str, DrawnExhibit] = _exhibits("figures", source)
+    exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
+    for group, built in exhibits.items():
         check_named_filters(source, settings, group, built)
         check_drawable(source, group, built, whole_grid)
     check_key_figure(source, settings)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
     sound = not source.problems
-    check_metrics(source, settings, whole_grid, parts, left_out)
+    check_metrics(source, settings, whole_grid, exhibits, left_out)
     check_trained_metrics(source, settings, training)
     published = _published(source, settings, folder, whole_grid)
     parsed = (tables, figures, source, published, plugins, axes, training)
@@ -221,7 +222,7 @@ def _without_mistakes(source: Source) -> Settings | None:
     return build(Settings, Source(source.data), (), data)
 
 
-def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point | None:
+def _point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
     scenario = build_kind("scenarios", source, ("scenario",))
     filters = _filters(source, labels)
     assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
@@ -241,7 +242,7 @@ def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point |
     return point
 
 
-def _filters(source: Source, labels: list[str]) -> dict[str, Any]:
+def _filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
     return {b: build_kind("filters", source, ("filters", b)) for b in labels}
 
 
@@ -254,7 +255,7 @@ def _sections(source: Source) -> None:
                 build_kind(group, source, (group, label))
 
 
-def _parts(group: Group, source: Source) -> dict[str, Any]:
+def _exhibits(group: Group, source: Source) -> dict[str, Any]:
     """Return the tables or figures, without those that have mistakes."""
     names = source.data.get(group) or {}
     built = {name: build_kind(group, source, (group, name)) for name in names}
@@ -287,8 +288,8 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
         override(source, ("figures",), _default_figures(points[0]), mark)
 
 
-def _default_figures(point: Point) -> dict[str, Any]:
-    figures: dict[str, Any] = {
+def _default_figures(point: Point) -> dict[str, object]:
+    figures: dict[str, object] = {
         "nis": {"kind": "nis"},
         "whiteness": {"kind": "autocorrelation"},
         "estimates": {"kind": "estimates"},

@@ -177,7 +177,7 @@ def names_of(
         for label, tracker in (point.filters | others).items():
             names.given |= _numbers(tracker) if tracker is not None else set()
             if tracker is None:
-                names.given |= {key.name for key in fields(cast(Any, _kind(settings, label)))}
+                names.given |= {key.name for key in fields(_kind(settings, label))}
     return names
 
 
@@ -194,7 +194,7 @@ def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
 
 def _numbers(tracker: AnyFilter) -> set[str]:
     """Return the keys of a filter that are numbers."""
-    values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
+    values = {key.name: getattr(tracker, key.name) for key in fields(tracker)}
     return {key for key, value in values.items() if is_number(value)}
 
 

@@ -102,8 +102,8 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
         if isinstance(cls.summed_diagnostics, str):
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
-        yield from _mistakes_of_exhibit(cls)
-    for field in fields(cast(Any, cls)):
+        yield from _mistakes_of_exhibit(cast(type[Exhibit], cls))
+    for field in fields(cls):
         default = _default(field)
         if field.init and not _is_plain(default):
             yield f"the key {field.name} is a {type(default).__name__}, which no YAML can hold"
@@ -114,7 +114,7 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
         yield f"has a key of a type that no YAML can hold: {reason}"
 
 
-def _mistakes_of_exhibit(cls: type[Any]) -> Iterator[str]:
+def _mistakes_of_exhibit(cls: type[Exhibit]) -> Iterator[str]:
     needs = cls.needs
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"needs is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
@@ -131,7 +131,7 @@ def _default(field: "Field[Any]") -> Any:
     return None if field.default is MISSING else field.default
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(map(_is_plain, value))
     if isinstance(value, dict):
@@ -236,7 +236,7 @@ def _check_part(part: object, scenario: Scenario) -> None:
         _check_windows(part.windows(scenario.times, scored), len(scored))
 
 
-def _is_target(part: Any) -> "TypeGuard[Target]":
+def _is_target(part: object) -> "TypeGuard[Target]":
     from trackbench.scenarios.targets.base import Target
 
     return isinstance(part, Target)

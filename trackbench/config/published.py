@@ -14,7 +14,7 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from difflib import get_close_matches
 from glob import escape, glob
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from trackbench.config import shipped_experiments
 from trackbench.config.build_dataclass import build, unknown
@@ -37,7 +37,7 @@ def split(text: str) -> list[str]:
     return [part.strip() for part in text.split(";") if part.strip()]
 
 
-def picks(point: str, values: Mapping[str, Any]) -> bool:
+def picks(point: str, values: Mapping[str, object]) -> bool:
     """Return whether ``path=value; path=value`` picks the point of a grid that has these values.
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
@@ -187,7 +187,7 @@ def read_published(
     experiment: str,
     labels: list[str] | None = None,
     mark: Mark | None = None,
-    points: Sequence[Mapping[str, Any]] | None = None,
+    points: Sequence[Mapping[str, object]] | None = None,
     also: Sequence[str] = (),
 ) -> Published:
     """Return the rows for one experiment; raises UserError with every mistake in the files.
@@ -228,7 +228,7 @@ class _Known(NamedTuple):
 
     experiment: str
     labels: list[str] | None
-    points: Sequence[Mapping[str, Any]] | None
+    points: Sequence[Mapping[str, object]] | None
     others: dict[str, Problem]
     """the first row for each other experiment, as the place of a mistake"""
 
@@ -275,7 +275,7 @@ def _read(name: str, text: str, known: _Known, found: Published, problems: list[
         return
     for key in dict.fromkeys(key for key in header if header.count(key) > 1):
         problems.append(Problem(Mark(name, line, 1), key, "there are two columns of this name"))
-    cls: type[Any] = Claim if "claim" in header else PublishedNumber
+    cls: type = Claim if "claim" in header else PublishedNumber
     for line, cells in rows[1:]:
         if not cells:
             continue
@@ -296,7 +296,7 @@ def _read(name: str, text: str, known: _Known, found: Published, problems: list[
         problems += source.problems
 
 
-def _source(name: str, line: int, cls: type[Any], header: list[str], cells: list[str]) -> Source:
+def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
     """Return one row as a mapping with positions, without the spaces around cells.
 
     Empty cells are left out, numbers are read as in YAML.
@@ -348,7 +348,7 @@ def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | Non
 
 
 def _check_point(
-    row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, Any]] | None
+    row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
 ) -> None:
     """Check that a row's point can be read and is one of the grid."""
     if not all("=" in part for part in split(row.point)):

@@ -109,7 +109,7 @@ def _asked_by(part: Any, keys: Keys) -> Iterator[AskedMeasure]:
         yield from _asked_in(getattr(part, key.name), hint, (*keys, key.name))
 
 
-def _asked_in(value: Any, hint: Any, keys: Keys) -> Iterator[AskedMeasure]:
+def _asked_in(value: object, hint: object, keys: Keys) -> Iterator[AskedMeasure]:
     if isinstance(value, Measure):
         yield AskedMeasure(keys, value, role_of(hint))
         if role_of(hint) == "rank" and not value.steps:

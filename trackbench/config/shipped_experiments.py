@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.errors import Mark, Problem, UserError
@@ -107,7 +107,7 @@ def with_parts(file: Path, found: frozenset[Path] = frozenset()) -> frozenset[Pa
     return found
 
 
-def _words(data: Any) -> Iterator[str]:
+def _words(data: object) -> Iterator[str]:
     inner = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
     for value in inner:
         yield from [value] if isinstance(value, str) else _words(value)

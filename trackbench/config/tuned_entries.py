@@ -22,7 +22,7 @@ from trackbench.models.assumed_sensor import Assume
 from trackbench.plugins.errors import PluginError
 from trackbench.yaml_source import Source, put
 
-Chosen = Mapping[str, Any]
+Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
@@ -104,7 +104,7 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
     return [label for label in labels if tuned_label(label) in only]
 
 
-def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> None:
+def _add_part(source: Source, group: str, name: str, part: dict[str, object]) -> None:
     """Add a table or figure of tuning unless the config has it."""
     parts = source.data.setdefault(group, {})
     if not isinstance(parts, dict) or part in parts.values():
@@ -215,7 +215,7 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
         source.add_problem(("tuning", "runs"), what)
 
 
-def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
+def _axis(source: Source, label: str, key: str, written: object) -> Axis | None:
     try:
         return read_axis(key, written)
     except ValueError as error:
@@ -225,7 +225,7 @@ def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
 
 def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
     """Return the tuning axes; integers are found by trying, and both ends and choices must be valid."""
-    middle: dict[str, Any] = {axis.key: axis.at(0.5) for axis in axes}
+    middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
     out = []
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():

@@ -37,7 +37,7 @@ class Tuning:
     """training runs, the same for every filter, none of which is a run of the results"""
     evaluations: Annotated[int, Interval(ge=2, le=10_000)] = 40
     """how many values of its keys each filter may try"""
-    scenario: dict[str, Any] | None = None
+    scenario: dict[str, object] | None = None
     """what training simulates in place of the scenario: keys laid over it, {target: {kind: random-legs,
     ...}}, a path, or {use: path, key: value}; default: the scenario itself"""
 
@@ -63,7 +63,7 @@ class Axis:
     high: float = 0.0
     log: bool = False
     whole: bool = False
-    choices: tuple[Any, ...] = ()
+    choices: tuple[object, ...] = ()
 
     def at(self, share: float) -> Any:
         """Return the value at a share; beyond 0 and 1 that at the end."""
@@ -81,7 +81,7 @@ class Axis:
         value = min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
         return round(value) if self.whole else value
 
-    def share(self, value: Any) -> float | None:
+    def share(self, value: object) -> float | None:
         """Return the place of a value on the axis; None if it is outside."""
         if self.choices:
             places = [i for i, choice in enumerate(self.choices) if choice == value]
@@ -101,7 +101,7 @@ class Axis:
         return 1.0 / (self.high - self.low) if self.whole and not self.log else 0.0
 
 
-def read_axis(key: str, written: Any) -> Axis:
+def read_axis(key: str, written: object) -> Axis:
     """Return the axis of a key; raises ValueError in words."""
     if isinstance(written, list):
         if len(written) < 2:

@@ -35,7 +35,6 @@ NO_PART_OF_BLOCKS = {
     "execution/machine_fingerprint.py": _KEYS,
     "execution/code_digest.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
-    "yaml_source.py": "reads configs; a worker imports it with the plugins' reader",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""
 
