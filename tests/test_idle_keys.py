@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config.build_dataclass import hints_of
+from trackbench.config.build import hints_of
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError

@@ -5,8 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
 from typing import Any, cast
 
-from trackbench.config import plugin_checks
-from trackbench.config.build_dataclass import unknown
+from trackbench.config.build import unknown
 from trackbench.config.experiment import (
     DrawnExhibit,
     Exhibit,
@@ -15,6 +14,7 @@ from trackbench.config.experiment import (
     Settings,
     labels_to_run,
 )
+from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import walk_parts
@@ -22,6 +22,7 @@ from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
 from trackbench.models.sensors.base import Measuring
+from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
@@ -86,7 +87,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             unmet = True
     # A filter's own checks may use what it requires of the scenario.
     if not unmet:
-        _blame_each(source, keys, plugin_checks.filter_conflicts(tracker, scenario))
+        _blame_each(source, keys, filter_conflicts(tracker, scenario))
 
 
 def _remedy(scenario: Scenario, need: str) -> str:
@@ -132,7 +133,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
             continue
         trackers = [point.filters[label] for point in points]
         every = [
-            plugin_checks.call_hook(tracker.idle_keys, dict, point.seen_by(label))
+            call_hook(tracker.idle_keys, dict, point.seen_by(label))
             for tracker, point in zip(trackers, points, strict=True)
         ]
         for key, why in every[0].items():
@@ -255,7 +256,7 @@ def check_drawable(
 ) -> None:
     """Add the conflicts of tables and figures with these points."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), plugin_checks.exhibit_conflicts(part, points))
+        _blame_each(source, (group, name), exhibit_conflicts(part, points))
 
 
 def check_figures(

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import yaml
 
-from trackbench.config.build_dataclass import file_keys
+from trackbench.config.build import file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path

@@ -12,8 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.build_dataclass import build
-from trackbench.config.build_kinds import build_kind, read_assumed
+from trackbench.config.build import build, build_kind, read_assumed
 from trackbench.config.checks import (
     check_assumed,
     check_bound,
@@ -30,7 +29,7 @@ from trackbench.config.checks import (
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
-from trackbench.config.plugin_checks import check_scenario, load_plugins
+from trackbench.config.plugin_checks import load_plugins
 from trackbench.config.published import Published, read_published
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
 from trackbench.config.tuned_entries import (
@@ -43,6 +42,7 @@ from trackbench.config.tuned_entries import (
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
+from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group

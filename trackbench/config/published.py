@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from trackbench.config import shipped_experiments
-from trackbench.config.build_dataclass import build, unknown
+from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from itertools import chain
 from typing import Any
 
-from trackbench.config.build_dataclass import hints_of
+from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, kept_metrics, names_of
 from trackbench.config.tuning import as_expression, bad_terms

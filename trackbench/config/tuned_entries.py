@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from trackbench.atomic_files import free_name
-from trackbench.config.build_kinds import build_kind, read_assumed
+from trackbench.config.build import build_kind, read_assumed
 from trackbench.config.checks import blame_label, check_assumed, check_fit
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.includes import deep_merge, override, split_path
-from trackbench.config.plugin_checks import check_scenario
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem
 from trackbench.evaluation.block import simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError
 from trackbench.yaml_source import Source, put
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.config import plugin_checks
 from trackbench.config.checks import has
+from trackbench.config.plugin_checks import check_kind
 from trackbench.contract.checks import CHECKS, ContractError, Finding
 from trackbench.contract.fixtures import LINEAR, RADAR, SCALAR
 from trackbench.errors import UserError, in_line
+from trackbench.plugins.checks import filter_conflicts
 from trackbench.plugins.errors import PluginError, guarded, located_message
 from trackbench.plugins.load import load_plugin, read_plugin
 from trackbench.registry import kinds
@@ -23,7 +24,7 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
     kinds("filters")
     try:
         plugin = read_plugin(path)
-        load_plugin(plugin, plugin_checks.check_kind)
+        load_plugin(plugin, check_kind)
     except OSError as error:
         raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
     except PluginError as error:
@@ -99,9 +100,7 @@ def _playground(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     reasons: list[str] = []
     for scenario in (LINEAR, SCALAR, RADAR, *scenarios):
         lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
-        mistakes = (
-            list(plugin_checks.filter_conflicts(tracker, scenario).values()) if not lacking else []
-        )
+        mistakes = list(filter_conflicts(tracker, scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)
         reasons.append(mistakes[0] if mistakes else f"needs {lacking[0]}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.config.build_dataclass import build
+from trackbench.config.build import build
 from trackbench.config.experiment import Settings
 from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
