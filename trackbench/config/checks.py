@@ -57,11 +57,11 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
         source.add_problem(("filters",), "name at least one filter")
     for i, label in enumerate(settings.only):
         if label not in known:
-            blame_label(source, settings, ("only", i), label)
+            add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
     if settings.reference is not None and settings.reference not in known:
-        blame_label(source, settings, ("reference",), settings.reference)
+        add_label_problem(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
 
 
@@ -87,7 +87,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             unmet = True
     # A filter's own checks may use what it requires of the scenario.
     if not unmet:
-        _blame_each(source, keys, filter_conflicts(tracker, scenario))
+        _add_conflicts(source, keys, filter_conflicts(tracker, scenario))
 
 
 def _remedy(scenario: Scenario, need: str) -> str:
@@ -138,18 +138,12 @@ def check_idle(source: Source, points: list[Point]) -> None:
         ]
         for key, why in every[0].items():
             path = key.split(".")
-            if not all(key in idle for idle in every) or not _is_given(source, label, path):
+            keys = ("filters", label, *path)
+            is_set = source.has(keys) and source.at(keys) is not None
+            if not is_set or not all(key in idle for idle in every):
                 continue
             if not all(map(_is_usual, trackers, repeat(path))):
-                keys = ("filters", label, *path)
                 source.add_problem(keys, f"has no effect {why}; leave it out")
-
-
-def _is_given(source: Source, label: str, path: list[str]) -> bool:
-    found = source.data["filters"][label]
-    for name in path:
-        found = found.get(name) if isinstance(found, dict) else None
-    return found is not None
 
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
@@ -175,9 +169,9 @@ def check_bound(source: Source, scenario: Scenario) -> None:
         source.add_problem(("bound",), what)
 
 
-def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
+def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
-    for key, what in found.items():
+    for key, what in conflicts.items():
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
 
 
@@ -206,16 +200,14 @@ def check_named_filters(
     They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
     """
     for name, part in parts.items():
-        named = [
-            found
-            for key in ("filters", *part.label_keys)
-            for found in _labels(getattr(part, key), (group, name, key))
-        ]
-        for key in fields(part):
-            named += _compared(getattr(part, key.name), (group, name, key.name))
+        named: list[tuple[Keys, str]] = []
+        for key in ("filters", *part.label_keys):
+            named += _labels(getattr(part, key), (group, name, key))
+        for field in fields(part):
+            named += _compared(getattr(part, field.name), (group, name, field.name))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
-                blame_label(source, settings, where, label)
+                add_label_problem(source, settings, where, label)
 
 
 def _compared(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
@@ -245,10 +237,10 @@ def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
         yield from _labels(part, (*where, key))
 
 
-def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> None:
-    """Note a label that no filter has."""
-    other = unknown(label, list(settings.filters))
-    source.add_problem(where, f"{label!r} is not a filter here; {other}")
+def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
+    """Add the problem of a label that no filter has."""
+    hint = unknown(label, list(settings.filters))
+    source.add_problem(where, f"{label!r} is not a filter here; {hint}")
 
 
 def check_drawable(
@@ -256,7 +248,7 @@ def check_drawable(
 ) -> None:
     """Add the conflicts of tables and figures with these points."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), exhibit_conflicts(part, points))
+        _add_conflicts(source, (group, name), exhibit_conflicts(part, points))
 
 
 def check_figures(

@@ -16,6 +16,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.evaluation.statistics import STATISTICS
+from trackbench.extension_points import is_foreign
 from trackbench.field_types import is_number
 from trackbench.filters.base import (
     AnyFilter,
@@ -49,17 +50,17 @@ def max_metrics_per_run(
     settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
 ) -> int:
     """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
-    wanted = kept_metrics(settings, "per_run.csv")
-    if wanted is not None:
-        return len(wanted) * len(scenario.windows)
+    stored = kept_metrics(settings, "per_run.csv")
+    if stored is not None:
+        return len(stored) * len(scenario.windows)
     series = number_of_series(settings, scenario, label, tracker)
     return series * len(scenario.windows) + _MOST_OF_RUNS
 
 
 def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """Bound from above how many metrics of a filter per_step.csv holds at each step."""
-    wanted = kept_metrics(settings, "per_step.csv")
-    return number_of_series(settings, scenario, label, tracker) if wanted is None else len(wanted)
+    stored = kept_metrics(settings, "per_step.csv")
+    return number_of_series(settings, scenario, label, tracker) if stored is None else len(stored)
 
 
 def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
@@ -124,8 +125,8 @@ class Names:
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Return whether a filter of unknown diagnostics may have this one."""
-        own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
-        return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
+        is_any_foreign = any(map(is_foreign, self.unasked))
+        return bool(self.unasked) and not is_reserved(name) and (name in METRICS or is_any_foreign)
 
 
 def _per_run(series: Iterable[str], counts: frozenset[str]) -> Iterator[str]:
@@ -159,8 +160,7 @@ def names_of(
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
-        # By what they count: series are named one by one.
-        found: dict[frozenset[str], set[str]] = {}
+        series_by_counts: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | others).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
             series |= set(_foretold(settings, point.scenario, tracker))
@@ -170,8 +170,8 @@ def names_of(
                     series |= _noted(settings, point.seen_by(label), tracker)
                 except Exception:  # its own run will say what is wrong
                     names.unasked.append(_kind(settings, label))
-            found.setdefault(counts, set()).update(series)
-        for counts, every in found.items():
+            series_by_counts.setdefault(counts, set()).update(series)
+        for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
     for point in points:
         for label, tracker in (point.filters | others).items():

@@ -26,7 +26,7 @@ _OF_TRUTH = ("squared", "error", "distance", "nees", "outside", "pit", "coverage
 
 
 @dataclass(frozen=True)
-class AskedMeasure:
+class MetricRequest:
     """Request of a component: metric, place in the config, and its role."""
 
     keys: Keys
@@ -49,16 +49,16 @@ def check_metrics(
     ``others`` are filters that are not run, whose metrics may be named. What filters note that are
     mistaken or fail is not known.
     """
-    asked = [*_asked_by_settings(settings), *asked_by_parts(parts)]
+    requests = [*_of_settings(settings), *requests_of(parts)]
     if not points:
         return
     names = names_of(settings, points, others, noted=False)
-    if any(not a.named or _unknown(a, names, settings) for a in asked):
+    if any(not request.named or _unknown(request, names, settings) for request in requests):
         names = names_of(settings, points, others, noted=True)
-    for a in asked:
-        what = _unknown(a, names, settings) or _left_out(a, names, settings)
+    for request in requests:
+        what = _unknown(request, names, settings) or _left_out(request, names, settings)
         if what is not None:
-            source.add_problem(a.keys, what)
+            source.add_problem(request.keys, what)
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
@@ -66,69 +66,69 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     if training is None or settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, noted=True)
-    for a in _asked_by_tuning(settings):
-        what = _unknown(a, names, settings)
+    for request in _of_tuning(settings):
+        what = _unknown(request, names, settings)
         if what is not None:
             source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
 
 
-def _asked_by_settings(settings: Settings) -> Iterator[AskedMeasure]:
+def _of_settings(settings: Settings) -> Iterator[MetricRequest]:
     for key, role, words in (
         ("medians", "series", settings.medians),
         ("metrics", "base", settings.metrics),
         ("per_step", "base", settings.per_step),
     ):
         for i, word in enumerate(words or ()):
-            yield AskedMeasure((key, i), measured(word), role)
+            yield MetricRequest((key, i), measured(word), role)
     for word in settings.until:
-        yield AskedMeasure(("until", word), measured(word), "row")
-    yield from _asked_by_tuning(settings)
+        yield MetricRequest(("until", word), measured(word), "row")
+    yield from _of_tuning(settings)
 
 
-def _asked_by_tuning(settings: Settings) -> Iterator[AskedMeasure]:
+def _of_tuning(settings: Settings) -> Iterator[MetricRequest]:
     metric = settings.tuning.metric if settings.tune else None
     known = {word for word, _ in bad_terms(metric)}
     for word in [metric] if isinstance(metric, str) else metric or ():
         where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
         if word not in known:  # which is said elsewhere
-            yield AskedMeasure(where, measured(as_expression(word)), "summary")
+            yield MetricRequest(where, measured(as_expression(word)), "summary")
 
 
-def asked_by_parts(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[AskedMeasure]:
+def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
     """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.needs.items():
-                yield AskedMeasure((group, name), measured(word), role, named=False)
-            yield from _asked_by(part, (group, name))
+                yield MetricRequest((group, name), measured(word), role, named=False)
+            yield from _of_part(part, (group, name))
 
 
-def _asked_by(part: Any, keys: Keys) -> Iterator[AskedMeasure]:
+def _of_part(part: Any, keys: Keys) -> Iterator[MetricRequest]:
     for key in fields(part):
         hint = hints_of(type(part))[key.name]
-        yield from _asked_in(getattr(part, key.name), hint, (*keys, key.name))
+        yield from _in_value(getattr(part, key.name), hint, (*keys, key.name))
 
 
-def _asked_in(value: object, hint: object, keys: Keys) -> Iterator[AskedMeasure]:
+def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
     if isinstance(value, Measure):
-        yield AskedMeasure(keys, value, role_of(hint))
+        yield MetricRequest(keys, value, role_of(hint))
         if role_of(hint) == "rank" and not value.steps:
             for bar in bars(value.family[1]):
-                yield AskedMeasure(keys, value._replace(metric=bar), "per_run", named=False)
+                yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
     elif is_dataclass(value):
-        yield from _asked_by(value, keys)
+        yield from _of_part(value, keys)
     elif isinstance(value, dict):
         for head, inner in value.items():
-            yield from _asked_in(inner, hint, (*keys, head))
+            yield from _in_value(inner, hint, (*keys, head))
 
 
-def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
+def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Add the problem of an unknown metric, if the config names it."""
-    role, word = _where(asked, settings)
+    role, word = _where(request, settings)
     if role == "made" and settings.reference is None:
         return f"{word!r} is beside a reference: say which filter is exact by `reference`"
     known = names.bases if role == "base" else names.of(role)
-    m = asked.measure
+    m = request.measure
     if m.relation in ("gain", "ratio") and m.family[0].is_score:
         return f"'{m}': a log score is a logarithm, of which there is no share: take minus(...)"
     if word not in known and not names.has_truth and _is_of_truth(m):
@@ -138,7 +138,7 @@ def _unknown(asked: AskedMeasure, names: Names, settings: Settings) -> str | Non
         return f"there is no truth to measure {word!r} by; there are: {others}"
     if m.metric == "evidence" and settings.reference is None:
         return "the evidence is a ratio to an exact filter's: name that under reference"
-    if word in known or not asked.named or names.could_be_diagnostic(asked.measure.metric):
+    if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
@@ -153,17 +153,19 @@ def _is_of_truth(m: Measure) -> bool:
     return found.series in _OF_TRUTH and not of_prediction
 
 
-def _left_out(asked: AskedMeasure, names: Names, settings: Settings) -> str | None:
+def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Add the problem of a metric that is missing in its file."""
-    role, word = _where(asked, settings)
+    role, word = _where(request, settings)
     if role == "made":
-        return _not_made(asked.measure, settings)
+        return _not_made(request.measure, settings)
     kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    if role in ("base", "series", "row") or kept is None or asked.measure.base in kept:
+    if role in ("base", "series", "row") or kept is None or request.measure.base in kept:
         return None
-    if asked.measure.family[0].name == "rank" and not asked.named:  # said of the PIT that it is of
+    if (
+        request.measure.family[0].name == "rank" and not request.named
+    ):  # said of the PIT that it is of
         return None
-    if word in names.given or not (asked.named or word in names.of(role)):
+    if word in names.given or not (request.named or word in names.of(role)):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
     return f"{word!r} is not kept: name it under {key}"
@@ -178,17 +180,17 @@ def _not_made(m: Measure, settings: Settings) -> str | None:
     return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
 
 
-def _where(asked: AskedMeasure, settings: Settings) -> tuple[str, str]:
+def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
     """Return the file that holds what is asked for, and its name there."""
-    m = asked.measure
-    if asked.role == "base":
+    m = request.measure
+    if request.role == "base":
         return "base", m.base
-    if asked.role == "rank":
+    if request.role == "rank":
         return "per_run", m._replace(steps=None).name
-    if asked.role == "comparison" and not settings.grid:
+    if request.role == "comparison" and not settings.grid:
         return "per_run", m.name
-    if asked.role not in ("expression", "comparison"):
-        return asked.role, str(m)
+    if request.role not in ("expression", "comparison"):
+        return request.role, str(m)
     if m.plain.is_efficiency:
         return "made", str(m.plain)
     if m.steps is not None:
@@ -233,7 +235,7 @@ def _measures(experiment: Experiment) -> Iterator[Measure]:
     if settings.tune:
         metric = settings.tuning.metric or ()
         yield from map(measured, [metric] if isinstance(metric, str) else metric)
-    yield from (asked.measure for asked in asked_by_parts(experiment.parts))
+    yield from (request.measure for request in requests_of(experiment.parts))
     yield from experiment.published.expressions
 
 
@@ -266,9 +268,9 @@ class Contributions:
 
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Return the contributions that tables, figures and published files request."""
-    asked = [asked.measure for asked in asked_by_parts(experiment.parts)]
-    asked += experiment.published.expressions
-    everywhere = {m.plain for m in asked if not m.is_many and series_of(m.plain) is not None}
+    measures = [request.measure for request in requests_of(experiment.parts)]
+    measures += experiment.published.expressions
+    everywhere = {m.plain for m in measures if not m.is_many and series_of(m.plain) is not None}
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
     for claim in experiment.published.claims:
         for expression in claim.expressions:

@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.atomic_files import free_name
 from trackbench.config.build import build_kind, read_assumed
-from trackbench.config.checks import blame_label, check_assumed, check_fit
+from trackbench.config.checks import add_label_problem, check_assumed, check_fit
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.includes import deep_merge, override, split_path
@@ -174,7 +174,7 @@ def tuned_axes(
             what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
             source.add_key_problem(("tune", label), what)
         elif label not in settings.filters:
-            blame_label(source, settings, ("tune", label), label)
+            add_label_problem(source, settings, ("tune", label), label)
         elif not 1 <= len(keys) <= _MOST_KEYS:
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
             source.add_key_problem(("tune", label), what)
