@@ -179,6 +179,8 @@ class Published:
 
 
 _NUMBERS = re.compile("[-_.]*[0-9]+")
+_QUOTED = re.compile('[",\r\n]')
+"""Characters of a cell that a CSV puts between quotes, where it doubles its own."""
 
 
 def read_published(
@@ -196,7 +198,7 @@ def read_published(
     leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
     or for one of ``also``, and rows for others must not look misspelt.
     """
-    found, problems, known = Published(), [], _Known(experiment, labels, points, {})
+    published, problems, known = Published(), [], _Known(experiment, labels, points, {})
     for path in paths:
         try:
             text = text_of(folder / path)
@@ -206,21 +208,21 @@ def read_published(
             problems.append(Problem(where, "published", what))
             continue
         name = Path(path).name
-        if name in found.files:
+        if name in published.files:
             problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
-        found.files[name] = text
-        _read(str(folder / path), text, known, found, problems)
+        published.files[name] = text
+        problems += _read(str(folder / path), text, known, published)
     # A run's own folder holds a copy of files that were checked among their neighbors.
     if labels is not None and not (folder / "manifest.json").is_file():
         problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
-    own = found.numbers or found.claims or known.others.keys() & {*also}
-    if paths and labels is not None and not (problems or own):
-        others = ", ".join(sorted(known.others)) or "none"
-        what = f"no row is for experiment {experiment!r}; the rows are for {others}"
+    has_rows = published.numbers or published.claims or known.others.keys() & {*also}
+    if paths and labels is not None and not (problems or has_rows):
+        names = ", ".join(sorted(known.others)) or "none"
+        what = f"no row is for experiment {experiment!r}; the rows are for {names}"
         problems.append(Problem(mark or Mark("config"), "published", what))
     if problems:
         raise UserError(*problems)
-    return found
+    return published
 
 
 class _Known(NamedTuple):
@@ -234,7 +236,7 @@ class _Known(NamedTuple):
 
 
 def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
-    """Find rows for unknown experiments of nearly the name of a known one.
+    """Yield a mistake for each unknown experiment with nearly the name of a known one.
 
     Known are the shipped experiments and the configs in the folders and above them. Names that differ in
     their numbers only may be of experiments elsewhere.
@@ -257,43 +259,45 @@ def _configs(folder: Path) -> Iterator[str]:
     """Yield the names of the experiments in a folder."""
     for path in glob(f"{escape(str(folder))}/*.yaml"):
         with suppress(OSError):
-            found = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
-            yield found[1] if found else Path(path).stem
+            name = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
+            yield name[1] if name else Path(path).stem
 
 
-def _read(name: str, text: str, known: _Known, found: Published, problems: list[Problem]) -> None:
+def _read(name: str, text: str, known: _Known, published: Published) -> list[Problem]:
+    """Add the rows of a file to those published; return the file's mistakes."""
     reader = csv.reader(io.StringIO(text))
     try:
         rows = [(reader.line_num, cells) for cells in reader]
     except csv.Error as error:
-        problems.append(Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}"))
-        return
+        return [Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}")]
     line, header = rows[0] if rows else (1, [])
     header = [key.strip() for key in header]
     if not header:
-        problems.append(Problem(Mark(name, 1, 1), "", "there are no headings"))
-        return
-    for key in dict.fromkeys(key for key in header if header.count(key) > 1):
-        problems.append(Problem(Mark(name, line, 1), key, "there are two columns of this name"))
-    cls: type = Claim if "claim" in header else PublishedNumber
+        return [Problem(Mark(name, 1, 1), "", "there are no headings")]
+    what = "there are two columns of this name"
+    repeated = dict.fromkeys(key for key in header if header.count(key) > 1)
+    problems = [Problem(Mark(name, line, 1), key, what) for key in repeated]
+    cls: type[Claim | PublishedNumber] = Claim if "claim" in header else PublishedNumber
     for line, cells in rows[1:]:
         if not cells:
             continue
         source = _source(name, line, cls, header, cells)
         row = build(cls, source, ())
-        wanted = split(source.data.get("experiment", ""))
-        for other in wanted:
-            if other != known.experiment:
-                known.others.setdefault(other, source.problem(("experiment",), ""))
-        if row is not None and (not wanted or known.experiment in wanted):
+        experiments = split(source.data.get("experiment", ""))
+        for other in set(experiments) - {known.experiment}:
+            known.others.setdefault(other, source.problem(("experiment",), ""))
+        if row is not None and (not experiments or known.experiment in experiments):
             _check(row, source, known.labels)
             _check_point(row, source, known.points)
             if isinstance(row, Claim):
                 _check_claim(row, source)
-            elif known.labels is not None:
-                _check_reading(row, source, found.numbers)
-            (found.claims if cls is Claim else found.numbers).append(row)
+                published.claims.append(row)
+            else:
+                if known.labels is not None:
+                    _check_reading(row, source, published.numbers)
+                published.numbers.append(row)
         problems += source.problems
+    return problems
 
 
 def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
@@ -319,14 +323,9 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
             put(source.data, key, value, mark, mark)
             if what := unprintable_reason(cell) or (formula(cell) if key in words else None):
                 source.add_problem((key,), what)
-        column += len(_as_written(written)) + 1
+        quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
+        column += len(written) + quotes + 1
     return source
-
-
-def _as_written(cell: str) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="").writerow([cell])
-    return out.getvalue() if cell else ""
 
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
