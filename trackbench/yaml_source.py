@@ -30,9 +30,7 @@ Scalar: TypeAlias = bool | int | float | str | None
 
 _LARGEST_FILE = 1_000_000  # bytes
 _UNPRINTABLE = Reader.NON_PRINTABLE  # YAML allows these in quotes only, XML nowhere
-_MOST_NODES = (
-    100_000  # after aliases are expanded: 1 MB of ten bytes each, as lines of configs have
-)
+_MOST_NODES = 100_000  # with aliases expanded: 1 MB of ten bytes each, as in lines of configs
 _TOO_MANY = f"more than {_MOST_NODES} values"
 DEEPEST = 50  # levels
 _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
@@ -127,11 +125,10 @@ class Source:
         return mark
 
     def key_mark(self, keys: Keys) -> Mark:
-        """Return the position of a key."""
+        """Return the position of a key; of the value where the key has none."""
         parent = self.at(keys[:-1]) if self.has(keys[:-1]) else None
-        if keys and isinstance(parent, MarkedMapping | MarkedList) and keys[-1] in parent.key_marks:
-            return parent.key_marks[keys[-1]]
-        return self.mark(keys)
+        marks = parent.key_marks if isinstance(parent, MarkedMapping | MarkedList) else {}
+        return marks.get(keys[-1]) or self.mark(keys) if keys else self.start
 
     def has(self, keys: Keys) -> bool:
         """Return whether there is a value at ``keys``."""
@@ -233,23 +230,20 @@ def formula(text: str) -> str | None:
 
 
 def parse(text: str, name: str) -> Source:
-    """Parse YAML text."""
+    """Parse YAML text; ``name`` is how messages name it."""
+    node, mark, what = None, Mark(name, 1, 1), "is empty"
     try:
         node = _composed(text)
-    except _TooManyError as error:
-        mark = Mark(name, error.line + 1, error.column + 1)
-        raise UserError(Problem(mark, "", _TOO_MANY)) from None
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
-        raise UserError(Problem(mark, "", f"not valid YAML: {error.problem}")) from None
+        what = _TOO_MANY if isinstance(error, _TooManyError) else f"not valid YAML: {error.problem}"
     except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise UserError(Problem(Mark(name, 1, 1), "", f"not valid YAML: {first}")) from None
+        what = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is nested too deeply")) from None
+        what = "is nested too deeply"
     if node is None:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is empty"))
+        raise UserError(Problem(mark, "", what))
     builder = _Builder(name)
     source = Source(builder.build(node, ()), builder.mark(node), builder.problems)
     if builder.problems:
@@ -274,12 +268,8 @@ def _composed(text: str) -> yaml.Node | None:
     return _Loader(text).get_single_node()
 
 
-class _TooManyError(Exception):
+class _TooManyError(yaml.MarkedYAMLError):
     """Place of a surplus value in a file."""
-
-    def __init__(self, at: yaml.Mark) -> None:
-        super().__init__(_TOO_MANY)
-        self.line, self.column = at.line, at.column
 
 
 class _Loader(yaml.SafeLoader):
@@ -291,7 +281,8 @@ class _Loader(yaml.SafeLoader):
         """Return the next node, unless it is one too many."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            raise _TooManyError(self.peek_event().start_mark)  # type: ignore[no-untyped-call]
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise _TooManyError(problem_mark=event.start_mark)
         return super().compose_node(parent, index)
 
 

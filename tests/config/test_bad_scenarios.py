@@ -198,7 +198,7 @@ def test_a_bug_of_our_own_stays_a_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, "targets", "")
-    monkeypatch.setattr(requested_metrics, "asked_by_parts", lambda parts: 1 / 0)
+    monkeypatch.setattr(requested_metrics, "requests_of", lambda parts: 1 / 0)
     monkeypatch.setattr("sys.argv", ["trackbench", "check", "c.yaml", "--allow-plugins"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ZeroDivisionError):
