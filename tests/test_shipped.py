@@ -115,10 +115,8 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
     refused = trackbench("copy", "hdepf-noise", cwd=tmp_path)
     assert refused.returncode == 2
     path = Path("scenarios", "merwe.yaml")
-    assert (
-        refused.stderr
-        == f"copy hdepf-noise: {path}: exists with another content; copy to another folder, or remove this file\n"
-    )
+    what = "exists with another content; copy to another folder, or remove this file"
+    assert refused.stderr == f"copy hdepf-noise: {path}: {what}\n"
     assert not (tmp_path / "hdepf-noise.yaml").exists()
 
 

@@ -27,43 +27,43 @@ Chosen = Mapping[str, object]
 
 
 def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
-    """Add a tuned copy beside each tuned filter, with the ``found`` values or its own.
+    """Add a tuned copy beside each tuned filter, with the values that tuning found or its own.
 
-    An entry that stands there already, as in the config of a results folder, stays unless something
-    is found. A table and a figure per filter say what tuning did.
+    An existing entry, as in the config of a results folder, stays unless tuning found values. A table
+    and a figure per filter show what tuning did.
     """
     tune = source.data.get("tune")
-    wanted = [label for label in tune if _is_entry(source, label)] if isinstance(tune, dict) else []
-    if not wanted:
+    tuned = [label for label in tune if _is_entry(source, label)] if isinstance(tune, dict) else []
+    if not tuned:
         return
-    for label in wanted:
-        _check_own(source, label)
+    for label in tuned:
+        _check_tuned_label(source, label)
         if label in found or not _is_entry(source, tuned_label(label)):
             filters, mark = source.data["filters"], source.mark(("filters", label))
             entry = copy.deepcopy(filters[label])
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
         _set(source, tuned_label(label), label, found.get(label, {}))
-    _order(source, wanted)
-    run = _with_tuned_of_only(source, wanted)
+    _order(source, tuned)
+    run = _with_tuned_of_only(source, tuned)
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
     for label in run:
         _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
 
 
-def _check_own(source: Source, label: str) -> None:
+def _check_tuned_label(source: Source, label: str) -> None:
     """Reject an entry under the tuned filter's label that is another filter."""
     keys = source.at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
-    both = [label, tuned_label(label)]
-    one, other = (with_values(source, of, dict.fromkeys(keys)).data["filters"][of] for of in both)
-    if one != other:
+    pair = [label, tuned_label(label)]
+    entries = [with_values(source, of, dict.fromkeys(keys)).at(("filters", of)) for of in pair]
+    if entries[0] != entries[1]:
         what = f"tuning gives this label to the tuned {label}: give this filter another label"
         source.add_key_problem(("filters", tuned_label(label)), what)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
-    """Return a config of which this filter has other values; the rest is shared."""
+    """Return a config with other values of this filter; the rest is shared."""
     keys = ("filters", label)
     changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
     _set(changed, label, label, values)
@@ -106,13 +106,15 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
 
 def _add_part(source: Source, group: str, name: str, part: dict[str, object]) -> None:
     """Add a table or figure of tuning unless the config has it."""
-    parts = source.data.setdefault(group, {})
-    if not isinstance(parts, dict) or part in parts.values():
-        return
-    if any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
-        return
     mark = source.key_mark(("tune",))
-    override(source, (group, free_name(name, parts)), part, mark if mark.line else Mark("tune"))
+    mark = mark if mark.line else Mark("tune")
+    if group not in source.data:
+        override(source, (group,), {}, mark)
+    parts = source.data[group]
+    if not isinstance(parts, dict):
+        return
+    if not any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
+        override(source, (group, free_name(name, parts)), part, mark)
 
 
 def _file_name(label: str) -> str:
@@ -135,10 +137,10 @@ def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tria
     assume = read_assumed(changed, label)
     if tracker is not None and not changed.problems:
         assumed = {label: assume} if assume is not None else {}
-        tried = Point(point.values, point.scenario, {label: tracker}, assumed)
-        seen = check_assumed(changed, tried, label)
-        if seen is not None:
-            check_fit(changed, ("filters", label), tracker, seen)
+        trial_point = Point(point.values, point.scenario, {label: tracker}, assumed)
+        scenario = check_assumed(changed, trial_point, label)
+        if scenario is not None:
+            check_fit(changed, ("filters", label), tracker, scenario)
     return changed.problems or Trial(tracker, assume)
 
 
@@ -167,7 +169,7 @@ def tuned_axes(
     """Return the axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
-    before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
+    before, axes_by_label = len(source.problems), dict[str, tuple[Axis, ...]]()
     _check(source, settings, points, training)
     for label, keys in settings.tune.items():
         if label == KEYS[1] and label not in settings.filters:
@@ -179,17 +181,20 @@ def tuned_axes(
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
             source.add_key_problem(("tune", label), what)
         elif label == settings.reference:
-            source.add_key_problem(
-                ("tune", label), "the reference filter is what others are measured to"
-            )
+            what = "the reference filter measures the others; tune another filter"
+            source.add_key_problem(("tune", label), what)
         else:
-            axes = [_axis(source, label, key, keys[key]) for key in keys]
-            good = len(source.problems) == before
-            if None not in axes and training is not None and good:
-                whole = _tried(source, training, label, [a for a in axes if a is not None])
+            axes = []
+            for key, written in keys.items():
+                try:
+                    axes.append(read_axis(key, written))
+                except ValueError as error:
+                    source.add_problem(("tune", label, key), str(error))
+            if len(axes) == len(keys) and training is not None and len(source.problems) == before:
+                tested = _with_types(source, training, label, axes)
                 if not settings.only or tuned_label(label) in settings.only:
-                    out[label] = whole
-    return out
+                    axes_by_label[label] = tested
+    return axes_by_label
 
 
 def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
@@ -215,38 +220,25 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
         source.add_problem(("tuning", "runs"), what)
 
 
-def _axis(source: Source, label: str, key: str, written: object) -> Axis | None:
-    try:
-        return read_axis(key, written)
-    except ValueError as error:
-        source.add_problem(("tune", label, key), str(error))
-        return None
-
-
-def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Return the tuning axes; integers are found by trying, and both ends and choices must be valid."""
+def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
+    """Return the axes, of whole numbers where no others are valid; check both ends and all choices."""
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
-    out = []
+    typed = []
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
             if not isinstance(make_trial(source, point, label, between), Trial):
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
-        out.append(axis)
-    for axis in out:
+        typed.append(axis)
+    for axis in typed:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
-            tried = make_trial(source, point, label, {**middle, axis.key: value})
-            for problem in [] if isinstance(tried, Trial) else tried:
-                source.add_problem(
-                    ("tune", label, axis.key), f"at {value}: {_said(problem, label)}"
-                )
-    return tuple(out)
-
-
-def _said(problem: Problem, label: str) -> str:
-    path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-    return f"{path}: {problem.what}" if path else problem.what
+            trial = make_trial(source, point, label, {**middle, axis.key: value})
+            for problem in [] if isinstance(trial, Trial) else trial:
+                path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
+                what = f"{path}: {problem.what}" if path else problem.what
+                source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
+    return tuple(typed)
 
 
 KEYS = ("tuning", "scenario")

@@ -173,15 +173,15 @@ class Objective(NamedTuple):
     def _term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the minimized value and its influences: a value, or its distance to a target."""
         m = _read(word)
-        found, quantity = m.family
+        metric, quantity = m.family
         x = per_run[_per_run(m)]
-        there = ~np.isnan(x)
+        finite = ~np.isnan(x)
         influences = np.full(len(x), np.nan)
-        influences[there] = influence(m.statistic, x[there])
-        value = STATISTICS[m.statistic](x[there]).value
-        n = self.sizes[quantity] if found.per_component else 1
-        if m.statistic in _LOCATIONS and found.better in _TARGETS:
-            off = value / n - _TARGETS[found.better]
+        influences[finite] = influence(m.statistic, x[finite])
+        value = STATISTICS[m.statistic](x[finite]).value
+        n = self.sizes[quantity] if metric.per_component else 1
+        if m.statistic in _LOCATIONS and metric.better in _TARGETS:
+            off = value / n - _TARGETS[metric.better]
             return abs(off), influences * (np.sign(off) / n)
         if _is_made_large(m):
             return -value, -influences

@@ -105,12 +105,12 @@ def _check_sensor(sensor: Measuring, n_x: int) -> None:
     """Raise WrongReturnError for what is no distribution of a measurement of two states."""
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
-    found: object = sensor.measurement(x, 1)
-    if not isinstance(found, Gaussian):
-        what = f"measurement gives a {type(found).__name__}, not a Gaussian"
+    distribution: object = sensor.measurement(x, 1)
+    if not isinstance(distribution, Gaussian):
+        what = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
         raise WrongReturnError("measurement", what)
-    _check_shape("measurement", "its mean", found.mean, (n, 2))
-    _check_shape("measurement", "its covariance", found.cov, (n, n), (n, n, 1), (n, n, 2))
+    _check_shape("measurement", "its mean", distribution.mean, (n, 2))
+    _check_shape("measurement", "its covariance", distribution.cov, (n, n), (n, n, 1), (n, n, 2))
 
 
 @lru_cache(maxsize=4)
@@ -120,10 +120,10 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     _check_shape("times", "times", scenario.times, (steps,))
     _check_windows(scenario.windows, steps)
     _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
-    truth, seen, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
+    truth, measurements, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
     n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
-    _check_shape("simulate", "what is measured", seen, (n_z, steps - 1, runs))
+    _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
     for name, error in scenario.errors(truth, truth).items():
@@ -142,12 +142,12 @@ def _check_windows(windows: Mapping[str, object], steps: int) -> None:
             raise WrongReturnError("windows", what)
 
 
-def _check_shape(method: str, what: str, found: object, *shapes: tuple[int, ...]) -> None:
-    if not isinstance(found, np.ndarray) or found.shape not in shapes:
-        raise WrongReturnError(method, f"{what} is {_describe(found)}, not an array {shapes[0]}")
+def _check_shape(method: str, what: str, value: object, *shapes: tuple[int, ...]) -> None:
+    if not isinstance(value, np.ndarray) or value.shape not in shapes:
+        raise WrongReturnError(method, f"{what} is {_describe(value)}, not an array {shapes[0]}")
 
 
-def _describe(found: object) -> str:
-    if isinstance(found, np.ndarray):
-        return f"an array {found.shape} of {found.dtype}"
-    return f"a {type(found).__name__}"
+def _describe(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array {value.shape} of {value.dtype}"
+    return f"a {type(value).__name__}"
