@@ -109,7 +109,7 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
     try:
         with plugin_code(point.assumed.get(label)):
             try:
-                scenario = point.seen_by(label)
+                scenario = point.assumed_scenario(label)
                 _ = scenario.model
             except InvalidKeyError as error:
                 owner = keys[:2] if label in point.assumed else ("scenario",)
@@ -133,7 +133,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
             continue
         trackers = [point.filters[label] for point in points]
         every = [
-            call_hook(tracker.idle_keys, dict, point.seen_by(label))
+            call_hook(tracker.idle_keys, dict, point.assumed_scenario(label))
             for tracker, point in zip(trackers, points, strict=True)
         ]
         for key, why in every[0].items():

@@ -124,7 +124,7 @@ class Point:
     assumed: dict[str, Assume] = field(default_factory=dict)
     """what filters assume that is not the scenario's, by label"""
 
-    def seen_by(self, label: str) -> Scenario:
+    def assumed_scenario(self, label: str) -> Scenario:
         """Return the scenario with the model that this filter assumes."""
         if label not in self.assumed:
             return self.scenario

@@ -38,7 +38,7 @@ _MOST_NOTED, _MOST_OF_RUNS = 6, 50
 """Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
 
 
-def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
+def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     """Return base names of the metrics that a CSV file keeps; None keeps all of them."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
@@ -50,7 +50,7 @@ def max_metrics_per_run(
     settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
 ) -> int:
     """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
-    stored = kept_metrics(settings, "per_run.csv")
+    stored = stored_metrics(settings, "per_run.csv")
     if stored is not None:
         return len(stored) * len(scenario.windows)
     series = number_of_series(settings, scenario, label, tracker)
@@ -59,7 +59,7 @@ def max_metrics_per_run(
 
 def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """Bound from above how many metrics of a filter per_step.csv holds at each step."""
-    stored = kept_metrics(settings, "per_step.csv")
+    stored = stored_metrics(settings, "per_step.csv")
     return number_of_series(settings, scenario, label, tracker) if stored is None else len(stored)
 
 
@@ -167,7 +167,7 @@ def names_of(
             counts = frozenset() if tracker is None else tracker.summed_diagnostics
             if noted:
                 try:
-                    series |= _noted(settings, point.seen_by(label), tracker)
+                    series |= _noted(settings, point.assumed_scenario(label), tracker)
                 except Exception:  # its own run will say what is wrong
                     names.unasked.append(_kind(settings, label))
             series_by_counts.setdefault(counts, set()).update(series)

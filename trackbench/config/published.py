@@ -20,12 +20,11 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive
+from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive, is_number
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
     formula,
-    put,
     scalar,
     text_of,
     unprintable_reason,
@@ -306,7 +305,8 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
     Empty cells are left out, numbers are read as in YAML.
     """
     start = Mark(name, line, 1)
-    source = Source(MarkedMapping(), start)
+    row = MarkedMapping()
+    source = Source(row, start)
     if len(cells) != len(header):
         source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
@@ -315,17 +315,20 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
     for key, written in zip(header, cells, strict=False):
         cell = written.strip()
         if cell != "" or key in words & required:
-            number = None if key in words else scalar(cell)
-            value = (
-                number if isinstance(number, int | float) and not isinstance(number, bool) else cell
-            )
-            mark = Mark(name, line, column)
-            put(source.data, key, value, mark, mark)
-            if what := unprintable_reason(cell) or (formula(cell) if key in words else None):
+            is_word = key in words
+            row[key] = cell if is_word else _number_or_word(cell)
+            row.marks[key] = row.key_marks[key] = Mark(name, line, column)
+            what = formula(cell) if is_word and cell[:1] in FORMULA else None
+            if what := unprintable_reason(cell) or what:
                 source.add_problem((key,), what)
         quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
         column += len(written) + quotes + 1
     return source
+
+
+def _number_or_word(cell: str) -> int | float | str:
+    value = scalar(cell)
+    return value if is_number(value) else cell
 
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:

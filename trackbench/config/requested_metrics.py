@@ -10,7 +10,7 @@ from typing import Any
 
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
-from trackbench.config.metric_names import Names, kept_metrics, names_of
+from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.calibration import bars
@@ -158,7 +158,7 @@ def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str |
     role, word = _where(request, settings)
     if role == "made":
         return _not_made(request.measure, settings)
-    kept = kept_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    kept = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or kept is None or request.measure.base in kept:
         return None
     if (
@@ -173,7 +173,7 @@ def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str |
 
 def _not_made(m: Measure, settings: Settings) -> str | None:
     """Add the problem of an expression whose parts are not stored."""
-    kept = kept_metrics(settings, "summary.csv")
+    kept = stored_metrics(settings, "summary.csv")
     missing = [] if kept is None else [part.base for part in m.made_of() if part.base not in kept]
     if not missing:
         return None
@@ -210,10 +210,10 @@ def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
     """Return the requested predictions; all of them for scenarios without a truth."""
     if not all(p.scenario.has_truth for p in experiment.points):
         return ("score", "prediction")
-    return kinds_of(m.metric for m in _measures(experiment))
+    return predictions_for(m.metric for m in _measures(experiment))
 
 
-def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
+def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
     """Return the predictions that metrics of these names need, without statistic and window."""
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}

@@ -20,7 +20,7 @@ from trackbench.atomic_files import (
 )
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import kept_metrics
+from trackbench.config.metric_names import stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
@@ -159,7 +159,7 @@ def _open(files: ExitStack, path: Path, experiment: Experiment) -> CsvWriter:
 def _prefixed(experiment: Experiment, key: Key, name: str, result: FilterResult) -> Iterator[Row]:
     """One filter's rows of a file, with the grid point's values in front."""
     columns, rows = COLUMNS[name], _ROWS[name]
-    wanted = kept_metrics(experiment.settings, name)
+    wanted = stored_metrics(experiment.settings, name)
     if rows is None or (wanted is not None and not wanted):
         return
     if wanted is not None:  # a summary of what is not kept is never asked for
@@ -179,7 +179,7 @@ def _prefix(experiment: Experiment, key: Key) -> list[Any]:
 def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
     """Rows of per_run.csv, a metric at a time and not by `csv`: there are hundreds of thousands."""
     head = cells(_prefix(experiment, key))
-    wanted = kept_metrics(experiment.settings, "per_run.csv")
+    wanted = stored_metrics(experiment.settings, "per_run.csv")
     for metric, values in result.per_run.items():
         if wanted is None or measured(metric).base in wanted:
             plain, name = values.tolist(), cells([metric])
@@ -195,7 +195,7 @@ def _write_published(folder: Path, files: dict[str, str]) -> None:
 
 def _bounds(experiment: Experiment, name: str) -> Iterator[Row]:
     """The scenario's own lower bounds, as if of one more filter."""
-    label, wanted = experiment.settings.bound, kept_metrics(experiment.settings, name)
+    label, wanted = experiment.settings.bound, stored_metrics(experiment.settings, name)
     for point in experiment.points if label else []:
         scenario: Scenario = point.scenario
         prefix = [*point.values.values(), label]
