@@ -17,7 +17,6 @@ from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.evaluation.statistics import STATISTICS
 from trackbench.extension_points import is_foreign
-from trackbench.field_types import is_number
 from trackbench.filters.base import (
     AnyFilter,
     declares_diagnostics,
@@ -195,7 +194,7 @@ def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
 def _numbers(tracker: AnyFilter) -> set[str]:
     """Return the keys of a filter that are numbers."""
     values = {key.name: getattr(tracker, key.name) for key in fields(tracker)}
-    return {key for key, value in values.items() if is_number(value)}
+    return {key for key, value in values.items() if type(value) in (int, float)}
 
 
 def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:

@@ -20,9 +20,10 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build import build, unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive, is_number
+from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive
 from trackbench.yaml_source import (
     MarkedMapping,
+    Scalar,
     Source,
     formula,
     scalar,
@@ -326,9 +327,9 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
     return source
 
 
-def _number_or_word(cell: str) -> int | float | str:
+def _number_or_word(cell: str) -> Scalar:
     value = scalar(cell)
-    return value if is_number(value) else cell
+    return value if type(value) in (int, float) else cell
 
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:

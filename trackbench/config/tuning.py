@@ -27,19 +27,19 @@ def tuned_label(label: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """By what filters are tuned, on how many runs, and how often each may try."""
+    """Metric of tuning, number of training runs, and budget of each filter."""
 
     metric: str | dict[str, Finite] | None = None
-    """what is made small over the training runs: `rms(rmse_position)`; `anees`, its distance to 1;
-    `log_score`, made large; or a sum by weights, {rms(rmse_position): 1, anees: 20}; default: the rms
-    of the first error, `log_score` of data without a truth"""
+    """objective over the training runs: minimize `rms(rmse_position)`, or the distance of `anees` to 1;
+    maximize `log_score`; or minimize a weighted sum, {rms(rmse_position): 1, anees: 20}; default: the
+    rms of the first error, or `log_score` of data without ground truth"""
     runs: Count = 100
-    """training runs, the same for every filter, none of which is a run of the results"""
+    """training runs, shared by all filters and separate from the runs of the results"""
     evaluations: Annotated[int, Interval(ge=2, le=10_000)] = 40
-    """how many values of its keys each filter may try"""
+    """number of settings that each filter may try"""
     scenario: dict[str, object] | None = None
-    """what training simulates in place of the scenario: keys laid over it, {target: {kind: random-legs,
-    ...}}, a path, or {use: path, key: value}; default: the scenario itself"""
+    """training scenario: keys that replace the scenario's, {target: {kind: random-legs, ...}}, a path,
+    or {use: path, key: value}; default: the scenario itself"""
 
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
