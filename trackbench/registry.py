@@ -1,7 +1,7 @@
-"""Names for the things a config may ask for: filters, scenarios, tables and figures.
+"""Registry of the classes that a config names by ``kind``: filters, scenarios, tables, figures, ...
 
-A class registers itself with a decorator; its module is found by scanning the package, through an
-entry point of an installed package, or as a plugin file. A YAML never names an import path.
+A decorator registers a class. The registry finds its module in the package, through an entry point of
+an installed package, or in a plugin file. A YAML never names an import path.
 """
 
 import ast
@@ -92,21 +92,21 @@ def registered_kinds() -> Iterator[type[Part]]:
 
 
 def reactivate(module: str) -> None:
-    """Let a plugin's kinds be its own again, after another file of its name was loaded."""
+    """Register a plugin's kinds again, after another file of its name was loaded."""
     for group, kind, cls in registered(module):
         _kinds[group][kind] = cls
 
 
 def unregister(module: str) -> None:
-    """Take a plugin's kinds away, whose code did not run to its end."""
+    """Remove the kinds of a plugin whose code failed."""
     for group, kind, cls in _of_plugins.pop(module, []):
         if _kinds[group].get(kind) is cls:
             del _kinds[group][kind]
 
 
 def restore_normal_exit() -> None:
-    """Let the program end as Python does: files that code of one's own leaves open are written then."""
-    atexit.unregister(gc.freeze)  # by which `__main__` ends sooner
+    """Let Python end the program as usual: it then writes the files that plugin code left open."""
+    atexit.unregister(gc.freeze)  # a shortcut of `__main__`
 
 
 def _origin(cls: type) -> str:
@@ -121,7 +121,7 @@ def is_plugin(module: str) -> bool:
 
 
 def of_kind(group: Group, kind: str) -> type[Part] | None:
-    """Return the class of a kind; of the package's own only the file that has it is imported."""
+    """Return the class of a kind; for a kind of the package, import only its file."""
     if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
         importlib.import_module(_homes(group)[kind])
     return _kinds[group].get(kind) or kinds(group).get(kind)
@@ -152,7 +152,7 @@ def documentation(group: Group) -> dict[str, str]:
     """Return the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
-    return dict(sorted(found for file in _files(group) for found in _documented(file)))
+    return dict(sorted(pair for file in _files(group) for pair in _documented(file)))
 
 
 def _files(group: Group) -> list[Path]:

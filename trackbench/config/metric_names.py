@@ -1,4 +1,4 @@
-"""Names of metrics: which of them an experiment has, and which it keeps."""
+"""Names of the metrics that an experiment has, and of those that it stores."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -32,13 +32,13 @@ Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""
 
 _PROBE_PARTICLES = 10
-"""Particles that are enough to see what a filter notes."""
-_MOST_NOTED, _MOST_OF_RUNS = 6, 50
-"""Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
+"""Particles that suffice to learn a filter's diagnostics."""
+_MOST_DIAGNOSTICS, _MOST_OF_RUNS = 6, 50
+"""Bounds of a filter's diagnostics, and of a scenario's metrics of whole runs, such as delays."""
 
 
 def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
-    """Return base names of the metrics that a CSV file keeps; None keeps all of them."""
+    """Return base names of the metrics that a CSV file stores; None stands for all metrics."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
@@ -64,7 +64,7 @@ def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker:
 
 def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """Bound from above how many series a filter has."""
-    return len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
+    return len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
 
 
 @dataclass
@@ -75,15 +75,15 @@ class Names:
     per_run: set[str] = field(default_factory=set)
     per_step: set[str] = field(default_factory=set)
     summary: set[str] = field(default_factory=set)
-    given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
-    """numbers beside them: times, and the filters' keys"""
-    made: set[str] = field(default_factory=set)
-    """what is made of a filter's runs and the reference's"""
+    filter_numbers: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
+    """numbers of filters beside the metrics: CPU times and keys"""
+    efficiencies: set[str] = field(default_factory=set)
+    """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
     has_truth: bool = True
     """whether there are errors at all"""
-    unasked: list[type] = field(default_factory=list)
-    """kinds of filters that are mistaken or fail, so that what they note is not known"""
+    unprobed: list[type] = field(default_factory=list)
+    """classes of filters with mistakes or errors, whose diagnostics are unknown"""
     _added: set[object] = field(default_factory=set)
 
     @cached_property
@@ -93,9 +93,15 @@ class Names:
 
     def of(self, role: str) -> set[str]:
         """Return the names that a key of this role may use."""
-        if role == "summary":
-            return self.summary | self.given
-        return self.summary if role == "row" else getattr(self, role)
+        return {
+            "base": self.bases,
+            "series": self.series,
+            "per_run": self.per_run,
+            "per_step": self.per_step,
+            "row": self.summary,
+            "summary": self.summary | self.filter_numbers,
+            "efficiency": self.efficiencies,
+        }[role]
 
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
@@ -120,12 +126,12 @@ class Names:
                 if metric.name == "rmse":
                     self.summary |= {f"{TIME_MEAN}({in_window(name, w)})" for w in windows}
         self.summary |= frozenset().union(*map(_summary_names, per_run - {"lost"}))
-        self.made |= set(_efficiencies(per_run))
+        self.efficiencies |= set(_efficiencies(per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Return whether a filter of unknown diagnostics may have this one."""
-        is_any_foreign = any(map(is_foreign, self.unasked))
-        return bool(self.unasked) and not is_reserved(name) and (name in METRICS or is_any_foreign)
+        is_any_foreign = any(map(is_foreign, self.unprobed))
+        return bool(self.unprobed) and not is_reserved(name) and (name in METRICS or is_any_foreign)
 
 
 def _per_run(series: Iterable[str], counts: frozenset[str]) -> Iterator[str]:
@@ -149,34 +155,37 @@ def _summary_names(name: str) -> frozenset[str]:
 
 
 def names_of(
-    settings: Settings, points: Sequence[Point], others: dict[str, AnyFilter], noted: bool
+    settings: Settings,
+    points: Sequence[Point],
+    left_out: dict[str, AnyFilter],
+    with_diagnostics: bool,
 ) -> Names:
-    """Return the names of all filters and of ``others``; if wanted, with those that they note.
+    """Return the names of all filters, of those that are not run too, at every scenario.
 
-    They are asked at the first point of each scenario, and at the last.
+    ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
         series_by_counts: dict[frozenset[str], set[str]] = {}
-        for label, tracker in (point.filters | others).items():
+        for label, tracker in (point.filters | left_out).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
-            series |= set(_foretold(settings, point.scenario, tracker))
+            series |= set(_predictive_series(settings, point.scenario, tracker))
             counts = frozenset() if tracker is None else tracker.summed_diagnostics
-            if noted:
+            if with_diagnostics:
                 try:
-                    series |= _noted(settings, point.assumed_scenario(label), tracker)
-                except Exception:  # its own run will say what is wrong
-                    names.unasked.append(_kind(settings, label))
+                    series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
+                except Exception:  # the filter's run will report it
+                    names.unprobed.append(_kind(settings, label))
             series_by_counts.setdefault(counts, set()).update(series)
         for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
     for point in points:
-        for label, tracker in (point.filters | others).items():
-            names.given |= _numbers(tracker) if tracker is not None else set()
+        for label, tracker in (point.filters | left_out).items():
+            names.filter_numbers |= _numbers(tracker) if tracker is not None else set()
             if tracker is None:
-                names.given |= {key.name for key in fields(_kind(settings, label))}
+                names.filter_numbers |= {key.name for key in fields(_kind(settings, label))}
     return names
 
 
@@ -197,7 +206,7 @@ def _numbers(tracker: AnyFilter) -> set[str]:
     return {key for key, value in values.items() if type(value) in (int, float)}
 
 
-def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
+def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """Return the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
@@ -222,7 +231,7 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
             yield from (f"squared_{name}", f"error_{name}")
 
 
-def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
+def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Return a filter's diagnostics, if undeclared from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
@@ -230,7 +239,7 @@ def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
         return set(tracker.diagnostic_names)
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
-    if "N" in _numbers(tracker):  # nothing is known of the memory yet
+    if "N" in _numbers(tracker):  # the memory that all particles need is still unknown
         tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _PROBE_PARTICLES))
     with guarded(), np.errstate(all="ignore"):
         state = tracker.init(model, prior_of(data, model), rng)

@@ -33,7 +33,7 @@ class MetricRequest:
     measure: Measure
     role: str
     named: bool = True
-    """whether the config names it; what a kind shows by itself need not be there, but be kept"""
+    """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
 
 
 def check_metrics(
@@ -41,20 +41,19 @@ def check_metrics(
     settings: Settings,
     points: list[Point],
     parts: dict[Group, dict[str, Exhibit]],
-    others: dict[str, AnyFilter],
+    left_out: dict[str, AnyFilter],
 ) -> None:
     """Check that every metric named by tables, figures and settings exists and is stored.
 
-    ``points`` are all, or none if any is mistaken: then what there is is not known.
-    ``others`` are filters that are not run, whose metrics may be named. What filters note that are
-    mistaken or fail is not known.
+    ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
+    that are not run may be named. Diagnostics of filters with mistakes or errors are unknown.
     """
     requests = [*_of_settings(settings), *requests_of(parts)]
     if not points:
         return
-    names = names_of(settings, points, others, noted=False)
+    names = names_of(settings, points, left_out, with_diagnostics=False)
     if any(not request.named or _unknown(request, names, settings) for request in requests):
-        names = names_of(settings, points, others, noted=True)
+        names = names_of(settings, points, left_out, with_diagnostics=True)
     for request in requests:
         what = _unknown(request, names, settings) or _left_out(request, names, settings)
         if what is not None:
@@ -65,7 +64,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     """Check that the metric of tuning is one of the training scenario."""
     if training is None or settings.tuning.scenario is None:
         return
-    names = names_of(settings, [training], {}, noted=True)
+    names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _of_tuning(settings):
         what = _unknown(request, names, settings)
         if what is not None:
@@ -123,11 +122,11 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
 
 
 def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Add the problem of an unknown metric, if the config names it."""
+    """Return the problem of an unknown metric, if the config names it."""
     role, word = _where(request, settings)
-    if role == "made" and settings.reference is None:
+    if role == "efficiency" and settings.reference is None:
         return f"{word!r} is beside a reference: say which filter is exact by `reference`"
-    known = names.bases if role == "base" else names.of(role)
+    known = names.of(role)
     m = request.measure
     if m.relation in ("gain", "ratio") and m.family[0].is_score:
         return f"'{m}': a log score is a logarithm, of which there is no share: take minus(...)"
@@ -147,41 +146,43 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
 
 
 def _is_of_truth(m: Measure) -> bool:
-    """Return whether it is an error, or what is made of errors."""
-    found, quantity = m.family
+    """Return whether a metric is made of errors."""
+    metric, quantity = m.family
     of_prediction = quantity.startswith(("predicted_", "held_"))
-    return found.series in _OF_TRUTH and not of_prediction
+    return metric.series in _OF_TRUTH and not of_prediction
 
 
 def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Add the problem of a metric that is missing in its file."""
+    """Return the problem of a metric that its file does not store."""
     role, word = _where(request, settings)
-    if role == "made":
-        return _not_made(request.measure, settings)
-    kept = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    if role in ("base", "series", "row") or kept is None or request.measure.base in kept:
+    if role == "efficiency":
+        return _missing_parts(request.measure, settings)
+    stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
         return None
     if (
         request.measure.family[0].name == "rank" and not request.named
     ):  # said of the PIT that it is of
         return None
-    if word in names.given or not (request.named or word in names.of(role)):
+    if word in names.filter_numbers or not (request.named or word in names.of(role)):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
     return f"{word!r} is not kept: name it under {key}"
 
 
-def _not_made(m: Measure, settings: Settings) -> str | None:
-    """Add the problem of an expression whose parts are not stored."""
-    kept = stored_metrics(settings, "summary.csv")
-    missing = [] if kept is None else [part.base for part in m.made_of() if part.base not in kept]
+def _missing_parts(m: Measure, settings: Settings) -> str | None:
+    """Return the problem of an expression whose parts are not stored."""
+    stored = stored_metrics(settings, "summary.csv")
+    missing = (
+        [] if stored is None else [part.base for part in m.made_of() if part.base not in stored]
+    )
     if not missing:
         return None
     return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
 
 
 def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return the file that holds what is asked for, and its name there."""
+    """Return the role, such as the file, and the name there of a requested metric."""
     m = request.measure
     if request.role == "base":
         return "base", m.base
@@ -192,7 +193,7 @@ def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
     if request.role not in ("expression", "comparison"):
         return request.role, str(m)
     if m.plain.is_efficiency:
-        return "made", str(m.plain)
+        return "efficiency", str(m.plain)
     if m.steps is not None:
         return "per_step", str(m.plain._replace(steps=None))
     if m.statistic in STATISTICS:
@@ -246,9 +247,9 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Measures that per_run.csv has each run's share in, since anything asks for them.
+    """Requested measures of which per_run.csv stores each run's contribution.
 
-    Those that every filter has shares in; and those of many steps, by label: these are many.
+    Those of every filter; and those at many steps, only of the filters that need them, by label.
     """
 
     everywhere: tuple[Measure, ...]
@@ -257,13 +258,13 @@ class Contributions:
     @property
     def series(self) -> list[str]:
         """Return names of the series that the shares are made of."""
-        found = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
-        return list(dict.fromkeys(name for name in found if name is not None))
+        names = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
+        return list(dict.fromkeys(name for name in names if name is not None))
 
     def of(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return a filter's contributions, each at one step, for a scenario with these steps."""
-        found = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
-        return list(dict.fromkeys([*self.everywhere, *found]))
+        at_steps = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
+        return list(dict.fromkeys([*self.everywhere, *at_steps]))
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:

@@ -87,7 +87,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
         experiment = error.experiment
         note(error)
     settings = experiment.settings
-    names = names_of(settings, experiment.points, experiment.left_out, noted=True)
+    names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
     kept = stored_metrics(settings, "summary.csv")
     per_run, per_step = (
         {m.metric for m in map(measured, there) if m.is_row}
@@ -109,7 +109,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
     yield from (
         {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
     )
-    yield from ({"group": "numbers", "kind": name} for name in sorted(names.given))
+    yield from ({"group": "numbers", "kind": name} for name in sorted(names.filter_numbers))
 
 
 def statistics_known() -> dict[str, str]:

@@ -23,7 +23,7 @@ _EXTRAS = ("filterpy", "stonesoup")
 
 
 class FilterError(Exception):
-    """Why a block failed, in words: the error itself may not survive the way from a worker."""
+    """The reason why a block failed, as text: a worker may be unable to pickle the error itself."""
 
 
 class PluginError(Exception):
@@ -55,16 +55,16 @@ def plugin_code(*parts: object) -> Iterator[None]:
 
 
 def located_message(error: BaseException, *parts: object) -> str:
-    """Return ``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
+    """Return ``my_filter.py:12: ValueError: ...``: the innermost line in the files of these components.
 
-    Where none was running, it is the line of the method that the error names, or of the first part's
-    class. There is no place in the package's own code.
+    If none of them was running, the line is that of the method that the error names, or of the first
+    component's class. Components of the package have no line.
     """
     return location_of(error, *parts) + message_of(error)
 
 
 def message_of(error: BaseException) -> str:
-    """Return the kind and message of an error; of a package that is not there, how to get it."""
+    """Return the type and message of an error; for a missing package, how to install it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         return f"needs {missing_package_hint(error.name)}"
     text = " ".join(str(error).split())
@@ -94,7 +94,7 @@ def foreign_line(error: BaseException) -> str | None:
     return where + message_of(error) if where else None
 
 
-def own_line(error: BaseException) -> str:
+def package_line(error: BaseException) -> str:
     """Return ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
     names = [(str(f.f_globals.get("__name__", "")), f.f_code.co_filename) for f in frames]
@@ -103,7 +103,7 @@ def own_line(error: BaseException) -> str:
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
-    """Return ``my_filter.py:12: ``, the last line of these files at which it went wrong; or nothing."""
+    """Return ``my_filter.py:12: ``, the innermost line in these files, or an empty text."""
     for link in _chain(error):
         for frame, line in reversed(list(walk_tb(link.__traceback__))):
             if frame.f_code.co_filename in files:
@@ -114,7 +114,7 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """Yield the error and what it was raised from or over."""
+    """Yield the error and its causes."""
     link: BaseException | None = error
     while link is not None:
         yield link
@@ -150,7 +150,7 @@ def _definition(method: str, part: object) -> str:
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal to stop the program, which no filter raises by itself."""
+    """A signal to stop the program; plugin code cannot raise it by accident."""
 
 
 def interrupt(signal_number: int, frame: FrameType | None) -> None:
@@ -160,9 +160,9 @@ def interrupt(signal_number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Run code that is not the package's own: it cannot end the program, and Ctrl-C still does.
+    """Run plugin code: it cannot end the program, but Ctrl-C still can.
 
-    SystemExit, ``os._exit``, or a KeyboardInterrupt that no signal made, becomes a RunError.
+    SystemExit, ``os._exit`` and a KeyboardInterrupt without a signal become a RunError.
     """
     with _with_own_interrupt(), _without_os_exit():
         try:
@@ -175,27 +175,27 @@ def guarded() -> Iterator[None]:
 
 @contextmanager
 def postponed() -> Iterator[None]:
-    """Let signals to stop wait until this is done; only the main thread hears them at all."""
+    """Delay signals to stop until this is done; only the main thread receives them."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    heard: list[int] = []
+    received: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()
-    ours = [number for number, handler in handlers.items() if callable(handler) and is_main]
-    for number in ours:
-        signal.signal(number, lambda number, frame: heard.append(number))
+    delayed = [number for number, handler in handlers.items() if callable(handler) and is_main]
+    for number in delayed:
+        signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        for number in ours:
+        for number in delayed:
             signal.signal(number, handlers[number])
-        if heard:
-            signal.raise_signal(heard[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 @contextmanager
 def _without_os_exit() -> Iterator[None]:
-    """Let ``os._exit`` raise SystemExit: it would end the program at once, perhaps with exit code 0.
+    """Let ``os._exit`` raise SystemExit, since it would end the program at once, even with exit code 0.
 
-    Processes that are forked meanwhile leave by it as ever.
+    In processes that are forked meanwhile it works as usual.
     """
     process, leave = os.getpid(), os._exit
 
@@ -213,7 +213,7 @@ def _without_os_exit() -> Iterator[None]:
 
 @contextmanager
 def _with_own_interrupt() -> Iterator[None]:
-    """Let Ctrl-C raise Interrupted where it would raise KeyboardInterrupt; workers ignore it."""
+    """Let Ctrl-C raise Interrupted in place of KeyboardInterrupt; workers ignore it."""
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
