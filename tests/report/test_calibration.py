@@ -111,7 +111,7 @@ def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("metrics: [pit_px, ", "metrics: [", ["tables.ranks.rows.X: 'pit_px' is not kept"]),
+        ("metrics: [pit_px, ", "metrics: [", ["tables.ranks.rows.X: 'pit_px' is not stored"]),
         ("X: pit_px, State: pit_nees@8", "X: pit_q", ["rows.X: 'pit_q' is no metric here"]),
         ("X: pit_px, State: pit_nees@8", "X: anees@3", ["rows.X: 'anees@3' is no PIT, such as"]),
         ("pit_nees@8", "pit_nees@9", ["tables.ranks.rows: pit_nees@9: the steps are 0 to 8"]),

@@ -125,18 +125,18 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     """Return the problem of an unknown metric, if the config names it."""
     role, word = _where(request, settings)
     if role == "efficiency" and settings.reference is None:
-        return f"{word!r} is beside a reference: say which filter is exact by `reference`"
+        return f"{word!r} compares with the reference filter; name one under `reference`"
     known = names.of(role)
     m = request.measure
     if m.relation in ("gain", "ratio") and m.family[0].is_score:
-        return f"'{m}': a log score is a logarithm, of which there is no share: take minus(...)"
+        return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
     if word not in known and not names.has_truth and _is_of_truth(m):
         less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
-        others = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
-        return f"there is no truth to measure {word!r} by; there are: {others}"
+        usable = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
+        return f"{word!r} needs ground truth, and the recording has none; known: {usable}"
     if m.metric == "evidence" and settings.reference is None:
-        return "the evidence is a ratio to an exact filter's: name that under reference"
+        return "the evidence is relative to the reference filter; name one under `reference`"
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
     near = get_close_matches(word, sorted(known), 1, 0.5)
@@ -160,25 +160,22 @@ def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str |
     stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
     if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
         return None
-    if (
-        request.measure.family[0].name == "rank" and not request.named
-    ):  # said of the PIT that it is of
+    # For the bars of a rank histogram, the problem is that of its transform.
+    if request.measure.family[0].name == "rank" and not request.named:
         return None
     if word in names.filter_numbers or not (request.named or word in names.of(role)):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
-    return f"{word!r} is not kept: name it under {key}"
+    return f"{word!r} is not stored; add it to `{key}`"
 
 
 def _missing_parts(m: Measure, settings: Settings) -> str | None:
     """Return the problem of an expression whose parts are not stored."""
     stored = stored_metrics(settings, "summary.csv")
-    missing = (
-        [] if stored is None else [part.base for part in m.made_of() if part.base not in stored]
-    )
+    missing = [] if stored is None else [p.base for p in m.made_of() if p.base not in stored]
     if not missing:
         return None
-    return f"'{m}' is made of {' and '.join(missing)}, not kept: name what is missing under metrics"
+    return f"'{m}' needs {' and '.join(missing)}, not stored; add to `metrics` what is missing"
 
 
 def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
