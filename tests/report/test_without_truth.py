@@ -184,7 +184,8 @@ def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
     [
         (
             "tables: {t: {kind: metrics, columns: {E: rms(rmse_position)}}}\n",
-            "tables.t.columns.E: 'rmse_position' needs ground truth, and the recording has none; known: anis",
+            "tables.t.columns.E: 'rmse_position' needs ground truth, and the recording has none; "
+            "known: anis",
         ),
         ("tables: {t: {kind: consistency}}\n", "tables.t: 'anees' needs ground truth"),
         (
