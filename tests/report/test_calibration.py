@@ -119,7 +119,11 @@ def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
         ("{kind: reliability}", "{kind: reliability, metric: pit_px@0..3}", ["is no PIT"]),
         ("{kind: reliability}", "{kind: reliability, metric: pit_px@10}", ["figures.one.metric"]),
         ("[pit_px,", "[pit_px, coverage_95,", ["did you mean coverage_9"]),
-        ("reference: KF", "medians: [evidence]", ["ratio to an exact filter's: name that under"]),
+        (
+            "reference: KF",
+            "medians: [evidence]",
+            ["relative to the reference filter; name one under"],
+        ),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, said: list[str]) -> None:

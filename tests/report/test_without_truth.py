@@ -195,7 +195,7 @@ def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
         ("figures: {f: {kind: track}}\n", "figures.f.filters: there is no truth to draw"),
         (
             'tables: {t: {kind: metrics, columns: {E: "gain(mean(log_score), RPF)"}}}\n',
-            "a log score is a logarithm, of which there is no share: take minus(...)",
+            "a log score is a logarithm, and ratios of it mean nothing; take minus(...)",
         ),
         ("hold_out: 1\n", "hold_out"),
     ],

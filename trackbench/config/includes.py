@@ -1,4 +1,4 @@
-"""Putting a config together: parts from other files, and overrides by path."""
+"""Put a config together: include components from other files, and override keys by path."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -44,8 +44,8 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
             if isinstance(source.at(keys), dict):
                 _include_nested(source, keys, depth=0)
         except UserError as error:
-            found = [p for p in error.problems if isinstance(p, Problem)]
-            unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
+            problems = [p for p in error.problems if isinstance(p, Problem)]
+            unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in problems]
             source.at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
     return unread
 

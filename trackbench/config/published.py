@@ -215,9 +215,9 @@ def read_published(
     # A run's own folder holds a copy of files that were checked among their neighbors.
     if labels is not None and not (folder / "manifest.json").is_file():
         problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
-    has_rows = published.numbers or published.claims or known.others.keys() & {*also}
+    has_rows = published.numbers or published.claims or known.first_rows.keys() & {*also}
     if paths and labels is not None and not (problems or has_rows):
-        names = ", ".join(sorted(known.others)) or "none"
+        names = ", ".join(sorted(known.first_rows)) or "none"
         what = f"no row is for experiment {experiment!r}; the rows are for {names}"
         problems.append(Problem(mark or Mark("config"), "published", what))
     if problems:
@@ -231,7 +231,7 @@ class _Known(NamedTuple):
     experiment: str
     labels: list[str] | None
     points: Sequence[Mapping[str, object]] | None
-    others: dict[str, Problem]
+    first_rows: dict[str, Problem]
     """the first row for each other experiment, as the place of a mistake"""
 
 
@@ -241,7 +241,7 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
     Known are the shipped experiments and the configs in the folders and above them. Names that differ in
     their numbers only may be of experiments elsewhere.
     """
-    unknown_names = known.others.keys() - set(shipped_experiments.names())
+    unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
     if not unknown_names:
         return
     near = [
@@ -252,7 +252,7 @@ def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
         for match in get_close_matches(name, sorted(names), 1, 0.75):
             if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
                 what = f"there is no experiment {name!r}; did you mean {match}?"
-                yield replace(known.others[name], what=what)
+                yield replace(known.first_rows[name], what=what)
 
 
 def _configs(folder: Path) -> Iterator[str]:
@@ -285,7 +285,7 @@ def _read(name: str, text: str, known: _Known, published: Published) -> list[Pro
         row = build(cls, source, ())
         experiments = split(source.data.get("experiment", ""))
         for other in set(experiments) - {known.experiment}:
-            known.others.setdefault(other, source.problem(("experiment",), ""))
+            known.first_rows.setdefault(other, source.problem(("experiment",), ""))
         if row is not None and (not experiments or known.experiment in experiments):
             _check(row, source, known.labels)
             _check_point(row, source, known.points)

@@ -215,7 +215,7 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
     """Return the predictions that metrics of these names need, without statistic and window."""
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
-    wanted: dict[Kind, bool] = {
+    requested: dict[Kind, bool] = {
         "score": not names.isdisjoint((*_OF_SCORE, "evidence")),
         "prediction": any(map(_OF_PREDICTIONS.fullmatch, names)),
         "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
@@ -223,7 +223,7 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
         "crps": "crps" in heads,
         "evidence": "evidence" in names,
     }
-    return tuple(kind for kind, is_wanted in wanted.items() if is_wanted)
+    return tuple(kind for kind, is_requested in requested.items() if is_requested)
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:

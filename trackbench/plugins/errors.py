@@ -27,7 +27,7 @@ class FilterError(Exception):
 
 
 class PluginError(Exception):
-    """What is wrong with a plugin, in lines that name its file and line."""
+    """Mistakes of a plugin, one line each with file and line."""
 
     def __str__(self) -> str:
         return "; ".join(map(str, self.args))
@@ -175,7 +175,7 @@ def guarded() -> Iterator[None]:
 
 @contextmanager
 def postponed() -> Iterator[None]:
-    """Delay signals to stop until this is done; only the main thread receives them."""
+    """Keep signals to stop waiting until this is done; only the main thread receives them."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     received: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()
