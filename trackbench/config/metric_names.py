@@ -1,6 +1,6 @@
 """Names of the metrics that an experiment has, and of those that it stores."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, cached_property
 from typing import Any, TypeAlias, cast
@@ -108,42 +108,42 @@ class Names:
     ) -> None:
         """Add the names that a filter's series give."""
         self.series |= series
-        nothing = {name: np.zeros((len(scenario.steps), 1)) for name in series}
+        nothing = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
-            of_scenario = frozenset(scenario.run_metrics(nothing))
-        windows = tuple(scenario.windows)
+            of_scenario = frozenset(scenario.run_metrics(dict.fromkeys(series, nothing)))
+        windows = tuple(in_window("", window) for window in scenario.windows)
         names = of_scenario, windows, tuple(sizes(scenario)), counts, series
         if names in self._added:  # as at another point of a sweep
             return
         self._added.add(names)
-        over_steps = {in_window(name, w) for name in _per_run(series, counts) for w in windows}
-        per_run = {"lost", *of_scenario, *over_steps}
-        self.per_run |= per_run
-        self.per_step |= {f"median({name})" for name in settings.medians if name in series}
+        per_run = set(of_scenario)
         for one in series:
-            for metric, name in metrics_of(one):
-                self.per_step |= {name} if metric.over_runs else set()
+            for metric, name in metrics_of(one, counts):
+                in_windows = [name + window for window in windows]
+                if metric.over_steps:
+                    per_run.update(in_windows)
+                if metric.over_runs:
+                    self.per_step.add(name)
                 if metric.name == "rmse":
-                    self.summary |= {f"{TIME_MEAN}({in_window(name, w)})" for w in windows}
-        self.summary |= frozenset().union(*map(_summary_names, per_run - {"lost"}))
-        self.efficiencies |= set(_efficiencies(per_run))
+                    self.summary.update(f"{TIME_MEAN}({n})" for n in in_windows)
+                if metric.name == "distance":
+                    self.efficiencies.update(
+                        n.replace("distance", "efficiency", 1) for n in in_windows
+                    )
+            # `error_series` makes these of several series.
+            if one == "innovations":
+                per_run.update("anis" + window for window in windows)
+            if one.startswith("autocovariance_"):
+                correlation = one.replace("covariance", "correlation")
+                per_run.update(correlation + window for window in windows)
+        self.per_run |= {"lost", *per_run}
+        self.per_step |= {f"median({name})" for name in settings.medians if name in series}
+        self.summary |= frozenset().union(*map(_summary_names, per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Return whether a filter of unknown diagnostics may have this one."""
         is_any_foreign = any(map(is_foreign, self.unprobed))
         return bool(self.unprobed) and not is_reserved(name) and (name in METRICS or is_any_foreign)
-
-
-def _per_run(series: Iterable[str], counts: frozenset[str]) -> Iterator[str]:
-    """Yield the metrics of a run that series are made into, without window."""
-    for one in series:
-        for metric, name in metrics_of(one, counts):
-            if metric.over_steps:
-                yield name
-        if one == "innovations":
-            yield "anis"
-        if one.startswith("autocovariance_"):
-            yield one.replace("covariance", "correlation")
 
 
 @cache
@@ -192,12 +192,6 @@ def names_of(
 def _kind(settings: Settings, label: str) -> type:
     kind = settings.filters[label].get("kind")
     return (of_kind("filters", kind) if isinstance(kind, str) else None) or Settings
-
-
-def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
-    for m in map(measured, per_run):
-        if m.metric.partition("_")[0] == "distance":
-            yield m._replace(metric=joined("efficiency", m.family[1])).name
 
 
 def _numbers(tracker: AnyFilter) -> set[str]:

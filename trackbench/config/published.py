@@ -312,6 +312,7 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
         source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
     required = {f.name for f in fields(cls) if f.default is MISSING}
+    is_printable = unprintable_reason("".join(cells)) is None
     column = 1
     for key, written in zip(header, cells, strict=False):
         cell = written.strip()
@@ -319,8 +320,10 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
             is_word = key in words
             row[key] = cell if is_word else _number_or_word(cell)
             row.marks[key] = row.key_marks[key] = Mark(name, line, column)
-            what = formula(cell) if is_word and cell[:1] in FORMULA else None
-            if what := unprintable_reason(cell) or what:
+            what = None if is_printable else unprintable_reason(cell)
+            if is_word and cell[:1] in FORMULA:
+                what = what or formula(cell)
+            if what is not None:
                 source.add_problem((key,), what)
         quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
         column += len(written) + quotes + 1
