@@ -10,7 +10,7 @@ from math import ceil, sqrt
 from typing import Any
 
 from tests.conftest import EXPERIMENTS
-from trackbench.config.build_kinds import build_kind
+from trackbench.config.build import build_kind
 from trackbench.config.includes import deep_merge
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Motion

@@ -21,7 +21,9 @@ def used() -> dict[str, tuple[Any, Any]]:
     """A filter of each kind that an experiment uses, and the shortest scenario that it has there."""
     points = [p for path in EXPERIMENTS.glob("*.yaml") for p in shipped(path.stem).points]
     points.sort(key=lambda point: -len(point.scenario.steps))
-    return {f.kind: (f, p.seen_by(label)) for p in points for label, f in p.filters.items()}
+    return {
+        f.kind: (f, p.assumed_scenario(label)) for p in points for label, f in p.filters.items()
+    }
 
 
 OURS = sorted(k for k, cls in kinds("filters").items() if cls.__module__.startswith("trackbench."))

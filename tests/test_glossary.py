@@ -17,8 +17,8 @@ SHIPPED = sorted(EXPERIMENTS.glob("*.yaml"))
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
 def test_of_every_metric_it_is_known_what_it_is(path):
     e = shipped(path.stem)
-    names = names_of(e.settings, e.points[:1], e.left_out, noted=True)
-    assert not names.unasked
+    names = names_of(e.settings, e.points[:1], e.left_out, with_diagnostics=True)
+    assert not names.unprobed
     unknown = {m.metric for m in map(measured, names.per_run | names.per_step) if m.is_row}
     assert {name for name in unknown if not metric_of(name)[0].help} == set()
 

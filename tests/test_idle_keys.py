@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config.build_dataclass import hints_of
+from trackbench.config.build import hints_of
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
@@ -265,6 +265,28 @@ def test_defaults_and_what_a_grid_uses_somewhere_may_stand(tmp_path: Path) -> No
     grid = {"filters.F.reading.select": ["metropolis", "greedy"]}
     assert told(tmp_path, {"kind": "hdepf", "T0": 5}, grid=grid) == []
     assert len(told(tmp_path, {**GREEDY, "T0": 5}, grid={"filters.F.G": [1, 2]})) == 1
+
+
+def test_settings_without_the_key_that_they_belong_to(tmp_path: Path) -> None:
+    pf = {"kind": "pf"}
+    assert told(tmp_path, pf, min_runs=7) == [
+        "min_runs: has no effect without `until`; leave it out"
+    ]
+    assert told(tmp_path, pf, tuning={"runs": 7}) == [
+        "tuning: has no effect without `tune`; leave it out"
+    ]
+    # Defaults may stand, as in the config of a results folder, and an override may empty the other key.
+    assert told(tmp_path, pf, min_runs=1000, tuning={"runs": 100}) == []
+    assert told(tmp_path, pf, min_runs=7, until={}, tuning={"runs": 7}, tune={}) == []
+
+
+def test_idle_keys_come_with_the_mistakes_of_other_filters(tmp_path: Path) -> None:
+    filters = {"A": {**GREEDY, "T0": 5}, "B": {"kind": "kf"}, "C": {"kind": "pf", "M": 3}}
+    lines = told(tmp_path, {}, filters=filters, key_figure="nope")
+    assert "filters.A.T0: has no effect with `select: greedy`; leave it out" in lines
+    assert "key_figure: 'nope' is not a figure here; there are none: leave this key out" in lines
+    assert sum(line.startswith("filters.B: `kf` works only with") for line in lines) == 2
+    assert sum(line.startswith("filters.C.M: unknown key") for line in lines) == 1
 
 
 def test_a_motion_is_not_assumed_where_the_filter_brings_its_own(tmp_path: Path) -> None:

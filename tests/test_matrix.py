@@ -129,7 +129,7 @@ def test_it_runs_or_is_refused(problem: str, kind: str, tmp_path: Path) -> None:
     if reason is not None:
         with pytest.raises(UserError) as error:
             load(path)
-        assert f"{kind} needs {reason}, which there is not here" in str(error.value)
+        assert f"`{kind}` works only with {reason}; " in str(error.value)
         return
     (point,) = load(path).points
     task = BlockTask(point.scenario, point.filters["F"], 1, 0, 4, 4, predictive_metrics=TOLD)

@@ -12,11 +12,10 @@ import yaml
 
 import trackbench
 from tests.papers import merwe_text
-from trackbench.config.from_mapping import source_of
 from trackbench.execution.runner import progress_bar
 from trackbench.report.table import table_html
 from trackbench.report.text import Text, TextTable
-from trackbench.yaml_source import parse
+from trackbench.yaml_source import from_mapping, parse
 
 CONFIG: dict[str, Any] = {
     "name": "noted",
@@ -61,7 +60,7 @@ def test_a_mapping_is_left_as_it_was(tmp_path: Path) -> None:
 
 def test_numbers_of_numpy_paths_and_tuples_are_plain() -> None:
     given = {"a": np.float64(1e-5), "b": np.arange(3), "c": (Path("x.csv"), True, None), "d": "1e5"}
-    assert source_of(given).data == {
+    assert from_mapping(given).data == {
         "a": 1e-5,
         "b": [0, 1, 2],
         "c": ["x.csv", True, None],

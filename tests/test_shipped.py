@@ -48,12 +48,12 @@ def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
     (tmp_path / "hdepf").mkdir()
     done = trackbench("check", "hdepf", cwd=tmp_path)
     assert "hdepf: good, 14 filters" in done.stdout
-    assert "note: hdepf is a folder here" in done.stderr
+    assert "note: using the shipped experiment hdepf" in done.stderr
     shipped_experiments.copied("radar-turns", tmp_path)
     (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")
     done = trackbench("check", "merwe2000", "--json", cwd=tmp_path)
     assert '"experiment": "radar-turns"' in done.stdout
-    assert "note: merwe2000 is a file here" in done.stderr
+    assert "note: using the file merwe2000" in done.stderr
 
 
 def test_a_word_that_is_neither(tmp_path: Path) -> None:
@@ -107,7 +107,8 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
     refused = trackbench("copy", "hdepf-noise", cwd=tmp_path)
     assert refused.returncode == 2
     path = Path("scenarios", "merwe.yaml")
-    assert refused.stderr == f"copy hdepf-noise: {path}: is there with another content\n"
+    what = "exists with another content; copy to another folder, or remove this file"
+    assert refused.stderr == f"copy hdepf-noise: {path}: {what}\n"
     assert not (tmp_path / "hdepf-noise.yaml").exists()
 
 
@@ -117,7 +118,7 @@ def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
-        yaml_source._given.cache_clear()  # a program has it once
+        yaml_source._stdin.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF")

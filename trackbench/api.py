@@ -12,8 +12,8 @@ from typing import Any
 from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import Report, preview, run_all, run_each
 from trackbench.commands.stored_results import compare, load, plot, report
-from trackbench.config.from_mapping import Config
 from trackbench.errors import UserError
+from trackbench.yaml_source import Config
 
 __all__ = [
     "Options",

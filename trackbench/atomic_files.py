@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing of files: each is complete, or stays as it was."""
 
 import csv
 import errno
@@ -65,7 +65,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         partial.unlink(missing_ok=True)
-        with partial.open("xb") as file:  # never through a link that was put there
+        with partial.open("xb") as file:  # "x" refuses a link that someone put in its place
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -74,7 +74,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     except OSError as error:
         raise WriteError(path, error) from error
     finally:
-        with suppress(OSError):  # what keeps a file from being written may keep it, too
+        with suppress(OSError):  # the cause of the failed writing may prevent this, too
             partial.unlink(missing_ok=True)
 
 
@@ -90,7 +90,7 @@ def ensure_folder(folder: Path) -> Path:
 def within(folder: Path, name: str) -> Path:
     """Return the path of a folder inside a results folder; raises WriteError if it is a link.
 
-    A results folder from elsewhere may hold a link to any folder of its reader.
+    A results folder of somebody else could hold a link to any folder of yours.
     """
     path = folder
     for part in Path(name).parts:
@@ -102,7 +102,7 @@ def within(folder: Path, name: str) -> Path:
 
 
 def remove(path: Path) -> None:
-    """Remove a file if it is there; raises WriteError if it may not be."""
+    """Remove a file if it exists; raises WriteError if that fails."""
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
@@ -128,28 +128,28 @@ def _note(path: Path) -> None:
 
 
 class CsvWriter:
-    """Writes rows as they come, as `csv.writer` does, thousands at a time."""
+    """Writer of rows like `csv.writer`, which writes thousands at a time."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
 
     def writerow(self, row: Row) -> None:
-        """Write one."""
+        """Write a row."""
         self.writerows([row])
 
     def writerows(self, rows: Iterable[Row]) -> None:
-        """Write all of them."""
-        left = iter(rows)
-        while some := list(islice(left, _AT_ONCE)):
-            self.write(_lines(some))
+        """Write rows."""
+        remaining = iter(rows)
+        while batch := list(islice(remaining, _AT_ONCE)):
+            self.write(_lines(batch))
 
     def write(self, text: str) -> None:
-        """Write lines that are a CSV's already."""
+        """Write lines that are CSV already."""
         self._file.write(text.encode())
 
 
 def cells(row: Row) -> str:
-    """Return a row's beginning, or all of it, as a CSV has it between its commas."""
+    """Return cells as text of a CSV, without the end of the line."""
     return _lines([row])[:-1]
 
 

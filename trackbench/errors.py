@@ -1,4 +1,4 @@
-"""Mistakes in what the user typed: each one line with file and position, all of them at once."""
+"""Mistakes in the input: one line each, with file and position, reported together."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ class Mark:
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One mistake: where, at which path in the config, and what."""
+    """One mistake: its position, its path in the config, and a description."""
 
     mark: Mark
     path: str
@@ -29,7 +29,7 @@ class Problem:
 
 
 def in_line(text: str) -> str:
-    """Return the text in one line, whatever a label or a foreign message has in it."""
+    """Return the text in one line; line breaks and unprintable characters are escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -52,7 +52,7 @@ class UserError(Exception):
 
 
 class RunError(Exception):
-    """The run cannot go on: one line, exit code 1; what is finished is kept."""
+    """Failure of a run: one line, exit code 1; finished blocks stay in the cache."""
 
 
 class WriteError(RunError):

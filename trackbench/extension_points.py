@@ -1,18 +1,18 @@
-"""Hooks: what a part of an experiment may offer beside what it must, declared by the base of its group.
+"""Hooks: the methods and attributes that the base of a group declares for its classes.
 
-A hook is a public method or attribute of the base that is no key. Every registered class stands on its
-base, so a hook is called and never looked up by its name. A class of one's own need not name the base:
-it is put on it when it is registered. What it misses, or spells nearly like a hook, is a mistake then.
+A hook is a public method or attribute of the base that is no key. Every registered class has its base
+among its own, so a hook is called directly. A plugin class that does not name the base gets it at its
+registration. A missing hook, or a name that is nearly a hook's, is a mistake then.
 """
 
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from difflib import get_close_matches
 from inspect import getattr_static
 from types import new_class
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 FORMER_HOOKS = {
     "needs": "requires",
@@ -37,9 +37,12 @@ _NOTHING = object()
 class Part:
     """Root of the bases of all groups."""
 
+    if TYPE_CHECKING:  # every registered class is a dataclass
+        __dataclass_fields__: ClassVar[dict[str, Field[object]]]
+
     kind: str = ""
     """the name under which the class is registered"""
-    presets: ClassVar[dict[str, dict[str, Any]]] = {}
+    presets: ClassVar[dict[str, dict[str, object]]] = {}
     """named sets of keys, chosen in a config by ``preset: NAME``"""
     renamed_keys: ClassVar[dict[str, str]] = {}
     """former names of keys, each with what to write instead"""
@@ -57,13 +60,13 @@ class Part:
         return ""
 
 
-def is_foreign(part: Any) -> bool:
+def is_foreign(part: object) -> bool:
     """Return whether a part of an experiment, or a class of parts, is not the package's own."""
     cls = part if isinstance(part, type) else type(part)
     return cls.__module__.partition(".")[0] != "trackbench"
 
 
-def walk_parts(part: Any) -> Iterator[Any]:
+def walk_parts(part: object) -> Iterator[object]:
     """Yield a part of an experiment, or each of several, and all that it is made of."""
     if isinstance(part, tuple | list):
         for one in part:
@@ -76,7 +79,7 @@ def walk_parts(part: Any) -> Iterator[Any]:
             yield from walk_parts(getattr(part, field.name))
 
 
-def foreign_parts(part: Any) -> list[Any]:
+def foreign_parts(part: object) -> list[Any]:
     """Return the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
@@ -96,80 +99,77 @@ class Hook(NamedTuple):
     text: str
 
 
-def rebase(cls: type[Any], base: type[Part]) -> type[Any]:
+def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     """Return the class itself, or one of the same name and keys with the base's hooks behind its own.
 
     Raises InvalidHookError at what is missing or nearly spelt like a hook; the package's own classes
     are looked through by a test.
     """
     if not issubclass(cls, base):
-        own = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
+        body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
         # A key without a default is no attribute of the class, and would meet the base's property.
-        own |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
-        cls = new_class(cls.__name__, (cls, base), {}, lambda body: body.update(own))
-    found = mistakes(cls, base) if not cls.__module__.startswith("trackbench.") else []
-    if found:
-        raise InvalidHookError(*(f"{file}:{line}: {what}" for file, line, what in found))
-    return cls
+        body |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
+        cls = new_class(cls.__name__, (cls, base), {}, lambda namespace: namespace.update(body))
+    if not cls.__module__.startswith("trackbench."):
+        lines = [f"{file}:{line}: {what}" for file, line, what in mistakes(cls, base)]
+        if lines:
+            raise InvalidHookError(*lines)
+    return cast(type[Part], cls)
 
 
 def hooks(base: type[Part]) -> Iterator[Hook]:
     """Yield the hooks of a base, those without a default first."""
-    found = _declared(base)
-    for name in sorted(found, key=lambda name: not _is_needed(found[name])):
-        is_method = inspect.isroutine(found[name]) or isinstance(found[name], classmethod)
-        form = name + (_arguments(getattr(base, name, found[name])) if is_method else "")
-        yield Hook(form, _is_needed(found[name]), _text(name, found[name], base))
+    declared = _declared(base)
+    for name, hook in sorted(declared.items(), key=lambda item: not _is_needed(item[1])):
+        is_method = inspect.isroutine(hook) or isinstance(hook, classmethod)
+        form = name + (_arguments(getattr(base, name, hook)) if is_method else "")
+        yield Hook(form, _is_needed(hook), _text(name, hook, base))
 
 
-def overridden_hooks(cls: type[Any], base: type[Part]) -> list[str]:
-    """Return names of the hooks that have a default and that a class has an own of."""
+def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
+    """Return the names of the hooks whose default a class overrides."""
     keys = {f.name for f in fields(cls)}
-    names = [n for n, what in _declared(base).items() if n not in keys and not _is_needed(what)]
-    found = ((n, getattr_static(cls, n, None), getattr_static(base, n, None)) for n in names)
-    return [name for name, own, default in found if own is not default]
+    names = [n for n, hook in _declared(base).items() if n not in keys and not _is_needed(hook)]
+    return [n for n in names if getattr_static(cls, n, None) is not getattr_static(base, n, None)]
 
 
-def _declared(base: type[Part]) -> dict[str, Any]:
+def _declared(base: type[Part]) -> dict[str, object]:
     """Return the base's declaration of each hook."""
-    found: dict[str, Any] = {}
+    declared: dict[str, object] = {}
     for owner in _owners(base):
-        without = None if owner in base.optional_capabilities else _NOTHING
-        here = dict.fromkeys(inspect.get_annotations(owner), without) | dict(vars(owner))
-        found |= {name: what for name, what in here.items() if name not in found}
-    none = {
-        "kind",
-        "optional_capabilities",
-        *([f.name for f in fields(base)] if is_dataclass(base) else ()),
-    }
-    return {n: v for n, v in found.items() if not n.startswith("_") and n not in none}
+        bare = None if owner in base.optional_capabilities else _NOTHING
+        of_owner = dict.fromkeys(inspect.get_annotations(owner), bare) | dict(vars(owner))
+        declared |= {name: hook for name, hook in of_owner.items() if name not in declared}
+    no_hooks = {"kind", "optional_capabilities"}
+    no_hooks |= {f.name for f in fields(base)} if is_dataclass(base) else set()
+    return {n: v for n, v in declared.items() if not n.startswith("_") and n not in no_hooks}
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """Return the classes that declare a base's hooks, its own first."""
-    own = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
-    return [*own, *base.optional_capabilities]
+    """Return the classes that declare a base's hooks, the base first."""
+    package_classes = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
+    return [*package_classes, *base.optional_capabilities]
 
 
-def mistakes(cls: type[Any], base: type[Part]) -> list[tuple[str, int, str]]:
+def mistakes(cls: type, base: type[Part]) -> list[tuple[str, int, str]]:
     """Return the mistakes of a class against its base, with file and line, in their order."""
     return sorted(_mistakes(cls, base))
 
 
-def _is_needed(declared: Any) -> bool:
+def _is_needed(declared: object) -> bool:
     return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
 
 
-def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]]:
+def _mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
     """Yield the file, line and what is wrong there."""
     known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
     for name, declared in known.items():
-        own = getattr_static(cls, name, declared)
-        if name not in keys and own is declared and _is_needed(declared):
+        actual = getattr_static(cls, name, declared)
+        if name not in keys and actual is declared and _is_needed(declared):
             yield *_place(cls, "class"), f"{cls.__name__} has no `{name}`"
         if declared is not None and keys.get(name) is declared:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
-        if isinstance(declared, property) and inspect.isfunction(own):
+        if isinstance(declared, property) and inspect.isfunction(actual):
             yield *_place(cls, name), f"`{name}` is no method: put @property above it"
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
@@ -178,18 +178,18 @@ def _mistakes(cls: type[Any], base: type[Part]) -> Iterator[tuple[str, int, str]
                 yield *_place(owner, name), f"the hook `{name}` is now `{FORMER_HOOKS[name]}`"
                 continue
             near = get_close_matches(name, known, 1, _ALIKE)
-            what = f"`{name}` is no hook; did you mean `{''.join(near)}`? What is your own begins with _"
+            what = f"`{name}` is no hook; did you mean `{''.join(near)}`? Helpers begin with _"
             yield from [(*_place(owner, name), what)] if near else []
 
 
-def _place(cls: type[Any], name: str) -> tuple[str, int]:
+def _place(cls: type, name: str) -> tuple[str, int]:
     """Return the file and line of a name in a class, or of the class, as far as there is a file."""
     try:
         lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):
         return cls.__module__, 0
-    here = re.compile(rf"\s*(def\s+)?{name}\b")
-    after = next((i for i, line in enumerate(lines) if here.match(line)), 0)
+    definition = re.compile(rf"\s*(def\s+)?{name}\b")
+    after = next((i for i, line in enumerate(lines) if definition.match(line)), 0)
     return str(inspect.getsourcefile(cls)), first + after
 
 
@@ -198,19 +198,19 @@ def _arguments(method: Any) -> str:
     return f"({', '.join(names)})"
 
 
-def _text(name: str, declared: Any, base: type[Part]) -> str:
+def _text(name: str, declared: object, base: type[Part]) -> str:
     """Return the first paragraph of its docstring; of an attribute the string under it."""
     text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
     return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
 
 
-def _is_plain(declared: Any) -> bool:
+def _is_plain(declared: object) -> bool:
     return not (inspect.isroutine(declared) or isinstance(declared, property | classmethod))
 
 
 def _under(name: str, base: type[Part]) -> str:
     for owner in _owners(base):
-        found = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
-        if found:
-            return found.group(1)
+        match = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
+        if match:
+            return match.group(1)
     return ""

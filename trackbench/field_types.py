@@ -11,10 +11,10 @@ from typing import Annotated, Any, NamedTuple, TypeGuard
 from annotated_types import Ge, Gt, Interval
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
-"""As many as one likes of something: more than there is time for, and small enough to reckon with."""
+"""A number of things, at least one."""
 MOST_STEPS = 100_000
 Steps = Annotated[int, Interval(ge=1, le=MOST_STEPS)]
-"""A number of time steps: every series holds one value per step, so it has an end."""
+"""A number of time steps; bounded, since every series holds one value per step."""
 Natural = Annotated[int, Ge(0)]
 Positive = Annotated[float, Gt(0), Interval(lt=float("inf"))]
 NonNegative = Annotated[float, Ge(0), Interval(lt=float("inf"))]
@@ -24,23 +24,23 @@ Share = Annotated[float, Interval(ge=0, le=1)]
 OpenShare = Annotated[float, Interval(gt=0, lt=1)]
 """A number in (0, 1)."""
 Digits = Annotated[int, Interval(ge=1, le=15)]
-"""Significant digits of a number that is shown."""
+"""Significant digits of a number in a table or figure."""
 
 FORMULA = "=+-@"
-"""Characters that a spreadsheet takes for the beginning of a formula, whoever wrote the file."""
-_UNSEEN = r"\x00-\x1f\x7f-\x9f\u2028\u2029"
-ONE_LINE = rf"^[^{_UNSEEN}{re.escape(FORMULA)}][^{_UNSEEN}]*$"
-"""Pattern of a label: one line of visible characters that is no formula."""
+"""Characters at which a spreadsheet begins a formula, even in a file from elsewhere."""
+_INVISIBLE = r"\x00-\x1f\x7f-\x9f\u2028\u2029"
+ONE_LINE = rf"^[^{_INVISIBLE}{re.escape(FORMULA)}][^{_INVISIBLE}]*$"
+"""Pattern of a label: one line of visible characters that does not begin a formula."""
 
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]
-"""A path, counted from the YAML file it stands in; a dataclass gets it absolute."""
+"""A path, relative to the YAML file that names it; the dataclass gets the absolute path."""
 
 
 def require_regular_file(path: str | Path) -> Path:
     """Return the path of a file that can be read to its end.
 
-    Raises OSError for what is not there, a folder, and a device or a pipe, which may have no end.
+    Raises OSError for a missing file, a folder, and a device or a pipe, which may have no end.
     """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
@@ -77,17 +77,17 @@ class InvalidKeyError(ValueError):
 
 @dataclass(frozen=True)
 class Registered:
-    """Marks a key that holds a registered part, or a list: ``Annotated[Motion, Registered("motions")]``.
+    """Mark of a key that holds components: ``Annotated[Motion, Registered("motions")]``.
 
-    A config gives a mapping with a ``kind``, or the kind alone. What reads the config makes the parts
-    first and puts numbers in their place; this takes the part of that number in their stead.
+    A config gives a mapping with a ``kind``, or the kind alone. The reader of the config builds the
+    components first and puts numbers in their place, which the validator replaces by the components.
     """
 
     group: str
-    """registry group of the part"""
+    """registry group of the component"""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Return any value in a schema: the registry knows what may stand here."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> Any:
+        """Return a schema of any value: the registry checks the components."""
         from pydantic_core import core_schema
 
         return core_schema.with_info_plain_validator_function(
@@ -95,18 +95,16 @@ class Registered:
         )
 
 
-def _prebuilt(number: Any, info: Any) -> Any:
+def _prebuilt(number: object, info: Any) -> Any:
     return None if number is None else info.context[number]
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value of a config is a number, which a truth value is not."""
+    """Return whether a value of a config is a number; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def part_group(hint: Any) -> str | None:
-    """Return the registry group of the parts that a key of this type holds, if it holds any."""
-    marks = (
-        mark.group for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Registered)
-    )
-    return next(marks, None)
+def part_group(hint: object) -> str | None:
+    """Return the registry group of the components that a key of this type holds, if it holds any."""
+    marks = getattr(hint, "__metadata__", ())
+    return next((mark.group for mark in marks if isinstance(mark, Registered)), None)

@@ -12,7 +12,7 @@ if sys.platform == "win32":
     import msvcrt
 
     _FAR = 1 << 30
-    """A byte behind what is written: the system keeps others from reading what is locked."""
+    """A byte beyond the content: Windows does not let others read locked bytes."""
 
     def memory() -> int:
         """Return bytes of memory that the machine has."""
@@ -61,5 +61,5 @@ else:
 
 
 def identity() -> list[str]:
-    """Return what tells this machine from others, as far as CPU times are concerned."""
+    """Return the properties of this machine that CPU times depend on."""
     return [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]

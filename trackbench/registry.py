@@ -1,7 +1,7 @@
-"""Names for the things a config may ask for: filters, scenarios, tables and figures.
+"""Registry of the classes that a config names by ``kind``: filters, scenarios, tables, figures, ...
 
-A class registers itself with a decorator; its module is found by scanning the package, through an
-entry point of an installed package, or as a plugin file. A YAML never names an import path.
+A decorator registers a class. The registry finds its module in the package, through an entry point of
+an installed package, or in a plugin file. A YAML never names an import path.
 """
 
 import ast
@@ -17,7 +17,7 @@ from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Literal, TypeVar, cast, get_args
 
 from trackbench.extension_points import Part, rebase
 
@@ -47,9 +47,9 @@ _BASES: dict[Group, str] = {
     "figures": "trackbench.report.kinds.FigureKind",
     "tables": "trackbench.report.kinds.TableKind",
 }
-_kinds: dict[Group, dict[str, type]] = {group: {} for group in _PACKAGES}
+_kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in _PACKAGES}
 _scanned: set[Group] = set()
-_of_plugins: dict[str, list[tuple[Group, str, type[Any]]]] = {}
+_of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
@@ -65,7 +65,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
-        whole = rebase(cls, base_of(group))
+        whole: type[Part] = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
         if is_plugin(cls.__module__):
@@ -81,32 +81,32 @@ def base_of(group: Group) -> type[Part]:
     return cast(type[Part], vars(importlib.import_module(module))[name])
 
 
-def registered(module: str) -> list[tuple[Group, str, type[Any]]]:
+def registered(module: str) -> list[tuple[Group, str, type[Part]]]:
     """Return the registrations of a plugin's module: group, kind, class."""
     return _of_plugins.get(module, [])
 
 
-def registered_kinds() -> Iterator[type[Any]]:
+def registered_kinds() -> Iterator[type[Part]]:
     """Yield every class of any group that is registered by now."""
     return (cls for known in _kinds.values() for cls in known.values())
 
 
 def reactivate(module: str) -> None:
-    """Let a plugin's kinds be its own again, after another file of its name was loaded."""
+    """Register a plugin's kinds again, after another file of its name was loaded."""
     for group, kind, cls in registered(module):
         _kinds[group][kind] = cls
 
 
 def unregister(module: str) -> None:
-    """Take a plugin's kinds away, whose code did not run to its end."""
+    """Remove the kinds of a plugin whose code failed."""
     for group, kind, cls in _of_plugins.pop(module, []):
         if _kinds[group].get(kind) is cls:
             del _kinds[group][kind]
 
 
 def restore_normal_exit() -> None:
-    """Let the program end as Python does: files that code of one's own leaves open are written then."""
-    atexit.unregister(gc.freeze)  # by which `__main__` ends sooner
+    """Let Python end the program as usual: it then writes the files that plugin code left open."""
+    atexit.unregister(gc.freeze)  # a shortcut of `__main__`
 
 
 def _origin(cls: type) -> str:
@@ -120,14 +120,14 @@ def is_plugin(module: str) -> bool:
     return hasattr(sys.modules[module], "__plugin_digest__")
 
 
-def of_kind(group: Group, kind: str) -> type[Any] | None:
-    """Return the class of a kind; of the package's own only the file that has it is imported."""
+def of_kind(group: Group, kind: str) -> type[Part] | None:
+    """Return the class of a kind; for a kind of the package, import only its file."""
     if kind not in _kinds[group] and group not in _scanned and kind in _homes(group):
         importlib.import_module(_homes(group)[kind])
     return _kinds[group].get(kind) or kinds(group).get(kind)
 
 
-def kinds(group: Group) -> dict[str, type[Any]]:
+def kinds(group: Group) -> dict[str, type[Part]]:
     """Return every registered class of a group by its kind, sorted."""
     if group not in _scanned:
         _scanned.add(group)
@@ -152,7 +152,7 @@ def documentation(group: Group) -> dict[str, str]:
     """Return the docstring of every kind of a group, sorted, without importing them."""
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
-    return dict(sorted(found for file in _files(group) for found in _documented(file)))
+    return dict(sorted(pair for file in _files(group) for pair in _documented(file)))
 
 
 def _files(group: Group) -> list[Path]:

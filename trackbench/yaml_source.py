@@ -1,18 +1,19 @@
-"""YAML with positions: plain data, and where every key and value stands.
+"""YAML with positions: mappings and lists that carry the place of every key and value.
 
 Numbers follow YAML 1.2 (``1e-5`` is a number, ``no`` is a word). Duplicate keys, tags and unreasonable
-sizes are mistakes; nothing is ever constructed but the plain types.
+sizes are mistakes. Only plain types are ever constructed.
 """
 
 import errno
 import re
 import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from io import IncrementalNewlineDecoder
 from math import inf, nan
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import yaml
 from yaml.reader import Reader
@@ -21,13 +22,15 @@ from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.field_types import FORMULA, require_regular_file
 
 Keys: TypeAlias = tuple[str | int, ...]
-"""Where a value stands: the keys and list indices that lead to it."""
+"""Keys and list indices that lead to a value."""
+Config: TypeAlias = Path | str | Mapping[str, object]
+"""A file, the name of a shipped experiment, or the content of a file as a mapping."""
+Scalar: TypeAlias = bool | int | float | str | None
+"""A value of a config that is no mapping or list."""
 
 _LARGEST_FILE = 1_000_000  # bytes
-_UNSEEN = Reader.NON_PRINTABLE  # what YAML lets stand in quotes only, and XML nowhere
-_MOST_NODES = (
-    100_000  # after aliases are expanded: 1 MB of ten bytes each, as lines of configs have
-)
+_UNPRINTABLE = Reader.NON_PRINTABLE  # YAML allows these in quotes only, XML nowhere
+_MOST_NODES = 100_000  # with aliases expanded: 1 MB of ten bytes each, as in lines of configs
 _TOO_MANY = f"more than {_MOST_NODES} values"
 DEEPEST = 50  # levels
 _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
@@ -42,57 +45,131 @@ _PLAIN_TAGS = [
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
+_NOWHERE = Mark("config")
+
+
+class MarkedMapping(dict[str, Any]):
+    """A mapping of a config that carries the positions of its keys and values."""
+
+    def __init__(self, items: Mapping[str, object] | None = None) -> None:
+        super().__init__(items or {})
+        self.marks: dict[str | int, Mark] = {}
+        self.key_marks: dict[str | int, Mark] = {}
+        if isinstance(items, MarkedMapping):
+            self.marks |= items.marks
+            self.key_marks |= items.key_marks
+
+
+class MarkedList(list[Any]):
+    """A list of a config that carries the positions of its items."""
+
+    def __init__(self, items: Iterable[object] = ()) -> None:
+        super().__init__(items)
+        self.marks: dict[str | int, Mark] = {}
+        self.key_marks: dict[str | int, Mark] = {}
+
+
+yaml.SafeDumper.add_representer(MarkedMapping, yaml.SafeDumper.represent_dict)
+yaml.SafeDumper.add_representer(MarkedList, yaml.SafeDumper.represent_list)
+
+
+def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | None = None) -> None:
+    """Set the value of a key, or the item of an index, with its position and that of the key."""
+    node[key] = value
+    if isinstance(node, MarkedMapping | MarkedList):
+        node.marks[key] = mark
+        if key_mark is not None:
+            node.key_marks[key] = key_mark
+
+
+def marked(value: object, mark: Mark) -> Any:
+    """Return a copy of plain data in which everything stands at one position."""
+    if not isinstance(value, dict | list):
+        return value
+    copy: MarkedMapping | MarkedList = MarkedMapping()
+    if isinstance(value, list):
+        copy = MarkedList(value)
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        put(copy, key, marked(inner, mark), mark, mark)
+    return copy
+
+
 @dataclass
 class Source:
-    """Plain data with the position of every value and of every key, and the mistakes found in it."""
+    """The data of a config, which carry their positions, and the mistakes found in them."""
 
     data: Any
-    marks: dict[Keys, Mark] = field(default_factory=dict)
-    key_marks: dict[Keys, Mark] = field(default_factory=dict)
+    start: Mark = _NOWHERE
+    """position of the whole"""
     problems: list[Problem] = field(default_factory=list)
 
+    def at(self, keys: Keys) -> Any:
+        """Return the value at ``keys``."""
+        value = self.data
+        for key in keys:
+            value = value[key]
+        return value
+
     def mark(self, keys: Keys) -> Mark:
-        """Return the place of a value, or of the nearest thing around it; list items may be named."""
-        if keys not in self.marks:
-            keys = tuple(int(k) if isinstance(k, str) and k.isdecimal() else k for k in keys)
-        while keys not in self.marks and keys:
-            keys = keys[:-1]
-        return self.marks.get(keys, Mark("config"))
+        """Return the position of a value, or of the nearest one around it; list items may be named."""
+        node: Any = self.data
+        mark = self.start
+        for key in keys:
+            marks = node.marks if isinstance(node, MarkedMapping | MarkedList) else {}
+            if isinstance(node, list) and isinstance(key, str) and key.isdecimal():
+                key = int(key)
+            if key not in marks:
+                break
+            mark = marks[key]
+            node = node[key] if has_item(node, key) else None
+        return mark
 
     def key_mark(self, keys: Keys) -> Mark:
-        """Return the place of a key."""
-        return self.key_marks.get(keys) or self.mark(keys)
+        """Return the position of a key; of the value where the key has none."""
+        parent = self.at(keys[:-1]) if self.has(keys[:-1]) else None
+        marks = parent.key_marks if isinstance(parent, MarkedMapping | MarkedList) else {}
+        return marks.get(keys[-1]) or self.mark(keys) if keys else self.start
+
+    def has(self, keys: Keys) -> bool:
+        """Return whether there is a value at ``keys``."""
+        node = self.data
+        for key in keys:
+            if not has_item(node, key):
+                return False
+            node = node[key]
+        return True
 
     def problem(self, keys: Keys, what: str) -> Problem:
         """Return a mistake in the value at ``keys``."""
         return Problem(self.mark(keys), dotted(keys), what)
 
     def add_problem(self, keys: Keys, what: str) -> None:
-        """Note a mistake in the value at ``keys``."""
+        """Add a mistake in the value at ``keys``."""
         self.problems.append(self.problem(keys, what))
 
     def add_key_problem(self, keys: Keys, what: str) -> None:
-        """Note a mistake in the key itself."""
+        """Add a mistake in the key itself."""
         self.problems.append(Problem(self.key_mark(keys), dotted(keys), what))
 
     def check(self) -> None:
-        """Raise UserError with every mistake that was noted, if there are any."""
+        """Raise UserError with every mistake that was added, if there are any."""
         if self.problems:
             raise UserError(*sorted(set(self.problems)))
 
-    def subtree(self, keys: Keys, data: Any) -> "Source":
-        """Return the value at ``keys`` as its own source: ``data`` and the positions in it."""
-        n = len(keys)
-        marks, key_marks = (
-            {k[n:]: mark for k, mark in every.items() if k[:n] == keys}
-            for every in (self.marks, self.key_marks)
-        )
-        return Source(data, marks, key_marks)
+    def replaced(self, keys: Keys, value: object) -> "Source":
+        """Return a config with another value at ``keys``; it shares everything else, but problems."""
+        data = node = MarkedMapping(self.data)
+        for key in keys[:-1]:
+            node[str(key)] = node = MarkedMapping(node[str(key)])
+        put(node, keys[-1], value, self.mark(keys))
+        return Source(data, self.start)
 
-    def adopt_positions(self, keys: Keys, other: "Source") -> None:
-        """Take over the positions of a part that came from elsewhere."""
-        for mine, theirs in ((self.marks, other.marks), (self.key_marks, other.key_marks)):
-            mine.update({keys + at: mark for at, mark in theirs.items()})
+
+def has_item(node: object, key: str | int) -> bool:
+    """Return whether a mapping has the key, or a list the index."""
+    if isinstance(node, list):
+        return isinstance(key, int) and key < len(node)
+    return isinstance(node, dict) and key in node
 
 
 def dotted(keys: Keys) -> str:
@@ -102,10 +179,10 @@ def dotted(keys: Keys) -> str:
 
 def read(path: Path, shown: str | None = None) -> Source:
     """Parse a YAML file, or for ``-`` what comes on stdin; ``shown`` is how messages name it."""
-    given = str(path) == "-"
-    name = "stdin" if given else shown or str(path)
+    is_stdin = str(path) == "-"
+    name = "stdin" if is_stdin else shown or str(path)
     try:
-        return parse(_given() if given else text_of(path), name)
+        return parse(_stdin() if is_stdin else text_of(path), name)
     except OSError as error:
         raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
 
@@ -119,7 +196,7 @@ def text_of(path: Path) -> str:
 
 
 @cache
-def _given() -> str:
+def _stdin() -> str:
     """Return the text of stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
@@ -136,48 +213,45 @@ def _decoded(content: bytes) -> str:
 
 
 def unprintable_reason(text: str) -> str | None:
-    """Return why a text cannot be written into a file or page, or an empty string."""
+    """Return why a text cannot be written into a file or page; None if it can."""
     if len(text) > _LONGEST_TEXT:
         return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
-    found = _UNSEEN.search(text)
-    if found is None:
+    match = _UNPRINTABLE.search(text)
+    if match is None:
         return None
-    return f"{text!r} holds the character U+{ord(found.group()):04X}, which is none of text"
+    return f"{text!r} holds the character U+{ord(match.group()):04X}; write printable text"
 
 
 def formula(text: str) -> str | None:
-    """Return what to say of a word that begins as a formula: a spreadsheet would run it in a CSV."""
+    """Return the mistake of a word that a spreadsheet would run as a formula; None for others."""
     if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
         return None
     return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
 
 
 def parse(text: str, name: str) -> Source:
-    """Parse YAML text."""
+    """Parse YAML text; ``name`` is how messages name it."""
+    node, mark, what = None, Mark(name, 1, 1), "is empty"
     try:
         node = _composed(text)
-    except _TooManyError as error:
-        mark = Mark(name, error.line + 1, error.column + 1)
-        raise UserError(Problem(mark, "", _TOO_MANY)) from None
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
-        raise UserError(Problem(mark, "", f"not valid YAML: {error.problem}")) from None
+        what = _TOO_MANY if isinstance(error, _TooManyError) else f"not valid YAML: {error.problem}"
     except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise UserError(Problem(Mark(name, 1, 1), "", f"not valid YAML: {first}")) from None
+        what = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is nested too deeply")) from None
+        what = "is nested too deeply"
     if node is None:
-        raise UserError(Problem(Mark(name, 1, 1), "", "is empty"))
+        raise UserError(Problem(mark, "", what))
     builder = _Builder(name)
-    data = builder.build(node, ())
+    source = Source(builder.build(node, ()), builder.mark(node), builder.problems)
     if builder.problems:
         raise UserError(*builder.problems)
-    return Source(data, builder.marks, builder.key_marks)
+    return source
 
 
-def scalar(text: str) -> Any:
+def scalar(text: str) -> Scalar:
     """Return a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
@@ -190,16 +264,12 @@ def scalar(text: str) -> Any:
 
 @lru_cache(maxsize=32)
 def _composed(text: str) -> yaml.Node | None:
-    """Return the document's node; kept, since experiments share their parts."""
+    """Return the document's node; cached, since experiments share their parts."""
     return _Loader(text).get_single_node()
 
 
-class _TooManyError(Exception):
+class _TooManyError(yaml.MarkedYAMLError):
     """Place of a surplus value in a file."""
-
-    def __init__(self, at: yaml.Mark) -> None:
-        super().__init__(_TOO_MANY)
-        self.line, self.column = at.line, at.column
 
 
 class _Loader(yaml.SafeLoader):
@@ -211,36 +281,43 @@ class _Loader(yaml.SafeLoader):
         """Return the next node, unless it is one too many."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            raise _TooManyError(self.peek_event().start_mark)  # type: ignore[no-untyped-call]
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise _TooManyError(problem_mark=event.start_mark)
         return super().compose_node(parent, index)
 
 
 class _Builder:
+    """Plain data with positions from the nodes of one document."""
+
     def __init__(self, name: str) -> None:
         self.name = name
         self.problems: list[Problem] = []
-        self.marks: dict[Keys, Mark] = {}
-        self.key_marks: dict[Keys, Mark] = {}
         self.nodes = 0
 
     def build(self, node: yaml.Node, keys: Keys) -> Any:
-        mark = self._mark(node)
-        self.marks[keys] = mark
+        """Return the value of a node that stands at ``keys``."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
-            raise UserError(Problem(mark, "", f"{_TOO_MANY} after aliases"))
+            raise UserError(Problem(self.mark(node), "", f"{_TOO_MANY} after aliases"))
         if len(keys) > DEEPEST:
-            raise UserError(Problem(mark, "", f"nested more than {DEEPEST} levels deep"))
+            what = f"nested more than {DEEPEST} levels deep"
+            raise UserError(Problem(self.mark(node), "", what))
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, keys)
         if isinstance(node, yaml.SequenceNode):
-            return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
+            items = MarkedList(self.build(item, (*keys, i)) for i, item in enumerate(node.value))
+            items.marks.update((i, self.mark(item)) for i, item in enumerate(node.value))
+            return items
         return self._scalar(node, keys)
 
-    def _mapping(self, node: yaml.MappingNode, keys: Keys) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+    def mark(self, node: yaml.Node) -> Mark:
+        """Return the position of a node."""
+        return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def _mapping(self, node: yaml.MappingNode, keys: Keys) -> MarkedMapping:
+        mapping = MarkedMapping()
         for key_node, value_node in node.value:
-            mark = self._mark(key_node)
+            mark = self.mark(key_node)
             if not isinstance(key_node, yaml.ScalarNode):
                 self.problems.append(Problem(mark, dotted(keys), "a key must be a word"))
                 continue
@@ -249,27 +326,71 @@ class _Builder:
             self._check_text(key, mark, keys)
             if what := formula(key):
                 self.problems.append(Problem(mark, dotted(keys), what))
-            if key in out:
-                first = self.key_marks[at].line
-                what = f"duplicate key, first given on line {first}"
+            if key in mapping:
+                what = f"duplicate key, first given on line {mapping.key_marks[key].line}"
                 self.problems.append(Problem(mark, dotted(at), what))
                 continue
-            self.key_marks[at] = mark
-            out[key] = self.build(value_node, at)
-        return out
+            put(mapping, key, self.build(value_node, at), self.mark(value_node), mark)
+        return mapping
 
-    def _scalar(self, node: yaml.Node, keys: Keys) -> Any:
-        plain = getattr(node, "style", None) is None
-        if node.tag not in (_PLAIN_TAGS if plain else _PLAIN_TAGS[:1]):
+    def _scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
+        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
+        if node.tag not in (_PLAIN_TAGS if is_plain else _PLAIN_TAGS[:1]):
             what = f"the tag {node.tag} is not allowed"
-            self.problems.append(Problem(self._mark(node), dotted(keys), what))
+            self.problems.append(Problem(self.mark(node), dotted(keys), what))
             return None
-        self._check_text(node.value, self._mark(node), keys)
-        return scalar(node.value) if plain else node.value
+        text = str(node.value)
+        self._check_text(text, self.mark(node), keys)
+        return scalar(text) if is_plain else text
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
-        if unprintable_reason(text):
-            self.problems.append(Problem(mark, dotted(keys), str(unprintable_reason(text))))
+        if what := unprintable_reason(text):
+            self.problems.append(Problem(mark, dotted(keys), what))
 
-    def _mark(self, node: yaml.Node) -> Mark:
-        return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)
+
+@runtime_checkable
+class _NumpyValue(Protocol):
+    """An array or number of numpy, which is not imported for it."""
+
+    def tolist(self) -> object:
+        """Return the value as plain numbers and lists."""
+
+
+def from_mapping(config: Mapping[str, object]) -> Source:
+    """Return a copy of a Python mapping as a source; raises UserError for what YAML cannot express."""
+    source = Source(None)
+    source.data = marked(_as_plain(config, (), source), source.start)
+    if source.problems:
+        raise UserError(*source.problems)
+    return source
+
+
+def _as_plain(value: object, keys: Keys, source: Source) -> Any:
+    if what := _inexpressible(value, keys):
+        source.problems.append(Problem(source.start, dotted(keys), what))
+        return None
+    if isinstance(value, Mapping):
+        return {key: _as_plain(inner, (*keys, key), source) for key, inner in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_as_plain(inner, (*keys, i), source) for i, inner in enumerate(value)]
+    if isinstance(value, _NumpyValue):
+        return _as_plain(value.tolist(), keys, source)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _inexpressible(value: object, keys: Keys) -> str | None:
+    """Return why a value of Python cannot stand in a config."""
+    if len(keys) > DEEPEST:
+        return f"nested more than {DEEPEST} levels deep"
+    if isinstance(value, Mapping):
+        if not all(isinstance(key, str) for key in value):
+            return "a key must be a word"
+        reasons = (unprintable_reason(key) or formula(key) for key in value)
+        return next(filter(None, reasons), None)
+    if isinstance(value, str):
+        return unprintable_reason(value)
+    expressible = (bool, int, float, Path, Sequence, _NumpyValue, type(None))
+    if isinstance(value, bytes) or not isinstance(value, expressible):
+        name = type(value).__name__
+        return f"is of the type {name}; a config holds words, numbers, lists and mappings"
+    return None

@@ -272,7 +272,8 @@ def test_a_filter_that_cannot_run_on_the_model(
     monkeypatch.delattr(MerweMotion, "jacobian")
     found = mistakes(tmp_path, GOOD.replace("kind: pf\n    N: 10", "kind: ekf"))
     assert found == [
-        "6:11: filters.PF: ekf needs a motion with a Jacobian, which there is not here"
+        "6:11: filters.PF: `ekf` works only with a motion with a Jacobian; "
+        "take another filter or motion"
     ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import make_filter
 from trackbench.cli import main
-from trackbench.config import metric_checks
+from trackbench.config import requested_metrics
 from trackbench.plugins.errors import location_of
 
 HEAD = """
@@ -198,7 +198,7 @@ def test_a_bug_of_our_own_stays_a_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, "targets", "")
-    monkeypatch.setattr(metric_checks, "asked_by_parts", lambda parts: 1 / 0)
+    monkeypatch.setattr(requested_metrics, "requests_of", lambda parts: 1 / 0)
     monkeypatch.setattr("sys.argv", ["trackbench", "check", "c.yaml", "--allow-plugins"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ZeroDivisionError):

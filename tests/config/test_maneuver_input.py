@@ -133,7 +133,8 @@ CASES = [
     (
         "{kind: position, sigma: 100}",
         "{kind: range-azimuth, sigma_range: 50, sigma_azimuth_mrad: 5}",
-        "filters.K: kf needs a linear sensor, which there is not here",
+        "filters.K: `kf` works only with a linear sensor; this scenario has `range-azimuth`: "
+        "take another filter or sensor",
     ),
 ]
 

@@ -73,19 +73,19 @@ def prepared(folder: Path, more: str) -> list[str]:
         ),
         (
             "metrics: [nees]\nfigures: {a: {kind: rmse-vs-time}}",
-            "8:14: figures.a.metric: 'rmse' is not kept: name it under metrics",
+            "8:14: figures.a.metric: 'rmse' is not stored; add it to `metrics`",
         ),
         (
             "metrics: [rmse, nees]\ntables: {a: {kind: consistency}}",
-            "8:13: tables.a: 'nis' is not kept: name it under metrics",
+            "8:13: tables.a: 'nis' is not stored; add it to `metrics`",
         ),
         (
             "metrics: [rmse, nis]\ntables: {a: {kind: consistency}}",
-            "8:13: tables.a: 'anees' is not kept: name it under metrics",
+            "8:13: tables.a: 'anees' is not stored; add it to `metrics`",
         ),
         (
             "per_step: []\nfigures: {a: {kind: rmse-vs-time}}",
-            "8:14: figures.a.metric: 'rmse' is not kept: name it under per_step",
+            "8:14: figures.a.metric: 'rmse' is not stored; add it to `per_step`",
         ),
     ],
 )
@@ -111,7 +111,7 @@ def test_mistakes_elsewhere_hide_none_in_metrics(tmp_path: Path, monkeypatch) ->
 def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace("EKF: {kind: ekf}", "KF: {kind: kf}"))
     found = prepared(tmp_path, COLUMNS)
-    assert all("filters.KF: kf needs" in line for line in found[:-1])
+    assert all("filters.KF: `kf` works only with" in line for line in found[:-1])
     assert len(found) > 1
     assert found[-1] == f"7:42: {LATE}"
 
@@ -119,8 +119,8 @@ def test_what_a_filter_lacks_hides_no_mistake_in_metrics(tmp_path: Path, monkeyp
 def test_what_is_not_kept_is_said_of_some_filters_alone(tmp_path: Path) -> None:
     more = "only: [EKF]\nmetrics: [nees]\n" + COLUMNS.replace("'mean(rmse[late])'", "mean(rmse)")
     assert prepared(tmp_path, more) == [
-        "9:42: tables.a.columns.A: 'rmse' is not kept: name it under metrics",
-        "9:57: tables.a.columns.B: 'collapsed_steps' is not kept: name it under metrics",
+        "9:42: tables.a.columns.A: 'rmse' is not stored; add it to `metrics`",
+        "9:57: tables.a.columns.B: 'collapsed_steps' is not stored; add it to `metrics`",
     ]
 
 

@@ -10,11 +10,11 @@ from tests.commands import spawned, trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.config.plugins import load_plugin
 from trackbench.errors import UserError
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.plugins.errors import BadPluginError
+from trackbench.plugins.errors import PluginError
+from trackbench.plugins.load import load_plugin
 from trackbench.results.folder_contents import read_manifest
 
 PLUGIN = '''
@@ -194,9 +194,9 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
     path.write_text("import os, numpy\nfrom yaml.nodes import Node\n" + path.read_text())
     keys, plugins = [], []
     for number in ("1.0", "2.0"):
-        monkeypatch.setattr("trackbench.config.plugins.version", lambda name, n=number: n)
+        monkeypatch.setattr("trackbench.plugins.load.version", lambda name, n=number: n)
         monkeypatch.setattr(
-            "trackbench.config.plugins.packages_distributions",
+            "trackbench.plugins.load.packages_distributions",
             lambda: {"yaml": ["PyYAML"]},
         )
         experiment = load(config, allow_plugins=True)
@@ -207,7 +207,7 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
     assert keys[0] != keys[1]
     monkeypatch.undo()
     monkeypatch.delitem(sys.modules, plugins[0].module)
-    with pytest.raises(BadPluginError, match=r"this worker has PyYAML .*, not yaml 1\.0"):
+    with pytest.raises(PluginError, match=r"this worker has PyYAML .*, not yaml 1\.0"):
         load_plugin(plugins[0])
 
 

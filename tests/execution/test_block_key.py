@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.papers import maneuver, merwe
-from trackbench.config.build_dataclass import file_keys
+from trackbench.config.build import file_keys
 from trackbench.config.dump import as_config
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask

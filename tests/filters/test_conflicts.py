@@ -96,7 +96,7 @@ def imm(larger: Motion, kind: str, **keys: Any) -> Any:
 def test_an_imm_needs_the_sensor_that_its_models_filter_needs(kind: str) -> None:
     tracker = imm(ConstantVelocity(q=0.0), kind)
     (refused,) = refusals(tracker, maneuver())
-    assert "imm needs a sensor of range and azimuth" in refused.what
+    assert "`imm` works only with a sensor of range and azimuth" in refused.what
     assert refusals(tracker, banana(scans=4)) == []
 
 

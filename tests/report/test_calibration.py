@@ -111,7 +111,7 @@ def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("metrics: [pit_px, ", "metrics: [", ["tables.ranks.rows.X: 'pit_px' is not kept"]),
+        ("metrics: [pit_px, ", "metrics: [", ["tables.ranks.rows.X: 'pit_px' is not stored"]),
         ("X: pit_px, State: pit_nees@8", "X: pit_q", ["rows.X: 'pit_q' is no metric here"]),
         ("X: pit_px, State: pit_nees@8", "X: anees@3", ["rows.X: 'anees@3' is no PIT, such as"]),
         ("pit_nees@8", "pit_nees@9", ["tables.ranks.rows: pit_nees@9: the steps are 0 to 8"]),
@@ -119,7 +119,11 @@ def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
         ("{kind: reliability}", "{kind: reliability, metric: pit_px@0..3}", ["is no PIT"]),
         ("{kind: reliability}", "{kind: reliability, metric: pit_px@10}", ["figures.one.metric"]),
         ("[pit_px,", "[pit_px, coverage_95,", ["did you mean coverage_9"]),
-        ("reference: KF", "medians: [evidence]", ["ratio to an exact filter's: name that under"]),
+        (
+            "reference: KF",
+            "medians: [evidence]",
+            ["relative to the reference filter; name one under"],
+        ),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, said: list[str]) -> None:

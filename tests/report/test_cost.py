@@ -285,13 +285,13 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
         ),
         (
             ("reference: Exact\n", ""),
-            "tables.metrics.columns.E: 'efficiency' is beside a reference: say which filter is exact "
-            "by `reference`",
+            "tables.metrics.columns.E: 'efficiency' compares with the reference filter; name one "
+            "under `reference`",
         ),
         (
             ("[rmse, distance]", "[rmse]"),
-            "tables.metrics.columns.E: 'efficiency' is made of distance, not kept: name what is "
-            "missing under metrics",
+            "tables.metrics.columns.E: 'efficiency' needs distance, not stored; add to `metrics` "
+            "what is missing",
         ),
         (
             ("efficiency: {kind: efficiency", "efficiency: {kind: efficiency, metric: mean(rmse)"),

@@ -76,7 +76,8 @@ BAD = {
         DRAW, "        figure.set_size_inches(1e9, 1e9)\n" + DRAW, "figure mine",
         "@register(\"figures", ""),
     "a caption raises": (
-        DRAW, DRAW + "\n    def default_caption(self, results):\n        1 / 0\n", "caption of figure mine",
+        DRAW, DRAW + "\n    def default_caption(self, results):\n        1 / 0\n",
+        "caption of figure mine",
         "1 / 0", "ZeroDivisionError"),
 }  # fmt: skip
 

@@ -184,17 +184,18 @@ def test_a_sweep_finds_the_highest_score(folder: Path) -> None:
     [
         (
             "tables: {t: {kind: metrics, columns: {E: rms(rmse_position)}}}\n",
-            "tables.t.columns.E: there is no truth to measure 'rmse_position' by; there are: anis",
+            "tables.t.columns.E: 'rmse_position' needs ground truth, and the recording has none; "
+            "known: anis",
         ),
-        ("tables: {t: {kind: consistency}}\n", "tables.t: there is no truth to measure 'anees' by"),
+        ("tables: {t: {kind: consistency}}\n", "tables.t: 'anees' needs ground truth"),
         (
             "figures: {f: {kind: rmse-vs-time, metric: rmse_position}}\n",
-            "figures.f.metric: there is no truth to measure 'rmse_position' by",
+            "figures.f.metric: 'rmse_position' needs ground truth",
         ),
         ("figures: {f: {kind: track}}\n", "figures.f.filters: there is no truth to draw"),
         (
             'tables: {t: {kind: metrics, columns: {E: "gain(mean(log_score), RPF)"}}}\n',
-            "a log score is a logarithm, of which there is no share: take minus(...)",
+            "a log score is a logarithm, and ratios of it mean nothing; take minus(...)",
         ),
         ("hold_out: 1\n", "hold_out"),
     ],

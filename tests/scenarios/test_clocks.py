@@ -123,7 +123,7 @@ ADAPTIVE = {
 def test_a_filter_of_equal_steps_is_refused_or_resampled_for(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
     filters = {"A": ADAPTIVE, "KF": {"kind": "kf"}}
-    with pytest.raises(UserError, match=r"adaptive-kf needs steps of equal length .*resample"):
+    with pytest.raises(UserError, match=r"only with steps of equal length.*`resample:"):
         load(config(tmp_path, {"measurements": "m.csv"}, filters=filters))
     path = config(tmp_path, {"measurements": "m.csv", "resample": 1.0}, filters=filters)
     (told,) = load(path).points[0].scenario.cautions

@@ -28,6 +28,8 @@ def score(*windows: dict[str, Any], **keys: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("rows", "target", "changes", "expected"),
     [
+        # An origin of plane coordinates.
+        (PLAIN, {"origin": [50, 4]}, {}, "target.origin: no file has latitude and longitude"),
         # A unit of another dimension than the column's.
         (PLAIN, {"units": {"x": "deg"}}, {}, "units.x: 'deg' is not a unit of length, which x has"),
         (PLAIN, {"units": {"time": "km"}}, {}, "units.time: 'km' is not a unit of time"),

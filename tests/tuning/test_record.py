@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench.config.tuning_objective import Score
-from trackbench.config.tuning_settings import Axis, read_axis
+from trackbench.config.tuning import Axis, Score, read_axis
 from trackbench.tuning.record import Record, Trial, read_tuning, write_tuning
 
 

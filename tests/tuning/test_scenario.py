@@ -10,7 +10,7 @@ from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
-from trackbench.config.training_scenario import held_out
+from trackbench.config.tuned_entries import held_out
 from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
 from trackbench.execution.block_key import block_key

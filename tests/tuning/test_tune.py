@@ -251,7 +251,7 @@ def test_by_anees_it_is_consistent(config: Path, tmp_path: Path) -> None:
             "grid={scenario.sensor.sigma: [1, 2]}",
             "tune: each point of a grid has values of its own",
         ),
-        ("reference=KF", "tune.KF: the reference filter is what others are measured to"),
+        ("reference=KF", "tune.KF: the reference filter measures the others; tune another filter"),
         ("tune=3", "tune: 3 is not a mapping"),
     ],
 )

@@ -45,7 +45,7 @@ class LoopFilter(Filter[RunObjects]):
 
     @cached_property
     def _keys(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def _make(self) -> Any:
         return self.one(**self._keys)

@@ -62,7 +62,7 @@ def cache(
 
 def _check_config(config: Path, options: "Options", json: bool) -> None:
     from trackbench import api
-    from trackbench.config.training_scenario import training_cautions
+    from trackbench.config.tuned_entries import training_cautions
     from trackbench.errors import counted
     from trackbench.execution.plan import check_memory
 

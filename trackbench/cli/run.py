@@ -94,7 +94,7 @@ def execute(
 ) -> None:
     """Run what `run`, `sweep` or `tune` requests, print the outcome, and exit."""
     from trackbench import api
-    from trackbench.plugins.interrupts import interrupt
+    from trackbench.plugins.errors import interrupt
 
     options, dry_run, json = api_options(given), given["dry_run"], given["json"]
     if command == "tune":

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from trackbench.config import load as configurations
 from trackbench.config.dump import as_yaml
 from trackbench.config.experiment import Experiment
-from trackbench.config.from_mapping import Config
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
@@ -26,7 +25,7 @@ from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
 from trackbench.tuning.record import Record
 from trackbench.tuning.tuner import tune
-from trackbench.yaml_source import read
+from trackbench.yaml_source import Config, read
 
 
 @dataclass(frozen=True, kw_only=True)

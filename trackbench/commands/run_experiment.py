@@ -21,8 +21,7 @@ from trackbench.commands.prepare import (
     with_tuned,
 )
 from trackbench.config.experiment import Experiment
-from trackbench.config.from_mapping import Config
-from trackbench.config.training_scenario import held_out, training_cautions
+from trackbench.config.tuned_entries import held_out, training_cautions
 from trackbench.errors import counted
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.cpu_times import Times, times_of
@@ -44,6 +43,7 @@ from trackbench.results.folder_contents import write_manifest
 from trackbench.results.lock import locked
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.record import write_tuning
+from trackbench.yaml_source import Config
 
 if TYPE_CHECKING:
     import pandas as pd

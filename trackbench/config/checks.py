@@ -5,8 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
 from typing import Any, cast
 
-from trackbench.config import exhibit_checks, plugin_checks
-from trackbench.config.build_dataclass import unknown
+from trackbench.config.build import unknown
 from trackbench.config.experiment import (
     DrawnExhibit,
     Exhibit,
@@ -15,10 +14,16 @@ from trackbench.config.experiment import (
     Settings,
     labels_to_run,
 )
+from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.extension_points import walk_parts
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import moving
+from trackbench.models.sensors.base import Measuring
+from trackbench.plugins.checks import call_hook, filter_conflicts
+from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
@@ -31,7 +36,7 @@ _NEEDS = {
     "motion.F": "a linear motion and steps of equal length",
     "motion.F|linear": "a linear motion",
     "motion.Q": "a linear motion",
-    "motion.T": "steps of equal length (of recorded data: `resample`)",
+    "motion.T": "steps of equal length",
     "motion.T|intervals": "a motion with a sampling time",
     "sensor.H": "a linear sensor",
     "sensor.jacobian": "a sensor with a Jacobian",
@@ -52,11 +57,11 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
         source.add_problem(("filters",), "name at least one filter")
     for i, label in enumerate(settings.only):
         if label not in known:
-            blame_label(source, settings, ("only", i), label)
+            add_label_problem(source, settings, ("only", i), label)
     if settings.bound in known:
         source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
     if settings.reference is not None and settings.reference not in known:
-        blame_label(source, settings, ("reference",), settings.reference)
+        add_label_problem(source, settings, ("reference",), settings.reference)
     return labels_to_run(known, settings.only, settings.reference)
 
 
@@ -76,45 +81,78 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
     unmet = False
     for need in tracker.all_requirements:
         if not has(scenario, need):
-            what = f"{tracker.kind} needs {_NEEDS.get(need, need)}, which there is not here"
+            limit = f"`{tracker.kind}` works only with {_NEEDS.get(need, need)}"
+            what = f"{limit}; {_remedy(scenario, need)}"
             source.problems.append(Problem(source.mark((*keys, "kind")), dotted(keys), what))
             unmet = True
-    # A filter may ask of the scenario what it needs, so it is only asked if that is there.
+    # A filter's own checks may use what it requires of the scenario.
     if not unmet:
-        _blame_each(source, keys, plugin_checks.conflicts(tracker, scenario))
+        _add_conflicts(source, keys, filter_conflicts(tracker, scenario))
+
+
+def _remedy(scenario: Scenario, need: str) -> str:
+    """Return what to do about a requirement that a scenario does not meet."""
+    component = need.partition(".")[0]
+    if component == "sensor":
+        parts = walk_parts(scenario.true_sensor)
+        sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, Measuring))
+        return f"this scenario has {sensors}: take another filter or sensor"
+    if need == "motion.T":
+        return "take another filter, or resample recorded data (`resample: SECONDS`)"
+    key = {"state": "target", "prior": "start"}.get(component, component)
+    return f"take another filter or {key}"
+
+
+def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
+    """Return the scenario as this filter models it; None, with a problem added, if impossible."""
+    keys = ("filters", label, "assume")
+    try:
+        with plugin_code(point.assumed.get(label)):
+            try:
+                scenario = point.assumed_scenario(label)
+                _ = scenario.model
+            except InvalidKeyError as error:
+                owner = keys[:2] if label in point.assumed else ("scenario",)
+                source.add_problem((*owner, *error.path), str(error))
+                return None
+    except (ValueError, PluginError) as error:
+        source.add_problem(keys, str(error))
+        return None
+    return scenario
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
-    """Reject a set key that changes nothing at any point, unless default or preset set it."""
+    """Reject a set key that changes nothing at any point, unless default or preset set it.
+
+    Filters with other mistakes are left out: their methods may rely on what is mistaken.
+    """
+    mistaken = [f"{problem.path}." for problem in source.problems]
     for label in points[0].filters if points else ():
+        entries = "scenario.", f"{dotted(('filters', label))}."
+        if any(path.startswith(entries) for path in mistaken):
+            continue
         trackers = [point.filters[label] for point in points]
         every = [
-            plugin_checks.asked(tracker.idle_keys, dict, point.seen_by(label))
+            call_hook(tracker.idle_keys, dict, point.assumed_scenario(label))
             for tracker, point in zip(trackers, points, strict=True)
         ]
         for key, why in every[0].items():
             path = key.split(".")
-            if not all(key in idle for idle in every) or not _is_given(source, label, path):
+            keys = ("filters", label, *path)
+            is_set = source.has(keys) and source.at(keys) is not None
+            if not is_set or not all(key in idle for idle in every):
                 continue
             if not all(map(_is_usual, trackers, repeat(path))):
-                keys = ("filters", label, *path)
                 source.add_problem(keys, f"has no effect {why}; leave it out")
-
-
-def _is_given(source: Source, label: str, path: list[str]) -> bool:
-    found = source.data["filters"][label]
-    for name in path:
-        found = found.get(name) if isinstance(found, dict) else None
-    return found is not None
 
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
     """Return whether a key has its default, or what a preset gives it."""
-    part: Any = tracker
+    part: object = tracker
     usual = list(tracker.presets.values())
     for name in path[:-1]:
         part = getattr(part, name, None)
-        usual = [preset.get(name, {}) for preset in usual]
+        usual = [cast(dict[str, object], preset.get(name, {})) for preset in usual]
     if not is_dataclass(part):  # `assume` is no key of the class
         return False
     defaults = [key.default for key in fields(part) if key.name == path[-1]]
@@ -131,17 +169,27 @@ def check_bound(source: Source, scenario: Scenario) -> None:
         source.add_problem(("bound",), what)
 
 
-def _blame_each(source: Source, keys: Keys, found: dict[str, str]) -> None:
+def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
-    for key, what in found.items():
+    for key, what in conflicts.items():
         source.add_problem((*keys, *key.split(".")) if key else keys, what)
+
+
+def check_idle_settings(source: Source, settings: Settings) -> None:
+    """Reject settings that only another key gives an effect, unless they have their default."""
+    if settings.min_runs != Settings.min_runs and "until" not in source.data:
+        source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
+    if settings.tuning != Settings.tuning and "tune" not in source.data:
+        source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:
     """Check that the report's key figure is one of the experiment's."""
     name = settings.key_figure
     if name is not None and name not in settings.figures:
-        source.add_problem(("key_figure",), unknown(name, list(settings.figures)))
+        figures = [*settings.figures]
+        hint = unknown(name, figures) if figures else "there are none: leave this key out"
+        source.add_problem(("key_figure",), f"{name!r} is not a figure here; {hint}")
 
 
 def check_named_filters(
@@ -152,19 +200,17 @@ def check_named_filters(
     They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
     """
     for name, part in parts.items():
-        named = [
-            found
-            for key in ("filters", *part.label_keys)
-            for found in _labels(getattr(part, key), (group, name, key))
-        ]
-        for key in fields(cast(Any, part)):
-            named += _compared(getattr(part, key.name), (group, name, key.name))
+        named: list[tuple[Keys, str]] = []
+        for key in ("filters", *part.label_keys):
+            named += _labels(getattr(part, key), (group, name, key))
+        for field in fields(part):
+            named += _compared(getattr(part, field.name), (group, name, field.name))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
-                blame_label(source, settings, where, label)
+                add_label_problem(source, settings, where, label)
 
 
-def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+def _compared(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     """Yield the filter beside which each measure in what a key holds stands, and the measure's place."""
     if isinstance(value, Measure):
         if value.other:
@@ -174,7 +220,7 @@ def _compared(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
             yield from _compared(part, (*where, key))
 
 
-def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
+def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     """Yield every label in what a key holds, and where it stands."""
     if isinstance(value, str):
         yield where, value
@@ -191,10 +237,10 @@ def _labels(value: Any, where: Keys) -> Iterator[tuple[Keys, str]]:
         yield from _labels(part, (*where, key))
 
 
-def blame_label(source: Source, settings: Settings, where: Keys, label: str) -> None:
-    """Note a label that no filter has."""
-    other = unknown(label, list(settings.filters))
-    source.add_problem(where, f"{label!r} is not a filter here; {other}")
+def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
+    """Add the problem of a label that no filter has."""
+    hint = unknown(label, list(settings.filters))
+    source.add_problem(where, f"{label!r} is not a filter here; {hint}")
 
 
 def check_drawable(
@@ -202,7 +248,7 @@ def check_drawable(
 ) -> None:
     """Add the conflicts of tables and figures with these points."""
     for name, part in parts.items() if points else ():
-        _blame_each(source, (group, name), exhibit_checks.conflicts(part, points))
+        _add_conflicts(source, (group, name), exhibit_conflicts(part, points))
 
 
 def check_figures(

@@ -1,4 +1,4 @@
-"""A validated experiment written out again: plain data with every default, to be rerun as it is."""
+"""Write a validated experiment as plain data with every default, which reruns the same experiment."""
 
 import os
 from collections.abc import Callable
@@ -8,45 +8,43 @@ from typing import Any, cast
 
 import yaml
 
-from trackbench.config.build_dataclass import at, file_keys
+from trackbench.config.build import file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
-from trackbench.config.tuning_settings import tuned_label
+from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part
+from trackbench.models.assumed_sensor import Assume
 from trackbench.yaml_source import Keys, scalar
 
 
 def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     """Return the config as plain data with every default; a grid keeps its list of values.
 
-    A part whose kind or preset the grid or tuning varies has only the keys that were given, since each
-    kind and preset has other defaults.
-
-    A filter that ``only`` leaves out stays in it, so that tables, figures and published numbers may
-    go on naming it.
-
-    Paths are relative to ``folder``, where the config is to be written.
+    If the grid or tuning varies a component's kind or preset, defaults differ from point to point, and
+    the component has only the keys that the config sets. A filter that ``only`` leaves out stays, so
+    that tables, figures and published numbers can name it. Paths are relative to ``folder``, where the
+    config is to be written.
     """
-    first, unfilled = experiment.points[0], _with_varied_defaults(experiment)
+    first, without_defaults = experiment.points[0], _with_varied_defaults(experiment)
     out = asdict(experiment.settings)
 
     def relative(path: str) -> str:
         return os.path.relpath(path, folder)
 
-    def written(part: Any, keys: Keys) -> Any:
+    def written(part: Part, keys: Keys) -> object:
         full = as_config(part, relative)
-        return _only_given(full, at(experiment.source, keys)) if keys in unfilled else full
+        return _only_set(full, experiment.source.at(keys)) if keys in without_defaults else full
 
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
     out["scenario"] = written(first.scenario, ("scenario",))
-    trained = out["tuning"].pop("scenario")  # what was given: the rest is the scenario's
-    if trained is not None and experiment.training is not None:
+    changes = out["tuning"].pop("scenario")  # the other keys are those of the scenario
+    if changes is not None and experiment.training is not None:
         whole = as_config(experiment.training.scenario, relative)
-        out["tuning"]["scenario"] = _only_given(whole, trained)
+        out["tuning"]["scenario"] = _only_set(whole, changes)
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
     groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)
@@ -57,8 +55,8 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     for label, assume in first.assumed.items():
         keys = ("filters", label, "assume")
         assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}
-        if keys[:2] in unfilled:
-            assumed = _only_given(assumed, at(experiment.source, keys))
+        if keys[:2] in without_defaults:
+            assumed = _only_set(assumed, experiment.source.at(keys))
         out["filters"][label]["assume"] = assumed
     return out
 
@@ -74,16 +72,16 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
 
 
-def _only_given(full: Any, given: Any) -> Any:
-    """Return ``full`` without the keys that were not given."""
-    if isinstance(full, dict) and isinstance(given, dict):
-        return {key: _only_given(full.get(key, value), value) for key, value in given.items()}
-    if isinstance(full, list) and isinstance(given, list):
-        return [_only_given(*pair) for pair in zip(full, given, strict=True)]
+def _only_set(full: object, config: object) -> Any:
+    """Return ``full`` with only the keys that the config sets."""
+    if isinstance(full, dict) and isinstance(config, dict):
+        return {key: _only_set(full.get(key, value), value) for key, value in config.items()}
+    if isinstance(full, list) and isinstance(config, list):
+        return [_only_set(*pair) for pair in zip(full, config, strict=True)]
     return full
 
 
-def as_yaml(data: Any) -> str:
+def as_yaml(data: object) -> str:
     """Return plain data as YAML in its order; `source.read` returns the same data."""
     return yaml.dump(
         data,
@@ -97,17 +95,17 @@ def as_yaml(data: Any) -> str:
 
 class _Dumper(yaml.SafeDumper):
     def represent_word(self, word: str) -> yaml.ScalarNode:
-        """Return the quoted also where only YAML 1.2 takes a plain word for a number, such as 1e5."""
-        quoted = "'" if scalar(word) != word else None
-        if "\x85" in word:  # a line break to YAML, which only double quotes can say
-            quoted = '"'
-        return self.represent_scalar("tag:yaml.org,2002:str", word, style=quoted)
+        """Return the node of a word, in quotes if YAML 1.2 would read it as a number, such as 1e5."""
+        quote = "'" if scalar(word) != word else None
+        if "\x85" in word:  # a line break in YAML, which only double quotes can express
+            quote = '"'
+        return self.represent_scalar("tag:yaml.org,2002:str", word, style=quote)
 
 
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
+def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> dict[str, Any]:
     """Return a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
     out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
@@ -119,7 +117,7 @@ def as_config(part: Any, shown: Callable[[str], str] = str) -> dict[str, Any]:
     return out
 
 
-def _plain(value: Any, shown: Callable[[str], str]) -> Any:
+def _plain(value: object, shown: Callable[[str], str]) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)

@@ -1,19 +1,20 @@
 """Experiment: the top level of its file, and the validated result."""
 
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 from pydantic import AfterValidator, StringConstraints
 
-from trackbench.config.plugins import Plugin
 from trackbench.config.published import Published
-from trackbench.config.tuning_settings import Axis, Tuning
+from trackbench.config.tuning import Axis, Tuning
 from trackbench.extension_points import Part
 from trackbench.field_types import ONE_LINE, Count, Natural
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
@@ -23,13 +24,12 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 
 def _error(value: float | str) -> float | str:
     """Return a standard error, or a share of its number; raises ValueError."""
-    is_share = isinstance(value, str) and value.endswith("%")
-    try:
-        number = (
-            float(str(value).removesuffix("%")) if is_share or not isinstance(value, str) else 0
-        )
-    except ValueError:
-        number = 0.0
+    number = 0.0
+    if not isinstance(value, str):
+        number = value
+    elif value.endswith("%"):
+        with suppress(ValueError):
+            number = float(value.removesuffix("%"))
     if not 0.0 < number < float("inf"):
         raise ValueError("give a number greater than 0, or a share of the value such as 1%")
     return value
@@ -38,7 +38,7 @@ def _error(value: float | str) -> float | str:
 Error = Annotated[float | str, AfterValidator(_error)]
 """How exact a number is to be: 0.02, or 1% of it."""
 
-_AS_IT_IS = Tuning()
+_DEFAULT_TUNING = Tuning()
 
 Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
 
@@ -50,61 +50,61 @@ class Settings:
     name: Name
     """name of the experiment, and of its folder under results/"""
     title: str = ""
-    """one line for people; here and in titles of tables and figures {runs} is their number"""
+    """one line for people; {runs} stands for the number of runs, here and in titles of exhibits"""
     paper: str = ""
-    """what it reproduces: authors and title"""
+    """paper that it reproduces: authors and title"""
     seed: Natural = 0
     """seed of every random number"""
     runs: Count = 100
-    """Monte Carlo runs; with `until`: at most so many"""
+    """Monte Carlo runs; with `until` the largest number of runs"""
     until: dict[str, Error] = field(default_factory=dict)
-    """standard errors that end the runs once every filter's is as small: {rms(rmse): 1%, anees: 0.02}"""
+    """standard errors that end the runs once every filter reaches them: {rms(rmse): 1%, anees: 0.02}"""
     min_runs: Count = 1000
-    """with `until`: runs before the first look at those errors; fewer do not see a rare far run"""
+    """with `until`: runs before the first check of those errors; fewer may miss a rare far run"""
     verdict_seeds: Count = 4
-    """batches, of streams of their own, that the runs are split into: a verdict on what is published
-    has to show without any one of them"""
+    """batches of runs, each with its own random streams; a verdict on a published number must hold
+    without any one of them"""
     block: Count | Literal["fit"] | None = None
-    """runs computed together; default: from each filter's N, about 32 000 particles at a time, and
-    always as many, so that more runs can be added; fit: no more than there are, shared out evenly"""
-    scenario: dict[str, Any]
-    """what is simulated: kind and keys, a path, or {use: path, key: value}"""
-    filters: dict[Label, dict[str, Any]]
-    """filters by label, each like the scenario"""
+    """runs computed together; default: about 32 000 particles at a time, from each filter's N, whatever
+    the number of runs, so that runs can be added later; fit: at most `runs`, in equal blocks"""
+    scenario: dict[str, object]
+    """simulated scenario: kind and keys, a path, or {use: path, key: value}"""
+    filters: dict[Label, dict[str, object]]
+    """filters by label, each given as the scenario is"""
     reference: Label | None = None
-    """label of the filter whose estimates the others' distances are measured to"""
+    """label of the filter that RMS differences are measured from"""
     only: list[Label] = field(default_factory=list)
-    """labels of the filters that are run, beside the reference; default: all"""
+    """labels of the filters to run, beside the reference; default: all"""
     bound: Label | None = None
-    """name under which the scenario's lower bounds stand in tables and figures; default: nowhere"""
+    """label of the scenario's lower bounds in tables and figures; default: they are left out"""
     hold_out: Annotated[int, Ge(2)] | None = None
-    """every so many-th measurement of a run is not given to the filters, and predicted instead; 5"""
+    """hold back every n-th measurement of a run from the filters, and predict it instead, such as 5"""
     medians: list[str] = field(default_factory=list)
-    """series whose median per step is wanted, such as nees"""
+    """series whose median per step is computed, such as nees"""
     metrics: list[str] | None = None
     """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
-    grid: dict[str, list[Any]] = field(default_factory=dict)
-    """paths and the values they take; `a & b` take a value together, or of a list [1, 2] one each"""
+    grid: dict[str, list[object]] = field(default_factory=dict)
+    """values by path; `a & b` take a value together, or one each of a list [1, 2]"""
     product: bool = True
-    """run every combination of the grid's values; else keys of different filters are varied one filter
-    after the other, at the first values of the others: a sweep does so"""
-    tune: dict[Label, dict[str, Any]] = field(default_factory=dict)
+    """run every combination of the grid's values; else vary the keys of one filter after the other, at
+    the first values of the other filters, as a sweep does"""
+    tune: dict[Label, dict[str, object]] = field(default_factory=dict)
     """keys that are tuned, by filter: {KF: {assume.motion.q: log:1e-6..10}}; a..b, log:a..b or a list
-    of choices. What is found is run as one more filter, `KF (tuned)`"""
-    tuning: Tuning = _AS_IT_IS
-    """by what they are tuned, on how many training runs, and how often each may try"""
-    tables: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    of choices. The best values are run as one more filter, `KF (tuned)`"""
+    tuning: Tuning = _DEFAULT_TUNING
+    """metric of tuning, number of training runs and of evaluations"""
+    tables: dict[Name, dict[str, object]] = field(default_factory=dict)
     """tables to write, by name"""
-    figures: dict[Name, dict[str, Any]] = field(default_factory=dict)
+    figures: dict[Name, dict[str, object]] = field(default_factory=dict)
     """figures to draw, by name"""
     key_figure: Name | None = None
-    """name of the figure that the report begins with; default: the first"""
+    """name of the figure at the top of the report; default: the first"""
     published: list[str] = field(default_factory=list)
-    """CSV files of published numbers and claims that the results are held against"""
+    """CSV files of published numbers and claims that the results are checked against"""
     plugins: list[str] = field(default_factory=list)
-    """Python files with filters or scenarios of one's own; loaded with --allow-plugins only"""
+    """Python files with your filters or scenarios; loaded with --allow-plugins only"""
 
 
 def labels_to_run(
@@ -118,13 +118,13 @@ def labels_to_run(
 class Point:
     """One combination of the grid's values, with its scenario and filters by label."""
 
-    values: dict[str, Any]
+    values: dict[str, object]
     scenario: Scenario
     filters: dict[str, AnyFilter]
     assumed: dict[str, Assume] = field(default_factory=dict)
-    """what filters assume that is not the scenario's, by label"""
+    """filter models that differ from the scenario's, by label"""
 
-    def seen_by(self, label: str) -> Scenario:
+    def assumed_scenario(self, label: str) -> Scenario:
         """Return the scenario with the model that this filter assumes."""
         if label not in self.assumed:
             return self.scenario
@@ -139,10 +139,10 @@ class Labelled:
 
 
 class Exhibit(Labelled, Part):
-    """Base of tables and figures: what they show, and what they need for it."""
+    """Base of tables and figures: the filters and metrics that they show."""
 
     requires: ClassVar[dict[str, str]] = {}
-    """metrics that it shows by itself, and the file each stands in: per_step, per_run, summary"""
+    """metrics that it always shows, with the file of each: per_step, per_run, summary"""
 
     @property
     def filters(self) -> tuple[str, ...] | None:
@@ -155,29 +155,29 @@ class Exhibit(Labelled, Part):
 
 
 class DrawnExhibit(Exhibit):
-    """Base of figures: what must be kept of the runs for them."""
+    """Base of figures: the tracks that must be stored for them."""
 
     numbers: ClassVar[tuple[str, ...]] = ()
-    """which of its keys ``run`` and ``component`` are numbers of these, from 1"""
+    """those of its keys ``run`` and ``component`` that count runs and components, from 1"""
 
     @property
     def shown_runs(self) -> int:
-        """Return the runs whose tracks must be kept."""
+        """Return the number of runs whose tracks must be stored."""
         return 0
 
     @property
     def shown_covariances(self) -> bool:
-        """Return whether the tracks' covariances must be kept, too."""
+        """Return whether the tracks' covariances must be stored, too."""
         return False
 
     @property
     def shown_components(self) -> tuple[int, ...] | None:
-        """Return the components of the tracks, if lines of them over the plane are all that is drawn."""
+        """Return the components to store, if the figure draws only lines of them over the plane."""
         return None
 
     @property
     def shown_measurements(self) -> bool:
-        """Return whether the positions that the first run's measurements tell must be kept."""
+        """Return whether the positions measured in the first run must be stored."""
         return False
 
 

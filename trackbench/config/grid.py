@@ -1,4 +1,4 @@
-"""Which combinations of a grid's values are points: all, or the keys of one filter after the other's.
+"""Points of a grid: every combination of its values, or the keys of one filter after the other.
 
 Filters do not know of each other, so a filter comes out the same whatever others are given. What all
 depend on, the scenario and the reference filter, is combined with everything.
@@ -10,10 +10,10 @@ from itertools import product
 from math import prod
 from typing import Any, TypeAlias
 
-from trackbench.config.checks import blame_label
+from trackbench.config.checks import add_label_problem
 from trackbench.config.experiment import Settings
 from trackbench.config.includes import override, split_assignment, split_path
-from trackbench.config.tuning_settings import RANGE
+from trackbench.config.tuning import RANGE
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Keys, Source, dotted, scalar
 
@@ -26,7 +26,7 @@ def single_paths(path: str) -> list[str]:
     return path.split(" & ")
 
 
-def values_of(path: str, value: Any) -> list[Any]:
+def values_of(path: str, value: Any) -> list[object]:
     """Return the value of each path: a common value, or each its own from a list."""
     paths = single_paths(path)
     each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
@@ -35,11 +35,11 @@ def values_of(path: str, value: Any) -> list[Any]:
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
     """Return labels of the filters of which a grid's key varies something; a label may have dots."""
-    found = []
+    varied = []
     for single in single_paths(path):
-        mine = [label for label in labels if single.startswith(f"filters.{label}.")]
-        found += [max(mine, key=len)] if mine else []
-    return found
+        matches = [label for label in labels if single.startswith(f"filters.{label}.")]
+        varied += [max(matches, key=len)] if matches else []
+    return varied
 
 
 def is_of_scenario(path: str) -> bool:
@@ -51,21 +51,24 @@ def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
     """Return paths that vary filters by themselves, together where they have a filter in common."""
-    found: list[tuple[set[str], list[str]]] = []
+    groups: list[tuple[set[str], list[str]]] = []
     for path in grid:
-        mine = set(filters_of(path, labels))
-        if is_of_scenario(path) or reference in mine:
+        varied = set(filters_of(path, labels))
+        if is_of_scenario(path) or reference in varied:
             continue
-        joined, paths = mine, [path]
-        for others, known in [item for item in found if item[0] & mine]:
-            found.remove((others, known))
-            joined, paths = joined | others, [*known, *paths]
-        found.append((joined, paths))
-    return [paths for _, paths in found]
+        joined, paths = varied, [path]
+        for group in [group for group in groups if group[0] & varied]:
+            groups.remove(group)
+            joined, paths = joined | group[0], [*group[1], *paths]
+        groups.append((joined, paths))
+    return [paths for _, paths in groups]
 
 
 def combinations(
-    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, Sequence[object]],
+    labels: Collection[str],
+    reference: str | None,
+    every: bool,
 ) -> list[Places]:
     """Return the points in the order of their values: every combination, or one filter group at a time.
 
@@ -74,49 +77,54 @@ def combinations(
     if every:
         return list(product(*(range(len(values)) for values in grid.values())))
     apart = independent_filter_paths(grid, labels, reference)
-    held = {path for paths in apart for path in paths}
+    independent = {path for paths in apart for path in paths}
     points: set[Places] = set()
     for paths in apart or [[]]:
-        varied = {path for path in grid if path not in held or path in paths}
+        varied = {path for path in grid if path not in independent or path in paths}
         points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))
     return sorted(points)
 
 
 def number_of_points(
-    grid: Mapping[str, Sequence[Any]], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, Sequence[object]],
+    labels: Collection[str],
+    reference: str | None,
+    every: bool,
 ) -> int:
     """Return the number of points in `combinations`."""
     if every:
         return prod(len(values) for values in grid.values())
     apart = independent_filter_paths(grid, labels, reference)
     alone = [prod(len(grid[path]) for path in paths) for paths in apart]
-    held = {path for paths in apart for path in paths}
-    together = prod(len(values) for path, values in grid.items() if path not in held)
+    independent = {path for paths in apart for path in paths}
+    together = prod(len(values) for path, values in grid.items() if path not in independent)
     return together * (1 + sum(n - 1 for n in alone))
 
 
 _MOST_POINTS = 10_000
 
 
-def grid_points(source: Source, settings: Settings) -> list[tuple[dict[str, Any], dict[str, Mark]]]:
+def grid_points(
+    source: Source, settings: Settings
+) -> list[tuple[dict[str, object], dict[str, Mark]]]:
     """Return each point's values by path, with their positions."""
     grid = settings.grid
     if not _is_possible(source, settings):
         return []
-    out = []
+    points = []
     for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
-        chosen = dict(zip(grid, numbers, strict=True))
-        taken = {path: grid[path][i] for path, i in chosen.items()}
-        marks = {path: source.mark(("grid", path, i)) for path, i in chosen.items()}
-        out.append((taken, marks))
-    return out
+        places = dict(zip(grid, numbers, strict=True))
+        values = {path: grid[path][i] for path, i in places.items()}
+        marks = {path: source.mark(("grid", path, i)) for path, i in places.items()}
+        points.append((values, marks))
+    return points
 
 
-def apply_point(source: Source, values: dict[str, Any], marks: dict[str, Mark]) -> None:
+def apply_point(source: Source, values: dict[str, object], marks: dict[str, Mark]) -> None:
     """Give the config the values of one point, which stand at these marks."""
     for joint, value in values.items():
-        for path, own in zip(single_paths(joint), values_of(joint, value), strict=True):
-            override(source, split_path(source, path), own, marks[joint])
+        for path, single in zip(single_paths(joint), values_of(joint, value), strict=True):
+            override(source, split_path(source, path), single, marks[joint])
 
 
 def _is_possible(source: Source, settings: Settings) -> bool:
@@ -128,39 +136,32 @@ def _is_possible(source: Source, settings: Settings) -> bool:
                 source.add_key_problem(where, "a grid varies scenario.KEY or filters.LABEL.KEY")
                 return False
             if keys[0] == "filters" and keys[1] not in settings.filters:
-                blame_label(source, settings, where, str(keys[1]))
+                add_label_problem(source, settings, where, str(keys[1]))
                 return False
         if not values:
             source.add_problem(where, "has no values")
-        _check_repeated(source, path, values)
-    overlaps = _overlapping(source, grid)
+        for i, value in enumerate(values):
+            if value in values[:i]:  # two equal points would count every run twice
+                source.add_problem(("grid", path, i), f"{value!r} is given twice")
+    has_overlaps = _has_overlaps(source, grid)
     number = number_of_points(grid, settings.filters, settings.reference, settings.product)
     if number > _MOST_POINTS:
         source.add_problem(("grid",), f"{number} points; a grid has at most {_MOST_POINTS}")
         return False
-    return not overlaps
+    return not has_overlaps
 
 
-def _overlapping(source: Source, grid: dict[str, list[Any]]) -> bool:
+def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
     """Reject two axes that set the same value, as one would overwrite the other."""
-    varied: dict[Keys, str] = {}
-    found = False
+    before, axis_of = len(source.problems), dict[Keys, str]()
     for path in grid:
         for keys in (split_path(source, single) for single in single_paths(path)):
-            for other, name in varied.items():
+            for other, axis in axis_of.items():
                 if all(a == b for a, b in zip(keys, other, strict=False)):
-                    what = f"{dotted(max(keys, other, key=len))} is varied by {name!r}, too"
+                    what = f"{dotted(max(keys, other, key=len))} is varied by {axis!r}, too"
                     source.add_key_problem(("grid", path), what)
-                    found = True
-            varied[keys] = path
-    return found
-
-
-def _check_repeated(source: Source, path: str, values: list[Any]) -> None:
-    """Reject two points of equal values, which would count every run twice."""
-    for i, value in enumerate(values):
-        if value in values[:i]:
-            source.add_problem(("grid", path, i), f"{value!r} is given twice")
+            axis_of[keys] = path
+    return len(source.problems) > before
 
 
 _RANGE = re.compile(rf"{RANGE}:([0-9]{{1,9}})")
@@ -172,16 +173,13 @@ def add_axis(source: Source, text: str) -> None:
     keys, values, mark = split_assignment(source, text, "--grid")
     path = dotted(keys)
     if not isinstance(source.data.get("grid"), dict):
-        source.data["grid"] = {}
-        source.marks["grid",] = source.key_marks["grid",] = mark
+        override(source, ("grid",), {}, mark)
     if path in source.data["grid"] and not source.mark(("grid", path)).line:
         raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
-    found = source.data["grid"][path] = axis_values(values, mark)
-    for at in (("grid", path), *(("grid", path, i) for i in range(len(found)))):
-        source.marks[at] = source.key_marks[at] = mark
+    override(source, ("grid", path), axis_values(values, mark), mark)
 
 
-def axis_values(text: str, mark: Mark) -> list[Any]:
+def axis_values(text: str, mark: Mark) -> Sequence[object]:
     """Return the values of one axis: a list, or a range that is linear or logarithmic."""
     match = _RANGE.fullmatch(text)
     if match is None:
@@ -194,19 +192,12 @@ def axis_values(text: str, mark: Mark) -> list[Any]:
         raise UserError(Problem(mark, "", f"{number} values: write 1 to {_MOST_VALUES}"))
     if log and not (float(first) > 0 and float(last) > 0):
         raise UserError(Problem(mark, "", "a logarithmic range has ends above zero"))
-    values = _spaced(float(first), float(last), int(number), bool(log))
+    shares = [i / (int(number) - 1) if int(number) > 1 else 0.0 for i in range(int(number))]
+    low, high = float(first), float(last)
+    spaced = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
+    values = [float(f"{value:.12g}") for value in spaced]  # 0.3, not 0.30000000000000004
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):
         whole = [round(v) for v in values]
         if all(abs(v - w) < 1e-9 * max(1.0, abs(v)) for v, w in zip(values, whole, strict=True)):
             return whole
     return values
-
-
-def _spaced(first: float, last: float, number: int, log: bool) -> list[float]:
-    """Return values as typed, to twelve digits: 0.3 and not 0.30000000000000004."""
-    share = [i / (number - 1) if number > 1 else 0.0 for i in range(number)]
-    if log:
-        values = [first * (last / first) ** s for s in share]
-    else:
-        values = [first + (last - first) * s for s in share]
-    return [float(f"{value:.12g}") for value in values]

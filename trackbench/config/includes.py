@@ -1,16 +1,28 @@
-"""Putting a config together: parts from other files, and overrides by path."""
+"""Put a config together: include components from other files, and override keys by path."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.build_dataclass import at
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.field_types import require_regular_file
-from trackbench.yaml_source import Keys, Source, dotted, parse, read, scalar, unprintable_reason
+from trackbench.yaml_source import (
+    Keys,
+    MarkedMapping,
+    Source,
+    dotted,
+    has_item,
+    marked,
+    parse,
+    put,
+    read,
+    scalar,
+    unprintable_reason,
+)
 
 _PARTS = ("filters", "tables", "figures")
+_DEEPEST = 10  # files that use another file
 
 
 def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
@@ -29,18 +41,18 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
-            if isinstance(at(source, keys), dict):
+            if isinstance(source.at(keys), dict):
                 _include_nested(source, keys, depth=0)
         except UserError as error:
-            found = [p for p in error.problems if isinstance(p, Problem)]
-            unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in found]
-            at(source, keys[:-1])[keys[-1]] = {}  # so that the rest can be looked at, too
+            problems = [p for p in error.problems if isinstance(p, Problem)]
+            unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in problems]
+            source.at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
     return unread
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
     """Include the components within a component; paths are relative to their file."""
-    data = at(source, keys)
+    data = source.at(keys)
     inner: Iterable[str | int] = data if isinstance(data, dict) else range(len(data))
     for key in list(inner):
         value, place = data[key], (*keys, key)
@@ -52,31 +64,16 @@ def _include_nested(source: Source, keys: Keys, depth: int) -> None:
             _include_nested(source, place, depth)
 
 
-def override(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
-    """Set the value at ``keys``, making mappings on the way; all positions in it become ``mark``."""
-    data = source.data
-    for depth, key in enumerate(keys[:-1]):
-        inner = data.get(key) if isinstance(data, dict) else data[key]
+def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
+    """Set the value at ``keys``, creating mappings on the way; all positions in it become ``mark``."""
+    node = source.data
+    for key in keys[:-1]:
+        inner = node[key] if has_item(node, key) else None
         if not isinstance(inner, dict | list):
-            data[key] = inner = {}
-            source.marks[keys[: depth + 1]] = mark
-        data = inner
-    before = data.get(keys[-1]) if isinstance(data, dict) else data[keys[-1]]
-    data[keys[-1]] = value
-    if isinstance(before, dict | list):
-        for marks in (source.marks, source.key_marks):
-            for old in [k for k in marks if k[: len(keys)] == keys]:
-                del marks[old]
-    _mark_all(source, keys, value, mark)
-
-
-def _mark_all(source: Source, keys: Keys, value: Any, mark: Mark) -> None:
-    source.marks[keys] = source.key_marks[keys] = mark
-    inner = (
-        value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
-    )
-    for key in inner:
-        _mark_all(source, (*keys, key), value[key], mark)
+            inner = MarkedMapping()
+            put(node, key, inner, mark)
+        node = inner
+    put(node, keys[-1], marked(value, mark), mark, mark)
 
 
 def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
@@ -103,22 +100,17 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
     best: tuple[int, Keys, str] | None = None
     for i in places:
         keys = split_path(source, text[:i])
-        known = _known_depth(source, keys)
+        known = sum(source.has(keys[:depth]) for depth in range(1, len(keys) + 1))
         if best is None or known > best[0]:
             best = known, keys, text[i + 1 :]
     assert best is not None
     return best[1], best[2], mark
 
 
-def _known_depth(source: Source, keys: Keys) -> int:
-    """Return the number of leading keys that exist."""
-    return sum(keys[:depth] in source.marks for depth in range(1, len(keys) + 1))
-
-
 def split_path(source: Source, path: str) -> Keys:
     """Return a dotted path as keys; a key that has dots itself (a label) is recognised if it exists."""
     keys: Keys = ()
-    data: Any = source.data
+    data: object = source.data
     while path:
         known = (
             [k for k in data if path == k or path.startswith(f"{k}.")]
@@ -138,19 +130,20 @@ def split_path(source: Source, path: str) -> Keys:
 
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
-    parent = at(source, keys[:-1])
-    data = parent[keys[-1]]
-    changes: dict[str, Any] = {}
-    name = data
-    if isinstance(data, dict):
-        if "use" not in data:
+    """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path."""
+    parent = source.at(keys[:-1])
+    name, changes = parent[keys[-1]], MarkedMapping()
+    mark = source.mark(keys)
+    if isinstance(name, dict):
+        if "use" not in name:
             return
-        changes = {k: v for k, v in data.items() if k != "use"}
-        name = data["use"]
-    mark = source.mark((*keys, "use") if isinstance(data, dict) else keys)
+        mark = source.mark((*keys, "use"))
+        changes = MarkedMapping(name)
+        name = changes.pop("use")
+        changes.marks.pop("use", None)
     if not isinstance(name, str):
         raise UserError(Problem(mark, dotted(keys), "is neither a mapping nor a path"))
-    if depth > 10:
+    if depth > _DEEPEST:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     path = folder / name
     try:
@@ -160,28 +153,28 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         raise UserError(Problem(mark, dotted(keys), what)) from None
     part = read(path)
     if not isinstance(part.data, dict):
-        raise UserError(Problem(part.mark(()), dotted(keys), "is not a mapping with a kind"))
-    own = source.subtree(keys, changes)
-    own.marks.pop((), None)  # the part stands where its file begins
-    source.adopt_positions(keys, part)
-    source.adopt_positions(keys, own)
-    parent[keys[-1]] = deep_merge(part.data, changes, by_kind=True)
-    if "use" in part.data:
-        parent[keys[-1]]["use"] = part.data["use"]
+        raise UserError(Problem(part.start, dotted(keys), "is not a mapping with a kind"))
+    whole = deep_merge(part.data, changes, by_kind=True)
+    put(parent, keys[-1], whole, part.start)  # a part stands where its file begins
+    if "use" in whole:
         _inline(source, keys, path.parent, depth + 1)
 
 
-def deep_merge(base: dict[str, Any], top: dict[str, Any], by_kind: bool = False) -> dict[str, Any]:
-    """Return ``base`` with the keys of ``top``; a mapping in both is laid over in the same way.
+def deep_merge(
+    base: Mapping[str, object], top: Mapping[str, object], by_kind: bool = False
+) -> MarkedMapping:
+    """Return ``base`` with the keys of ``top``; a mapping in both is merged in the same way.
 
-    ``by_kind``: but of another kind, and so with other keys, it stands in place of the base's.
+    ``by_kind``: a mapping of another kind, and so with other keys, replaces that of the base.
     """
-
-    def both(key: str, value: Any) -> Any:
-        mine = base.get(key)
-        if not isinstance(mine, dict) or not isinstance(value, dict):
-            return value
-        other = by_kind and value.get("kind", mine.get("kind")) != mine.get("kind")
-        return value if other else deep_merge(mine, value, by_kind)
-
-    return {**base, **{key: both(key, value) for key, value in top.items()}}
+    merged, on_top = MarkedMapping(base), MarkedMapping(top)
+    merged.marks |= on_top.marks
+    merged.key_marks |= on_top.key_marks
+    for key, value in top.items():
+        below = base.get(key)
+        merged[key] = value
+        if isinstance(below, dict) and isinstance(value, dict):
+            is_other_kind = value.get("kind", below.get("kind")) != below.get("kind")
+            if not (by_kind and is_other_kind):
+                merged[key] = deep_merge(below, value, by_kind)
+    return merged

@@ -1,4 +1,4 @@
-"""An experiment file: read, put together from its parts, overridden, validated.
+"""Load an experiment: read its file, include its parts, override keys, validate.
 
 All mistakes are collected before anything runs. A grid (``grid: {scenario.R: [0.1, 1]}``) makes one
 point per combination; without one there is a single point. Paths joined by `` & `` take each value
@@ -12,47 +12,51 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from trackbench.config.assumed_model import check_assumed, read_assumed
-from trackbench.config.build_dataclass import build
-from trackbench.config.build_kinds import build_kind
+from trackbench.config.build import build, build_kind, read_assumed
 from trackbench.config.checks import (
+    check_assumed,
     check_bound,
     check_drawable,
     check_figures,
     check_fit,
     check_idle,
+    check_idle_settings,
     check_key_figure,
     check_named_filters,
     chosen_labels,
     with_recorded_runs,
 )
-from trackbench.config.defaults_without_truth import fill_in
-from trackbench.config.experiment import Experiment, Point, Settings
-from trackbench.config.from_mapping import source_of
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.includes import assignment, inline_parts, override
-from trackbench.config.metric_checks import check_metrics, check_trained_metrics
-from trackbench.config.plugin_checks import mistake_of
-from trackbench.config.plugins import Plugin, load_plugins
-from trackbench.config.published import Published
-from trackbench.config.published_csv import read_published
-from trackbench.config.training_scenario import training_point
-from trackbench.config.tuned_entries import Chosen, add_tuned, tuned_axes, with_defaults
+from trackbench.config.plugin_checks import load_plugins
+from trackbench.config.published import Published, read_published
+from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
+from trackbench.config.tuned_entries import (
+    Chosen,
+    add_tuned,
+    training_point,
+    tuned_axes,
+    with_defaults,
+)
 from trackbench.errors import Mark, Problem, RunError, UserError
-from trackbench.plugins.errors import foreign_line
-from trackbench.plugins.interrupts import guarded
+from trackbench.filters.base import AnyFilter
+from trackbench.models.base import moving
+from trackbench.plugins.checks import check_scenario
+from trackbench.plugins.errors import PluginError, foreign_line, guarded
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
-from trackbench.yaml_source import Source, read, unprintable_reason
+from trackbench.yaml_source import Source, from_mapping, read, unprintable_reason
 
 _ALIKE = 0.7  # of two keys: `title` and `titel` are 0.8, `bound` and `bogus` 0.6
-_ALONE = {
+_INDEPENDENT = {
     *("name", "title", "seed", "runs", "verdict_seeds", "block"),
     *("medians", "metrics", "per_step", "published"),
 }
 
 
 class UnknownNamesError(UserError):
-    """Metrics that are asked for, or rows of published files, and nothing else: the rest is made."""
+    """Mistakes in names of metrics or rows of published files only; the experiment is complete."""
 
     def __init__(self, experiment: Experiment, *problems: Problem) -> None:
         super().__init__(*problems)
@@ -60,7 +64,7 @@ class UnknownNamesError(UserError):
 
 
 def load(
-    config: Path | Mapping[str, Any],
+    config: Path | Mapping[str, object],
     overrides: Sequence[str] = (),
     only: Sequence[str] = (),
     runs: int | None = None,
@@ -77,14 +81,22 @@ def load(
     ``product`` whether every combination of them is a point where the file has no grid;
     ``found`` are the values that tuning gave the keys of filters, by label.
     """
-    source, home = _source(config)
+    if isinstance(config, Mapping):
+        source, home = from_mapping(config), Path()
+    else:
+        source, home = read(config), config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
     unread = inline_parts(source, home)
     for text in overrides:
         override(source, *assignment(source, text))
-    _set_numbers(source, runs=runs, seed=seed)
-    _set_grid(source, grid, product)
+    for key, number in {"runs": runs, "seed": seed}.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))
+    if grid and not source.data.get("grid") and "product" not in source.data:
+        override(source, ("product",), product, Mark("--product"))
+    for axis in grid:
+        add_axis(source, axis)
     _set_only(source, only)
     add_tuned(source, found or {})
     plugins = load_plugins(source, home, allow_plugins)
@@ -97,38 +109,18 @@ def load(
     return experiment
 
 
-def _source(config: Path | Mapping[str, Any]) -> tuple[Source, Path]:
-    """Return a config's source, and the folder that its paths are relative to."""
-    if isinstance(config, Mapping):
-        return source_of(config), Path()
-    return read(config), config.parent
-
-
 def _with_unread(unread: dict[str, list[Problem]], error: UserError) -> UserError:
     """Return the mistakes found, but of a part that could not be read only why."""
     parts = tuple(f"{part}." for part in unread)
-    found = [p for p in error.problems if isinstance(p, Problem)]
-    other = [p for p in found if not f"{p.path}.".startswith(parts)]
-    return UserError(*sorted({*itertools.chain(*unread.values()), *other}))
-
-
-def _set_numbers(source: Source, **numbers: int | None) -> None:
-    for key, number in numbers.items():
-        if number is not None:
-            override(source, (key,), number, Mark(f"--{key}"))
-
-
-def _set_grid(source: Source, axes: Sequence[str], product: bool) -> None:
-    if axes and not source.data.get("grid") and "product" not in source.data:
-        override(source, ("product",), product, Mark("--product"))
-    for text in axes:
-        add_axis(source, text)
+    problems = [p for p in error.problems if isinstance(p, Problem)]
+    elsewhere = [p for p in problems if not f"{p.path}.".startswith(parts)]
+    return UserError(*sorted({*itertools.chain(*unread.values()), *elsewhere}))
 
 
 def _set_only(source: Source, labels: Sequence[str]) -> None:
     for label in labels:
-        if unprintable_reason(label):
-            raise UserError(Problem(Mark(f"--only {label}"), "", str(unprintable_reason(label))))
+        if what := unprintable_reason(label):
+            raise UserError(Problem(Mark(f"--only {label}"), "", what))
     if labels:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
     for i, label in enumerate(labels):
@@ -138,7 +130,7 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """Return the experiment; what a plugin raises where nobody expects it is a mistake with its line."""
+    """Return the experiment; an unexpected error of a plugin becomes a mistake with its line."""
     try:
         with guarded():
             return _validated(source, folder, plugins)
@@ -164,80 +156,85 @@ def _settings(source: Source, whole: Settings | None) -> Settings:
 
 
 def _validated(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
-    # Go on after a mistake as far as can be, so that one round of corrections is enough.
+    # Go on after a mistake as far as possible, so that one round of corrections is enough.
+    # Step 1: the top level.
     whole = build(Settings, source, ())
     settings = _settings(source, whole)
     labels = chosen_labels(source, settings)
-    tried = []
+    # Step 2: scenario and filters at each point of the grid.
+    built = []
     for values, marks in grid_points(source, settings):
         apply_point(source, values, marks)
-        tried.append(_point(source, labels, values))
-    points = [point for point in tried if point is not None]
-    whole_grid = points if len(points) == len(tried) else []
-    if not source.problems:
-        check_idle(source, whole_grid)
-    others = [label for label in settings.filters if label not in labels]
-    left_out = _filters(source, others)
+        built.append(_point(source, labels, values))
+    points = [point for point in built if point is not None]
+    whole_grid = points if len(points) == len(built) else []
+    check_idle(source, whole_grid)
+    check_idle_settings(source, settings)
+    left_out = _filters(source, [label for label in settings.filters if label not in labels])
     if whole:
         settings = with_recorded_runs(source, settings, points)
+    # Step 3: what is tuned.
     training = training_point(source, points[0]) if settings.tune and points else None
     settings = with_defaults(source, settings, points, training)
     axes = tuned_axes(source, settings, points, training)
+    # Step 4: tables and figures.
     if whole:
-        fill_in(source, settings, points)
-    tables = _parts("tables", source)
-    figures = _parts("figures", source)
-    parts: dict[Group, dict[str, Any]] = {"tables": tables, "figures": figures}
-    for group, built in parts.items():
-        check_named_filters(source, settings, group, built)
-        check_drawable(source, group, built, whole_grid)
+        _add_default_exhibits(source, settings, points)
+    tables: dict[str, Exhibit] = _exhibits("tables", source)
+    figures: dict[str, DrawnExhibit] = _exhibits("figures", source)
+    exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
+    for group, parts in exhibits.items():
+        check_named_filters(source, settings, group, parts)
+        check_drawable(source, group, parts, whole_grid)
     check_key_figure(source, settings)
     if whole:  # else the runs may not be known
         check_figures(source, settings, figures, points)
-    sound = not source.problems
-    check_metrics(source, settings, whole_grid, parts, left_out)
+    # Step 5: names of metrics and published files.
+    only_names = not source.problems
+    check_metrics(source, settings, whole_grid, exhibits, left_out)
     check_trained_metrics(source, settings, training)
     published = _published(source, settings, folder, whole_grid)
     parsed = (tables, figures, source, published, plugins, axes, training)
-    made = Experiment(settings, points, left_out, *parsed)
-    if sound and source.problems:
-        raise UnknownNamesError(made, *sorted(set(source.problems)))
+    experiment = Experiment(settings, points, left_out, *parsed)
+    if only_names and source.problems:
+        raise UnknownNamesError(experiment, *sorted(set(source.problems)))
     source.check()
-    return made
+    return experiment
 
 
 def _without_mistakes(source: Source) -> Settings | None:
-    """Return the settings without their mistakes, if no other part of the file hangs on those keys."""
+    """Return the settings without their mistakes, if no other part of the file depends on them."""
     mistaken = {p.path.partition(".")[0] for p in source.problems}
     known = [key.name for key in fields(Settings)]
-    # A key that nobody knows is left out, unless it may be one of those that others hang on.
+    # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
     meant = {near for key in mistaken for near in get_close_matches(key, known, 1, _ALIKE)}
-    if not meant <= _ALONE:
+    if not meant <= _INDEPENDENT:
         return None
     data = {"name": "mistaken"} | {k: v for k, v in source.data.items() if k not in mistaken}
-    return build(Settings, Source(data, source.marks, source.key_marks), ())
+    return build(Settings, Source(source.data), (), data)
 
 
-def _point(source: Source, labels: list[str], values: dict[str, Any]) -> Point | None:
+def _point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
     scenario = build_kind("scenarios", source, ("scenario",))
     filters = _filters(source, labels)
     assumed = {b: a for b in labels if (a := read_assumed(source, b)) is not None}
     if scenario is None:
         return None
-    what = mistake_of(scenario, bounded=source.data.get("bound") is not None)
-    if what is not None:
-        source.add_problem(("scenario",), what)
+    try:
+        check_scenario(scenario, bounded=source.data.get("bound") is not None)
+    except PluginError as error:
+        source.add_problem(("scenario",), str(error))
         return None
     point = Point(dict(values), scenario, filters, assumed)
     check_bound(source, scenario)
     for label, tracker in filters.items():
-        seen = check_assumed(source, point, label)
-        if tracker is not None and seen is not None:
-            check_fit(source, ("filters", label), tracker, seen)
+        assumed_scenario = check_assumed(source, point, label)
+        if tracker is not None and assumed_scenario is not None:
+            check_fit(source, ("filters", label), tracker, assumed_scenario)
     return point
 
 
-def _filters(source: Source, labels: list[str]) -> dict[str, Any]:
+def _filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
     return {b: build_kind("filters", source, ("filters", b)) for b in labels}
 
 
@@ -250,7 +247,7 @@ def _sections(source: Source) -> None:
                 build_kind(group, source, (group, label))
 
 
-def _parts(group: Group, source: Source) -> dict[str, Any]:
+def _exhibits(group: Group, source: Source) -> dict[str, Any]:
     """Return the tables or figures, without those that have mistakes."""
     names = source.data.get(group) or {}
     built = {name: build_kind(group, source, (group, name)) for name in names}
@@ -261,11 +258,36 @@ def _published(source: Source, settings: Settings, folder: Path, points: list[Po
     mark, labels = source.mark(("published",)), [*settings.filters]
     labels += [settings.bound] if settings.bound else []
     paths = [("grid",), *(("grid", path) for path in settings.grid)]
-    own = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
-    values = [point.values for point in points] if own else None
+    # A grid from the command line leaves out points that rows may name.
+    is_of_file = {source.mark(keys).file for keys in paths} == {source.mark(()).file}
+    values = [point.values for point in points] if is_of_file else None
     also = [str(table.get("of")) for table in settings.tables.values()]
     try:
         return read_published(folder, settings.published, settings.name, labels, mark, values, also)
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()
+
+
+def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
+    """Add tables and figures of innovations to recordings without ground truth that name none."""
+    chosen = settings.metrics is not None or settings.per_step is not None
+    if chosen or not points or any(p.scenario.has_truth for p in points):
+        return
+    mark = Mark("default without ground truth")
+    if "tables" not in source.data:
+        override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)
+    if "figures" not in source.data:
+        override(source, ("figures",), _default_figures(points[0]), mark)
+
+
+def _default_figures(point: Point) -> dict[str, object]:
+    figures: dict[str, object] = {
+        "nis": {"kind": "nis"},
+        "whiteness": {"kind": "autocorrelation"},
+        "estimates": {"kind": "estimates"},
+    }
+    if point.scenario.components[:4] == moving(2):
+        del figures["estimates"]
+        figures["track"] = {"kind": "track", "filters": list(point.filters)[:4]}
+    return figures

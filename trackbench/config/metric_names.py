@@ -1,6 +1,6 @@
-"""Names of metrics: which of them an experiment has, and which it keeps."""
+"""Names of the metrics that an experiment has, and of those that it stores."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, cached_property
 from typing import Any, TypeAlias, cast
@@ -12,21 +12,19 @@ from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.consistency import sizes
-from trackbench.evaluation.error_series import StepSums, over_steps
-from trackbench.evaluation.merge import FilterResult
-from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.summary import step_rows, summary_rows
-from trackbench.field_types import is_number
+from trackbench.evaluation.statistics import STATISTICS
+from trackbench.extension_points import is_foreign
 from trackbench.filters.base import (
     AnyFilter,
     declares_diagnostics,
     has_expectations,
     has_likelihood,
 )
-from trackbench.metrics import METRICS, is_reserved, joined
-from trackbench.plugins.interrupts import guarded
+from trackbench.metrics import METRICS, is_reserved, joined, metrics_of
+from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario, in_window
 
@@ -34,13 +32,13 @@ Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""
 
 _PROBE_PARTICLES = 10
-"""Particles that are enough to see what a filter notes."""
-_MOST_NOTED, _MOST_OF_RUNS = 6, 50
-"""Series that a filter notes, and metrics of whole runs that a scenario has, such as delays."""
+"""Particles that suffice to learn a filter's diagnostics."""
+_MOST_DIAGNOSTICS, _MOST_OF_RUNS = 6, 50
+"""Bounds of a filter's diagnostics, and of a scenario's metrics of whole runs, such as delays."""
 
 
-def kept_metrics(settings: Settings, file: str) -> frozenset[str] | None:
-    """Return base names of the metrics that a CSV file keeps; None keeps all of them."""
+def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
+    """Return base names of the metrics that a CSV file stores; None stands for all metrics."""
     if file == "per_step.csv" and settings.per_step is not None:
         return frozenset(measured(name).base for name in settings.per_step)
     names = settings.metrics
@@ -51,22 +49,22 @@ def max_metrics_per_run(
     settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
 ) -> int:
     """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
-    wanted = kept_metrics(settings, "per_run.csv")
-    if wanted is not None:
-        return len(wanted) * len(scenario.windows)
+    stored = stored_metrics(settings, "per_run.csv")
+    if stored is not None:
+        return len(stored) * len(scenario.windows)
     series = number_of_series(settings, scenario, label, tracker)
     return series * len(scenario.windows) + _MOST_OF_RUNS
 
 
 def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """Bound from above how many metrics of a filter per_step.csv holds at each step."""
-    wanted = kept_metrics(settings, "per_step.csv")
-    return number_of_series(settings, scenario, label, tracker) if wanted is None else len(wanted)
+    stored = stored_metrics(settings, "per_step.csv")
+    return number_of_series(settings, scenario, label, tracker) if stored is None else len(stored)
 
 
 def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
     """Bound from above how many series a filter has."""
-    return len(set(_series(settings, scenario, label, tracker))) + _MOST_NOTED
+    return len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
 
 
 @dataclass
@@ -77,15 +75,15 @@ class Names:
     per_run: set[str] = field(default_factory=set)
     per_step: set[str] = field(default_factory=set)
     summary: set[str] = field(default_factory=set)
-    given: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
-    """numbers beside them: times, and the filters' keys"""
-    made: set[str] = field(default_factory=set)
-    """what is made of a filter's runs and the reference's"""
+    filter_numbers: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
+    """numbers of filters beside the metrics: CPU times and keys"""
+    efficiencies: set[str] = field(default_factory=set)
+    """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
     has_truth: bool = True
     """whether there are errors at all"""
-    unasked: list[type] = field(default_factory=list)
-    """kinds of filters that are mistaken or fail, so that what they note is not known"""
+    unprobed: list[type] = field(default_factory=list)
+    """classes of filters with mistakes or errors, whose diagnostics are unknown"""
     _added: set[object] = field(default_factory=set)
 
     @cached_property
@@ -95,79 +93,99 @@ class Names:
 
     def of(self, role: str) -> set[str]:
         """Return the names that a key of this role may use."""
+        if role == "base":
+            return self.bases
         if role == "summary":
-            return self.summary | self.given
-        return self.summary if role == "row" else getattr(self, role)
+            return self.summary | self.filter_numbers
+        return {
+            "series": self.series,
+            "per_run": self.per_run,
+            "per_step": self.per_step,
+            "row": self.summary,
+            "efficiency": self.efficiencies,
+        }[role]
 
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
-        """Take over the names that a filter's series give."""
+        """Add the names that a filter's series give."""
         self.series |= series
-        values = {name: np.zeros((len(scenario.steps), 1)) for name in series}
+        nothing = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
-            own, of, windows = scenario.run_metrics(values), sizes(scenario), [*scenario.windows]
-            names = frozenset((*own, *windows, *of)), counts, series
-            if names in self._added:  # as at another point of a sweep
-                return
-            self._added.add(names)
-            somewhere = np.arange(len(scenario.steps)) == 0  # as in any window
-            over = [name for name, _ in over_steps(values, somewhere, counts)]
-            per_run = {"lost", *own, *(in_window(n, w) for n in over for w in windows)}
-            one = StepSums(np.ones(1), np.ones(1), np.ones(1))
-            medians = {name: np.ones((1, 1)) for name in settings.medians if name in series}
-            steps = dict.fromkeys(sorted(series), one)
-            result = FilterResult({"lost": np.zeros(1)}, steps, medians, None, [])
-            everywhere = {name: np.ones(1, dtype=bool) for name in windows}
-            self.per_run |= per_run
-            self.per_step |= {row.metric for row in step_rows(result, of)}
-            self.summary |= {row.metric for row in summary_rows(result, of, everywhere)}
-            self.summary |= frozenset().union(*(_rows_of(name, **of) for name in per_run))
-            self.made |= set(_efficiencies(per_run))
+            of_scenario = frozenset(scenario.run_metrics(dict.fromkeys(series, nothing)))
+        windows = tuple(in_window("", window) for window in scenario.windows)
+        names = of_scenario, windows, tuple(sizes(scenario)), counts, series
+        if names in self._added:  # as at another point of a sweep
+            return
+        self._added.add(names)
+        per_run = set(of_scenario)
+        for one in series:
+            for metric, name in metrics_of(one, counts):
+                in_windows = [name + window for window in windows]
+                if metric.over_steps:
+                    per_run.update(in_windows)
+                if metric.over_runs:
+                    self.per_step.add(name)
+                if metric.name == "rmse":
+                    self.summary.update(f"{TIME_MEAN}({n})" for n in in_windows)
+                if metric.name == "rmsd":
+                    self.efficiencies.update(n.replace("rmsd", "efficiency", 1) for n in in_windows)
+            # `error_series` makes these of several series.
+            if one == "innovations":
+                per_run.update("anis" + window for window in windows)
+            if one.startswith("autocovariance_"):
+                correlation = one.replace("covariance", "correlation")
+                per_run.update(correlation + window for window in windows)
+        self.per_run |= {"lost", *per_run}
+        self.per_step |= {f"median({name})" for name in settings.medians if name in series}
+        self.summary |= frozenset().union(*map(_summary_names, per_run))
 
     def could_be_diagnostic(self, name: str) -> bool:
         """Return whether a filter of unknown diagnostics may have this one."""
-        own = all(kind.__module__.startswith("trackbench.") for kind in self.unasked)
-        return bool(self.unasked) and not is_reserved(name) and (name in METRICS or not own)
+        is_any_foreign = any(map(is_foreign, self.unprobed))
+        return bool(self.unprobed) and not is_reserved(name) and (name in METRICS or is_any_foreign)
 
 
 @cache
-def _rows_of(metric: str, **sizes: int) -> frozenset[str]:
-    """Return the rows of one metric in summary.csv, the same at every point."""
-    result = FilterResult({"lost": np.zeros(1), metric: np.ones(1)}, {}, {}, None, [])
-    return frozenset(row.metric for row in summary_rows(result, sizes, {}))
+def _summary_names(name: str) -> frozenset[str]:
+    """Return the rows of summary.csv that a metric of a run is made into."""
+    of = measured(name)
+    means = [in_window(n, of.window) for m, n in metrics_of(of.metric) if m.per_component]
+    return frozenset((*means, *(f"{statistic}({name})" for statistic in STATISTICS)))
 
 
 def names_of(
-    settings: Settings, points: Sequence[Point], others: dict[str, AnyFilter], noted: bool
+    settings: Settings,
+    points: Sequence[Point],
+    left_out: dict[str, AnyFilter],
+    with_diagnostics: bool,
 ) -> Names:
-    """Return the names of all filters and of ``others``; if wanted, with those that they note.
+    """Return the names of all filters, of those that are not run too, at every scenario.
 
-    They are asked at the first point of each scenario, and at the last.
+    ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
-        # By what they count: series are named one by one.
-        found: dict[frozenset[str], set[str]] = {}
-        for label, tracker in (point.filters | others).items():
+        series_by_counts: dict[frozenset[str], set[str]] = {}
+        for label, tracker in (point.filters | left_out).items():
             series = frozenset(_series(settings, point.scenario, label, tracker))
-            series |= set(_foretold(settings, point.scenario, tracker))
+            series |= set(_predictive_series(settings, point.scenario, tracker))
             counts = frozenset() if tracker is None else tracker.summed_diagnostics
-            if noted:
+            if with_diagnostics:
                 try:
-                    series |= _noted(settings, point.seen_by(label), tracker)
-                except Exception:  # its own run will say what is wrong
-                    names.unasked.append(_kind(settings, label))
-            found.setdefault(counts, set()).update(series)
-        for counts, every in found.items():
+                    series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
+                except Exception:  # the filter's run will report it
+                    names.unprobed.append(_kind(settings, label))
+            series_by_counts.setdefault(counts, set()).update(series)
+        for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
     for point in points:
-        for label, tracker in (point.filters | others).items():
-            names.given |= _numbers(tracker) if tracker is not None else set()
+        for label, tracker in (point.filters | left_out).items():
+            names.filter_numbers |= _numbers(tracker) if tracker is not None else set()
             if tracker is None:
-                names.given |= {key.name for key in fields(cast(Any, _kind(settings, label)))}
+                names.filter_numbers |= {key.name for key in fields(_kind(settings, label))}
     return names
 
 
@@ -176,19 +194,13 @@ def _kind(settings: Settings, label: str) -> type:
     return (of_kind("filters", kind) if isinstance(kind, str) else None) or Settings
 
 
-def _efficiencies(per_run: Iterable[str]) -> Iterator[str]:
-    for m in map(measured, per_run):
-        if m.metric.partition("_")[0] == "rmsd":
-            yield m._replace(metric=joined("efficiency", m.family[1])).name
-
-
 def _numbers(tracker: AnyFilter) -> set[str]:
     """Return the keys of a filter that are numbers."""
-    values = {key.name: getattr(tracker, key.name) for key in fields(cast(Any, tracker))}
-    return {key for key, value in values.items() if is_number(value)}
+    values = {key.name: getattr(tracker, key.name) for key in fields(tracker)}
+    return {key for key, value in values.items() if type(value) in (int, float)}
 
 
-def _foretold(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
+def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
     """Return the series that exist on request."""
     scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, scores, settings.hold_out)
@@ -213,7 +225,7 @@ def _series(settings: Settings, scenario: Scenario, label: str, tracker: Made) -
             yield from (f"squared_{name}", f"error_{name}")
 
 
-def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
+def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
     """Return a filter's diagnostics, if undeclared from the first step of one run."""
     if tracker is None:
         raise ValueError("mistaken")
@@ -221,7 +233,7 @@ def _noted(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
         return set(tracker.diagnostic_names)
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
-    if "N" in _numbers(tracker):  # nothing is known of the memory yet
+    if "N" in _numbers(tracker):  # the memory that all particles need is still unknown
         tracker = replace(cast(Any, tracker), N=min(tracker.particle_count, _PROBE_PARTICLES))
     with guarded(), np.errstate(all="ignore"):
         state = tracker.init(model, prior_of(data, model), rng)

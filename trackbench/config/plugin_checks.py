@@ -1,36 +1,76 @@
-"""Kinds of one's own, held to what the runner takes for granted, before anything runs.
+"""Load the plugins that a config names, and check their classes and exhibits."""
 
-What is asked here of a class that a plugin registers, and of a filter that a config makes of it, would
-else end as a traceback, or in a number.
-"""
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeGuard, cast
+from pathlib import Path
+from typing import cast
 
-import numpy as np
-
-from trackbench.config.build_dataclass import adapter
-from trackbench.core.distributions import Gaussian
-from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.error_series import per_run_metrics, series
-from trackbench.extension_points import Part, foreign_parts, is_foreign, walk_parts
-from trackbench.filters.base import AnyFilter, Filter, WrongReturnError
-from trackbench.models.sensors.base import Measuring
-from trackbench.plugins.errors import BadPluginError, located_message, location_of
-from trackbench.plugins.interrupts import guarded
-from trackbench.registry import base_of
-from trackbench.scenarios.base import Scenario
+from trackbench.config.build import adapter
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
+from trackbench.errors import UserError, reason
+from trackbench.extension_points import Part, is_foreign
+from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.plugins.checks import call_hook, check_words
+from trackbench.plugins.errors import PluginError, location_of, plugin_code
+from trackbench.plugins.load import Plugin, load_plugin, read_plugin
+from trackbench.registry import base_of, kinds, registered
+from trackbench.yaml_source import Source
 
 _FILES = {"per_step", "per_run", "summary"}
 _PLAIN = (bool, int, float, str, type(None))
 
 
+def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, ...]:
+    """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
+
+    A config that names plugins is refused unless their code may be run.
+    """
+    names = source.data.get("plugins") or []
+    if not isinstance(names, list):
+        return ()  # said by the validation of the whole
+    plugins, problems = [], []
+    for i, name in enumerate(names):
+        where = ("plugins", i)
+        try:
+            plugins.append(_loaded(folder, name, allowed))
+        except PluginError as why:
+            problems += [source.problem(where, what) for what in why.args]
+    if problems:
+        raise UserError(*problems)
+    _check_apart(plugins, source)
+    return tuple(plugins)
+
+
+def _check_apart(plugins: list[Plugin], source: Source) -> None:
+    """Reject two plugins of a config that register the same kind."""
+    owners: dict[tuple[str, str], Plugin] = {}
+    for i, plugin in enumerate(plugins):
+        for group, kind, _ in registered(plugin.module):
+            owner = owners.setdefault((group, kind), plugin)
+            if owner is not plugin and owner.module != plugin.module:
+                what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
+                where = ("plugins", i)
+                raise UserError(source.problem(where, what))
+
+
+def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
+    if not isinstance(name, str) or not name.endswith(".py"):
+        raise PluginError(f"{name!r} is not the path of a Python file")
+    if not allowed:
+        raise PluginError(f"the code in {name} is run only with --allow-plugins")
+    kinds("filters"), kinds("scenarios")  # first, so that a plugin cannot take their names
+    try:
+        plugin = read_plugin(folder / name)
+        load_plugin(plugin, check_kind)
+    except OSError as error:
+        raise PluginError(f"{folder / name}: {reason(error)}") from None
+    return plugin
+
+
 def check_kind(cls: type[Part]) -> None:
-    """Raise BadPluginError for a class that no config could make a part of."""
+    """Raise PluginError for a class that no config could make a part of."""
     for what in _mistakes(cls):
-        raise BadPluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
+        raise PluginError(f"{location_of(WrongReturnError('', ''), cls)}{cls.__name__}: {what}")
 
 
 def _mistakes(cls: type[Part]) -> Iterator[str]:
@@ -41,14 +81,14 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
     ):
         yield "presets is not a mapping of names to mappings of keys"
     if issubclass(cls, Filter):
-        needs: Any = cls.requires
+        needs: object = cls.requires
         if not isinstance(needs, tuple) or not all(isinstance(n, str) and "." in n for n in needs):
             yield f"requires is {needs!r}, not a tuple of names such as 'motion.F'"
         if isinstance(cls.summed_diagnostics, str):
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
-        yield from _mistakes_of_exhibit(cls)
-    for field in fields(cast(Any, cls)):
+        yield from _mistakes_of_exhibit(cast(type[Exhibit], cls))
+    for field in fields(cls):
         default = _default(field)
         if field.init and not _is_plain(default):
             yield f"the key {field.name} is a {type(default).__name__}, which no YAML can hold"
@@ -59,7 +99,7 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
         yield f"has a key of a type that no YAML can hold: {reason}"
 
 
-def _mistakes_of_exhibit(cls: type[Any]) -> Iterator[str]:
+def _mistakes_of_exhibit(cls: type[Exhibit]) -> Iterator[str]:
     needs = cls.requires
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
@@ -70,13 +110,13 @@ def _mistakes_of_exhibit(cls: type[Any]) -> Iterator[str]:
             yield f"{name} is {keys!r}, not a tuple of keys"
 
 
-def _default(field: "Field[Any]") -> Any:
+def _default(field: "Field[object]") -> object:
     if field.default_factory is not MISSING:
         return field.default_factory()
     return None if field.default is MISSING else field.default
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(map(_is_plain, value))
     if isinstance(value, dict):
@@ -84,150 +124,27 @@ def _is_plain(value: Any) -> bool:
     return isinstance(value, _PLAIN) or (is_dataclass(value) and not isinstance(value, type))
 
 
-def conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
-    """Return a filter's conflicts with the scenario; for plugins also what would stop the runner."""
-    if not is_foreign(tracker):
-        return tracker.conflicts(scenario)
+def exhibit_conflicts(part: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+    """Return the conflicts of a table or figure; for plugins also what would stop the runner."""
+    if not is_foreign(part):
+        return part.conflicts(points)
     try:
-        found: dict[str, str] = asked(tracker.conflicts, dict, scenario)
-        sentences = asked(tracker.cautions, list, scenario)
-        check_words(*found, *found.values(), *sentences)
-        asked(tracker.extra_memory, int, scenario.model)
-        for key in ("N", "particle_count", "max_particle_count"):
-            number = getattr(tracker, key, 1)
-            if not isinstance(number, int) or number < 1:
-                raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
-        hash(tracker)
-    except Exception as error:
-        return {"": located_message(error, tracker)}
-    return found
+        with plugin_code(part):
+            conflicts: dict[str, str] = call_hook(part.conflicts, dict, points)
+            check_words(*conflicts, *conflicts.values())
+            if isinstance(part, DrawnExhibit):
+                _check_shown(part)
+    except PluginError as error:
+        return {"": str(error)}
+    return conflicts
 
 
-def check_words(*texts: object) -> None:
-    """Raise WrongReturnError for what is said in anything but words."""
-    if not all(isinstance(text, str) for text in texts):
-        raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
-
-
-def asked(hook: Callable[[Any], Any], kind: type[Any], about: Any) -> Any:
-    """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
-    with guarded():
-        found = hook(about)
-    if not isinstance(found, (list, tuple) if kind is list else kind):
-        what = f"{hook.__name__} gives a {type(found).__name__}, not a {kind.__name__}"
-        raise WrongReturnError(hook.__name__, what)
-    return found
-
-
-if TYPE_CHECKING:
-    from trackbench.scenarios.targets.base import Target
-
-
-def mistake_of(scenario: Scenario, bounded: bool) -> str | None:
-    """Return what would stop the runner in the plugin components of a scenario.
-
-    ``bounded`` if its lower bounds are wanted.
-    """
-    own = foreign_parts(scenario)
-    for part in own:
-        try:
-            with guarded(), np.errstate(all="ignore"):
-                _ask_part(part, scenario)
-        except Exception as error:
-            return located_message(error, part, *own)
-    try:
-        with guarded(), np.errstate(all="ignore"):
-            if own:
-                _ask(scenario, bounded)
-    except Exception as error:
-        method = error.method if isinstance(error, WrongReturnError) else ""
-        return located_message(error, *sorted(own, key=lambda part: not _gives(part, method)))
-    return None
-
-
-def _gives(part: Any, method: str) -> bool:
-    """Return whether a method is of the part's own code."""
-    return any(method in vars(cls) for cls in type(part).__mro__ if is_foreign(cls))
-
-
-def mistaken_sensor(made: Sequence[Any]) -> str | None:
-    """Return the mistake of a plugin's sensor with one of these targets.
-
-    Asked before a scenario is made of them, which may look at its measurements.
-    """
-    sensors = [part for part in foreign_parts(tuple(made)) if isinstance(part, Measuring)]
-    targets = [*filter(_is_target, walk_parts(tuple(made)))] if sensors else []
-    for target in targets:
-        for sensor in sensors:
-            try:
-                with guarded(), np.errstate(all="ignore"):
-                    _ask_sensor(sensor, len(target.components))
-            except Exception as error:
-                return located_message(error, sensor, target)
-    return None
-
-
-def _ask_part(part: Any, scenario: Scenario) -> None:
-    if isinstance(part, Measuring):
-        _ask_sensor(part, len(scenario.components))
-    if _is_target(part):
-        scored = np.ones(len(scenario.steps), dtype=bool)
-        _check_windows(part.windows(scenario.times, scored), len(scored))
-
-
-def _is_target(part: Any) -> "TypeGuard[Target]":
-    from trackbench.scenarios.targets.base import Target
-
-    return isinstance(part, Target)
-
-
-def _ask_sensor(sensor: Measuring, n_x: int) -> None:
-    """Raise WrongReturnError for what is no distribution of a measurement of two states."""
-    n = len(sensor.components)
-    x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
-    found: object = sensor.measurement(x, 1)
-    if not isinstance(found, Gaussian):
-        what = f"measurement gives a {type(found).__name__}, not a Gaussian"
-        raise WrongReturnError("measurement", what)
-    _check_shape("measurement", "its mean", found.mean, (n, 2))
-    _check_shape("measurement", "its covariance", found.cov, (n, n), (n, n, 1), (n, n, 2))
-
-
-@lru_cache(maxsize=4)
-def _ask(scenario: Scenario, bounded: bool) -> None:
-    """Ask what a run and its report ask of a scenario; once of equal ones."""
-    runs, steps = min(2, scenario.recorded_runs or 2), len(scenario.steps)
-    _check_shape("times", "times", scenario.times, (steps,))
-    _check_windows(scenario.windows, steps)
-    _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
-    truth, seen, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
-    n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
-    _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
-    _check_shape("simulate", "what is measured", seen, (n_z, steps - 1, runs))
-    _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
-    _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
-    for name, error in scenario.errors(truth, truth).items():
-        _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
-    scenario.observables(truth)
-    values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
-    per_run_metrics(scenario, values, (), np.ones(runs, dtype=bool))
-    if bounded:
-        scenario.bounds()
-
-
-def _check_windows(windows: Mapping[str, object], steps: int) -> None:
-    for name, mask in windows.items():
-        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (steps,):
-            what = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
-            raise WrongReturnError("windows", what)
-
-
-def _check_shape(method: str, what: str, found: object, *shapes: tuple[int, ...]) -> None:
-    if not isinstance(found, np.ndarray) or found.shape not in shapes:
-        raise WrongReturnError(method, f"{what} is {_describe(found)}, not an array {shapes[0]}")
-
-
-def _describe(found: object) -> str:
-    if isinstance(found, np.ndarray):
-        return f"an array {found.shape} of {found.dtype}"
-    return f"a {type(found).__name__}"
+def _check_shown(part: DrawnExhibit) -> None:
+    """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
+    runs, components = part.shown_runs, part.shown_components
+    _ = part.shown_covariances, part.shown_measurements
+    if not isinstance(runs, int):
+        raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
+    if components is not None and not isinstance(components, tuple):
+        what = f"shown_components is {components!r}, neither a tuple of numbers nor None"
+        raise WrongReturnError("shown_components", what)

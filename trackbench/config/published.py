@@ -1,16 +1,35 @@
-"""Published numbers and claims: what a paper prints, and what measures it here.
+"""Published numbers and claims of papers, read from CSV files and checked against the experiment.
 
-A file of numbers has a ``value`` column, a file of claims a ``claim`` column; the columns are the fields
-below. A row counts for the experiments that its ``experiment`` column names (all, if it is empty).
+A file of numbers has a ``value`` column, a file of claims a ``claim`` column. Its columns are the fields
+of `PublishedNumber` or `Claim`. A row counts for the experiments in its ``experiment`` column, or for
+all if that is empty.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+import csv
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, field, fields, replace
+from difflib import get_close_matches
+from glob import escape, glob
+from pathlib import Path
+from typing import Literal, NamedTuple
 
+from trackbench.config import shipped_experiments
+from trackbench.config.build import build, unknown
+from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive
-from trackbench.yaml_source import scalar
+from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive
+from trackbench.yaml_source import (
+    MarkedMapping,
+    Scalar,
+    Source,
+    formula,
+    scalar,
+    text_of,
+    unprintable_reason,
+)
 
 
 def split(text: str) -> list[str]:
@@ -18,7 +37,7 @@ def split(text: str) -> list[str]:
     return [part.strip() for part in text.split(";") if part.strip()]
 
 
-def picks(point: str, values: Mapping[str, Any]) -> bool:
+def picks(point: str, values: Mapping[str, object]) -> bool:
     """Return whether ``path=value; path=value`` picks the point of a grid that has these values.
 
     Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
@@ -157,3 +176,221 @@ class Published:
         """Return every expression of every row."""
         rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
         return [e for row in rows for e in row.expressions]
+
+
+_NUMBERS = re.compile("[-_.]*[0-9]+")
+_QUOTED = re.compile('[",\r\n]')
+"""Characters of a cell that a CSV puts between quotes, where it doubles its own."""
+
+
+def read_published(
+    folder: Path,
+    paths: list[str],
+    experiment: str,
+    labels: list[str] | None = None,
+    mark: Mark | None = None,
+    points: Sequence[Mapping[str, object]] | None = None,
+    also: Sequence[str] = (),
+) -> Published:
+    """Return the rows for one experiment; raises UserError with every mistake in the files.
+
+    Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
+    leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
+    or for one of ``also``, and rows for others must not look misspelt.
+    """
+    published, problems, known = Published(), [], _Known(experiment, labels, points, {})
+    for path in paths:
+        try:
+            text = text_of(folder / path)
+        except OSError as error:
+            where = mark or Mark(str(folder / "config.yaml"))
+            what = f"cannot read {folder / path}: {reason(error)}"
+            problems.append(Problem(where, "published", what))
+            continue
+        name = Path(path).name
+        if name in published.files:
+            problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
+        published.files[name] = text
+        problems += _read(str(folder / path), text, known, published)
+    # A run's own folder holds a copy of files that were checked among their neighbors.
+    if labels is not None and not (folder / "manifest.json").is_file():
+        problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
+    has_rows = published.numbers or published.claims or known.first_rows.keys() & {*also}
+    if paths and labels is not None and not (problems or has_rows):
+        names = ", ".join(sorted(known.first_rows)) or "none"
+        what = f"no row is for experiment {experiment!r}; the rows are for {names}"
+        problems.append(Problem(mark or Mark("config"), "published", what))
+    if problems:
+        raise UserError(*problems)
+    return published
+
+
+class _Known(NamedTuple):
+    """The experiment that rows are read for, and what they may name, if that is known."""
+
+    experiment: str
+    labels: list[str] | None
+    points: Sequence[Mapping[str, object]] | None
+    first_rows: dict[str, Problem]
+    """the first row for each other experiment, as the place of a mistake"""
+
+
+def _misspelt(known: _Known, folders: list[Path]) -> Iterator[Problem]:
+    """Yield a mistake for each unknown experiment with nearly the name of a known one.
+
+    Known are the shipped experiments and the configs in the folders and above them. Names that differ in
+    their numbers only may be of experiments elsewhere.
+    """
+    unknown_names = known.first_rows.keys() - set(shipped_experiments.names())
+    if not unknown_names:
+        return
+    near = [
+        f for folder in {*folders} for place in (folder, folder.parent) for f in _configs(place)
+    ]
+    names = {known.experiment, *shipped_experiments.names(), *near}
+    for name in sorted(unknown_names - names):
+        for match in get_close_matches(name, sorted(names), 1, 0.75):
+            if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
+                what = f"there is no experiment {name!r}; did you mean {match}?"
+                yield replace(known.first_rows[name], what=what)
+
+
+def _configs(folder: Path) -> Iterator[str]:
+    """Yield the names of the experiments in a folder."""
+    for path in glob(f"{escape(str(folder))}/*.yaml"):
+        with suppress(OSError):
+            name = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
+            yield name[1] if name else Path(path).stem
+
+
+def _read(name: str, text: str, known: _Known, published: Published) -> list[Problem]:
+    """Add the rows of a file to those published; return the file's mistakes."""
+    reader = csv.reader(io.StringIO(text))
+    try:
+        rows = [(reader.line_num, cells) for cells in reader]
+    except csv.Error as error:
+        return [Problem(Mark(name, reader.line_num, 1), "", f"not a CSV: {error}")]
+    line, header = rows[0] if rows else (1, [])
+    header = [key.strip() for key in header]
+    if not header:
+        return [Problem(Mark(name, 1, 1), "", "there are no headings")]
+    what = "there are two columns of this name"
+    repeated = dict.fromkeys(key for key in header if header.count(key) > 1)
+    problems = [Problem(Mark(name, line, 1), key, what) for key in repeated]
+    cls: type[Claim | PublishedNumber] = Claim if "claim" in header else PublishedNumber
+    for line, cells in rows[1:]:
+        if not cells:
+            continue
+        source = _source(name, line, cls, header, cells)
+        row = build(cls, source, ())
+        experiments = split(source.data.get("experiment", ""))
+        for other in set(experiments) - {known.experiment}:
+            known.first_rows.setdefault(other, source.problem(("experiment",), ""))
+        if row is not None and (not experiments or known.experiment in experiments):
+            _check(row, source, known.labels)
+            _check_point(row, source, known.points)
+            if isinstance(row, Claim):
+                _check_claim(row, source)
+                published.claims.append(row)
+            else:
+                if known.labels is not None:
+                    _check_reading(row, source, published.numbers)
+                published.numbers.append(row)
+        problems += source.problems
+    return problems
+
+
+def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
+    """Return one row as a mapping with positions, without the spaces around cells.
+
+    Empty cells are left out, numbers are read as in YAML.
+    """
+    start = Mark(name, line, 1)
+    row = MarkedMapping()
+    source = Source(row, start)
+    if len(cells) != len(header):
+        source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
+    words = {f.name for f in fields(cls) if f.type in (str, "str")}
+    required = {f.name for f in fields(cls) if f.default is MISSING}
+    is_printable = unprintable_reason("".join(cells)) is None
+    column = 1
+    for key, written in zip(header, cells, strict=False):
+        cell = written.strip()
+        if cell != "" or key in words & required:
+            is_word = key in words
+            row[key] = cell if is_word else _number_or_word(cell)
+            row.marks[key] = row.key_marks[key] = Mark(name, line, column)
+            what = None if is_printable else unprintable_reason(cell)
+            if is_word and cell[:1] in FORMULA:
+                what = what or formula(cell)
+            if what is not None:
+                source.add_problem((key,), what)
+        quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
+        column += len(written) + quotes + 1
+    return source
+
+
+def _number_or_word(cell: str) -> Scalar:
+    value = scalar(cell)
+    return value if type(value) in (int, float) else cell
+
+
+def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
+    """Check a row's labels and expressions."""
+    named = [(key, b) for key in ("label", "left", "right") for b in split(getattr(row, key, ""))]
+    for key in ("expression", "right_expression"):
+        expression: Measure | None = getattr(row, key, None)
+        if expression and expression.other:
+            named.append((key, expression.other))
+    for key, label in named:
+        if labels is not None and label not in labels:
+            source.add_problem((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
+    first, second = row.expression, getattr(row, "right_expression", None)
+    if isinstance(row, PublishedNumber) and first and first.is_many:
+        source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
+    elif second and second.is_many and not (first and first.steps == second.steps):
+        what = f"{str(second)!r} is not at the steps of {str(first)!r}"
+        source.add_problem(("right_expression",), what)
+
+
+def _check_point(
+    row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
+) -> None:
+    """Check that a row's point can be read and is one of the grid."""
+    if not all("=" in part for part in split(row.point)):
+        source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
+    elif points and not any(picks(row.point, values) for values in points):
+        source.add_problem(("point",), f"{row.point!r} is no point of the grid")
+
+
+def _check_reading(row: PublishedNumber, source: Source, before: list[PublishedNumber]) -> None:
+    """Check that rows of one number agree on it and name their interpretation."""
+    for other in before:
+        if other.printed_at != row.printed_at:
+            continue
+        same = "an earlier row has this paper, table, row, filter, metric and point, too"
+        if other.value != row.value:
+            source.add_problem(("value",), f"is {row.value} here and {other.value} there: {same}")
+        elif row.reading == other.reading or not (row.reading and other.reading):
+            what = f"{same}: give each a `reading` of its own, or leave one out"
+            source.add_problem(("reading",), what)
+        else:
+            continue
+        return
+
+
+def _check_claim(row: Claim, source: Source) -> None:
+    """Check a claim's text, filter and comparison."""
+    if not row.claim.strip():
+        source.add_problem(("claim",), "is empty")
+    if (row.expressions or row.rights) and not row.left.strip():
+        source.add_problem(("left",), "is empty: name the filter that is spoken of")
+    if row.expressions and not row.rights and "factor" not in source.data:
+        source.add_problem(("factor",), "is empty, as right is: there is nothing to compare with")
+    if row.rights and row.factor <= 0.0:
+        what = f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
+        source.add_problem(("factor",), what)
+    elif row.expressions and row.relation == "~" and not (row.factor and row.tolerance):
+        key = "factor" if row.factor == 0.0 else "tolerance"
+        what = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
+        source.add_problem((key,), what)

@@ -1,16 +1,205 @@
-"""Metrics that an experiment requests from its filters: predictions, and each run's contributions."""
+"""Metrics that an experiment requests: check that they exist and are stored, and what they need."""
 
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from difflib import get_close_matches
 from itertools import chain
+from typing import Any
 
-from trackbench.config.experiment import Experiment
-from trackbench.config.metric_checks import asked_by_parts
+from trackbench.config.build import hints_of
+from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
+from trackbench.config.metric_names import Names, names_of, stored_metrics
+from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
-from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
+from trackbench.evaluation.statistics import STATISTICS
+from trackbench.filters.base import AnyFilter
+from trackbench.metrics import new_name
+from trackbench.registry import Group
+from trackbench.yaml_source import Keys, Source
+
+_OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
+"""Series of errors."""
+
+
+@dataclass(frozen=True)
+class MetricRequest:
+    """Request of a component: metric, place in the config, and its role."""
+
+    keys: Keys
+    measure: Measure
+    role: str
+    named: bool = True
+    """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
+
+
+def check_metrics(
+    source: Source,
+    settings: Settings,
+    points: list[Point],
+    parts: dict[Group, dict[str, Exhibit]],
+    left_out: dict[str, AnyFilter],
+) -> None:
+    """Check that every metric named by tables, figures and settings exists and is stored.
+
+    ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
+    that are not run may be named. Diagnostics of filters with mistakes or errors are unknown.
+    """
+    requests = [*_of_settings(settings), *requests_of(parts)]
+    if not points:
+        return
+    names = names_of(settings, points, left_out, with_diagnostics=False)
+    if any(not request.named or _unknown(request, names, settings) for request in requests):
+        names = names_of(settings, points, left_out, with_diagnostics=True)
+    for request in requests:
+        what = _unknown(request, names, settings) or _left_out(request, names, settings)
+        if what is not None:
+            source.add_problem(request.keys, what)
+
+
+def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
+    """Check that the metric of tuning is one of the training scenario."""
+    if training is None or settings.tuning.scenario is None:
+        return
+    names = names_of(settings, [training], {}, with_diagnostics=True)
+    for request in _of_tuning(settings):
+        what = _unknown(request, names, settings)
+        if what is not None:
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
+
+
+def _of_settings(settings: Settings) -> Iterator[MetricRequest]:
+    for key, role, words in (
+        ("medians", "series", settings.medians),
+        ("metrics", "base", settings.metrics),
+        ("per_step", "base", settings.per_step),
+    ):
+        for i, word in enumerate(words or ()):
+            yield MetricRequest((key, i), measured(word), role)
+    for word in settings.until:
+        yield MetricRequest(("until", word), measured(word), "row")
+    yield from _of_tuning(settings)
+
+
+def _of_tuning(settings: Settings) -> Iterator[MetricRequest]:
+    metric = settings.tuning.metric if settings.tune else None
+    known = {word for word, _ in bad_terms(metric)}
+    for word in [metric] if isinstance(metric, str) else metric or ():
+        where = ("tuning", "metric", *([] if isinstance(metric, str) else [word]))
+        if word not in known:  # which is said elsewhere
+            yield MetricRequest(where, measured(as_expression(word)), "summary")
+
+
+def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
+    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
+    for group, built in parts.items():
+        for name, part in built.items():
+            for word, role in part.requires.items():
+                yield MetricRequest((group, name), measured(word), role, named=False)
+            yield from _of_part(part, (group, name))
+
+
+def _of_part(part: Any, keys: Keys) -> Iterator[MetricRequest]:
+    for key in fields(part):
+        hint = hints_of(type(part))[key.name]
+        yield from _in_value(getattr(part, key.name), hint, (*keys, key.name))
+
+
+def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
+    if isinstance(value, Measure):
+        yield MetricRequest(keys, value, role_of(hint))
+        if role_of(hint) == "rank" and not value.steps:
+            for bar in bars(value.family[1]):
+                yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
+    elif is_dataclass(value):
+        yield from _of_part(value, keys)
+    elif isinstance(value, dict):
+        for head, inner in value.items():
+            yield from _in_value(inner, hint, (*keys, head))
+
+
+def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+    """Return the problem of an unknown metric, if the config names it."""
+    role, word = _where(request, settings)
+    if role == "efficiency" and settings.reference is None:
+        return f"{word!r} compares with the reference filter; name one under `reference`"
+    known = names.of(role)
+    m = request.measure
+    if m.relation in ("gain", "ratio") and m.family[0].is_score:
+        return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
+    if word not in known and not names.has_truth and _is_of_truth(m):
+        less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
+        bases = {measured(name).base for name in known}
+        usable = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
+        return f"{word!r} needs ground truth, and the recording has none; known: {usable}"
+    if m.metric == "likelihood_ratio" and settings.reference is None:
+        return "likelihood_ratio is relative to an exact filter; name one under `reference`"
+    if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
+        return None
+    if new_name(m.metric):
+        return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
+    near = get_close_matches(word, sorted(known), 1, 0.5)
+    short = sorted({measured(name).base for name in known})
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
+    return f"{word!r} is no metric here; {hint}"
+
+
+def _is_of_truth(m: Measure) -> bool:
+    """Return whether a metric is made of errors."""
+    metric, quantity = m.family
+    of_prediction = quantity.startswith(("predicted_", "held_"))
+    return metric.series in _OF_TRUTH and not of_prediction
+
+
+def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+    """Return the problem of a metric that its file does not store."""
+    role, word = _where(request, settings)
+    if role == "efficiency":
+        return _missing_parts(request.measure, settings)
+    stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
+        return None
+    # For the bars of a rank histogram, the problem is that of its transform.
+    if request.measure.family[0].name == "rank" and not request.named:
+        return None
+    if word in names.filter_numbers or not (request.named or word in names.of(role)):
+        return None
+    key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
+    return f"{word!r} is not stored; add it to `{key}`"
+
+
+def _missing_parts(m: Measure, settings: Settings) -> str | None:
+    """Return the problem of an expression whose parts are not stored."""
+    stored = stored_metrics(settings, "summary.csv")
+    missing = [] if stored is None else [p.base for p in m.made_of() if p.base not in stored]
+    if not missing:
+        return None
+    return f"'{m}' needs {' and '.join(missing)}, not stored; add to `metrics` what is missing"
+
+
+def _where(request: MetricRequest, settings: Settings) -> tuple[str, str]:
+    """Return the role, such as the file, and the name there of a requested metric."""
+    m = request.measure
+    if request.role == "base":
+        return "base", m.base
+    if request.role == "rank":
+        return "per_run", m._replace(steps=None).name
+    if request.role == "comparison" and not settings.grid:
+        return "per_run", m.name
+    if request.role not in ("expression", "comparison"):
+        return request.role, str(m)
+    if m.plain.is_efficiency:
+        return "efficiency", str(m.plain)
+    if m.steps is not None:
+        return "per_step", str(m.plain._replace(steps=None))
+    if m.statistic in STATISTICS:
+        return "per_run", m.name
+    return "per_run" if m.relation == "win_rate" else "summary", str(m.plain)
+
 
 _OF_SCORE = ("log_score", "log_likelihood")
 _OF_PREDICTIONS = re.compile(
@@ -22,14 +211,14 @@ def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
     """Return the requested predictions; all of them for scenarios without a truth."""
     if not all(p.scenario.has_truth for p in experiment.points):
         return ("score", "prediction")
-    return kinds_of(m.metric for m in _measures(experiment))
+    return predictions_for(m.metric for m in _measures(experiment))
 
 
-def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
+def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
     """Return the predictions that metrics of these names need, without statistic and window."""
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
-    wanted: dict[Kind, bool] = {
+    requested: dict[Kind, bool] = {
         "score": not names.isdisjoint((*_OF_SCORE, "likelihood_ratio")),
         "prediction": any(map(_OF_PREDICTIONS.fullmatch, names)),
         "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
@@ -37,7 +226,7 @@ def kinds_of(metrics: Iterable[str]) -> tuple[Kind, ...]:
         "crps": "crps" in heads,
         "likelihood_ratio": "likelihood_ratio" in names,
     }
-    return tuple(kind for kind, is_wanted in wanted.items() if is_wanted)
+    return tuple(kind for kind, is_requested in requested.items() if is_requested)
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:
@@ -47,7 +236,7 @@ def _measures(experiment: Experiment) -> Iterator[Measure]:
     if settings.tune:
         metric = settings.tuning.metric or ()
         yield from map(measured, [metric] if isinstance(metric, str) else metric)
-    yield from (asked.measure for asked in asked_by_parts(experiment.parts))
+    yield from (request.measure for request in requests_of(experiment.parts))
     yield from experiment.published.expressions
 
 
@@ -58,9 +247,9 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Measures that per_run.csv has each run's share in, since anything asks for them.
+    """Requested measures of which per_run.csv stores each run's contribution.
 
-    Those that every filter has shares in; and those of many steps, by label: these are many.
+    Those of every filter; and those at many steps, only of the filters that need them, by label.
     """
 
     everywhere: tuple[Measure, ...]
@@ -69,20 +258,20 @@ class Contributions:
     @property
     def series(self) -> list[str]:
         """Return names of the series that the shares are made of."""
-        found = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
-        return list(dict.fromkeys(name for name in found if name is not None))
+        names = map(series_of, (*self.everywhere, *chain(*self.of_steps.values())))
+        return list(dict.fromkeys(name for name in names if name is not None))
 
     def of(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return a filter's contributions, each at one step, for a scenario with these steps."""
-        found = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
-        return list(dict.fromkeys([*self.everywhere, *found]))
+        at_steps = chain(*(many.at_each(steps) for many in self.of_steps.get(label, ())))
+        return list(dict.fromkeys([*self.everywhere, *at_steps]))
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Return the contributions that tables, figures and published files request."""
-    asked = [asked.measure for asked in asked_by_parts(experiment.parts)]
-    asked += experiment.published.expressions
-    everywhere = {m.plain for m in asked if not m.is_many and series_of(m.plain) is not None}
+    measures = [request.measure for request in requests_of(experiment.parts)]
+    measures += experiment.published.expressions
+    everywhere = {m.plain for m in measures if not m.is_many and series_of(m.plain) is not None}
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
     for claim in experiment.published.claims:
         for expression in claim.expressions:

@@ -6,9 +6,9 @@ A wheel holds them beside the code; in a checkout, editable installs included, t
 import csv
 import re
 from collections.abc import Callable, Iterator
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.errors import Mark, Problem, UserError
@@ -27,7 +27,7 @@ class Shipped(NamedTuple):
 
 def folder() -> Path:
     """Return the folder of the shipped experiments, their parts and the published numbers."""
-    home = Path(str(files("trackbench")))
+    home = Path(str(resources.files("trackbench")))
     inside = home / "experiments"
     return inside if inside.is_dir() else home.parent / "experiments"
 
@@ -54,12 +54,12 @@ def located(config: Path, say: Callable[[str], None]) -> Path:
     Raises UserError for a word that is neither; says so if it is both.
     """
     word = str(config)
-    if config.is_file() or not _is_name(word):
+    if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         if word in names():
-            say(f"note: {word} is a file here and is what is meant; shipped is {_file(word)}, too")
+            say(f"note: using the file {word}; the shipped experiment is {_file(word)}")
         return config
     if config.exists():
-        say(f"note: {word} is a folder here; the shipped experiment of this name is meant")
+        say(f"note: using the shipped experiment {word}; the folder of this name is ignored")
     return named(word)
 
 
@@ -67,7 +67,7 @@ def named(name: str) -> Path:
     """Return the file of the shipped experiment; raises UserError if there is none of this name."""
     if name in names():
         return _file(name)
-    from trackbench.config.build_dataclass import unknown
+    from trackbench.config.build import unknown
 
     what = f"is neither a file nor a shipped experiment; {unknown(name, names())}"
     raise UserError(Problem(Mark(name), "", what))
@@ -79,42 +79,38 @@ def copied(name: str, target: Path) -> list[Path]:
     A file that is there already with the same content is left alone; raises UserError, before anything
     is written, for every one with another content.
     """
-    home, wanted = folder(), sorted(part for part in with_parts(named(name)) if part.is_file())
-    content = {target / path.relative_to(home): path.read_bytes() for path in wanted}
-    there = {path for path in content if path.exists()}
-    other = [p for p in sorted(there) if not p.is_file() or p.read_bytes() != content[p]]
-    if other:
-        what = "is there with another content"
-        raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in other))
-    for path in content.keys() - there:
+    files = sorted(part for part in with_parts(named(name)) if part.is_file())
+    content = {target / path.relative_to(folder()): path.read_bytes() for path in files}
+    existing = {path for path in content if path.exists()}
+    changed = [p for p in sorted(existing) if not p.is_file() or p.read_bytes() != content[p]]
+    if changed:
+        what = "exists with another content; copy to another folder, or remove this file"
+        raise UserError(*(Problem(Mark(f"copy {name}"), str(p), what) for p in changed))
+    for path in content.keys() - existing:
         ensure_folder(path.parent)
         write_bytes(path, content[path])
-    return sorted(content.keys() - there)
+    return sorted(content.keys() - existing)
 
 
-def with_parts(file: Path, found: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """Return a YAML file and every file that it names, and that those name, whether it is there or not.
+def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
+    """Return a YAML file and every file that it names, directly or through another; some may not exist.
 
     Raises UserError if one of them is no YAML.
     """
     from trackbench.yaml_source import read
 
-    found |= {file}
+    files |= {file}
     if file.suffix in (".yaml", ".yml") and file.is_file():
         parts = {file.parent / word for word in _words(read(file).data)}
-        for part in sorted(part for part in parts - found if part.suffix):
-            found = with_parts(part, found)
-    return found
+        for part in sorted(part for part in parts - files if part.suffix):
+            files = with_parts(part, files)
+    return files
 
 
-def _words(data: Any) -> Iterator[str]:
+def _words(data: object) -> Iterator[str]:
     inner = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
     for value in inner:
         yield from [value] if isinstance(value, str) else _words(value)
-
-
-def _is_name(word: str) -> bool:
-    return re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word) is not None
 
 
 def _file(name: str) -> Path:
@@ -128,5 +124,5 @@ def _title(text: str) -> str:
 
 def _line(key: str, text: str) -> str:
     """Return the value of a key that stands on a line of its own."""
-    found = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
-    return found[1].strip("\"'") if found else ""
+    match = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
+    return match[1].strip("\"'") if match else ""

@@ -1,69 +1,73 @@
-"""Tuned filters in a config: each an entry beside the one it is tuned from."""
+"""Tuned filters in a config, each an entry beside its original, and the scenario they train on."""
 
 import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from trackbench.atomic_files import free_name
-from trackbench.config.assumed_model import check_assumed, read_assumed
-from trackbench.config.build_dataclass import at
-from trackbench.config.build_kinds import build_kind
-from trackbench.config.checks import blame_label, check_fit
-from trackbench.config.experiment import Point, Settings
-from trackbench.config.includes import override, split_path
-from trackbench.config.training_scenario import KEYS, same_recordings
-from trackbench.config.tuning_objective import bad_terms, default_metric
-from trackbench.config.tuning_settings import Axis, read_axis, tuned_label
+from trackbench.config.build import build_kind, read_assumed
+from trackbench.config.checks import add_label_problem, check_assumed, check_fit
+from trackbench.config.dump import as_config
+from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.includes import deep_merge, override, split_path
+from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem
+from trackbench.evaluation.block import simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assumed_sensor import Assume
-from trackbench.yaml_source import Keys, Source
+from trackbench.plugins.checks import check_scenario
+from trackbench.plugins.errors import PluginError
+from trackbench.yaml_source import Source, put
 
-Chosen = Mapping[str, Any]
+Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
 def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
-    """Add a tuned copy beside each tuned filter, with the ``found`` values or its own.
+    """Add a tuned copy beside each tuned filter, with the values that tuning found or its own.
 
-    An entry that stands there already, as in the config of a results folder, stays unless something
-    is found. A table and a figure per filter say what tuning did.
+    An existing entry, as in the config of a results folder, stays unless tuning found values. A table
+    and a figure per filter show what tuning did.
     """
-    wanted = [label for label in _mapping(source, ("tune",)) if _is_entry(source, label)]
-    if not wanted:
+    tune = source.data.get("tune")
+    tuned = [label for label in tune if _is_entry(source, label)] if isinstance(tune, dict) else []
+    if not tuned:
         return
-    for label in wanted:
-        _check_own(source, label)
+    for label in tuned:
+        _check_tuned_label(source, label)
         if label in found or not _is_entry(source, tuned_label(label)):
-            _copy(source, ("filters", label), ("filters", tuned_label(label)))
+            filters, mark = source.data["filters"], source.mark(("filters", label))
+            entry = copy.deepcopy(filters[label])
+            put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
         _set(source, tuned_label(label), label, found.get(label, {}))
-    _order(source, wanted)
-    run = _with_tuned_of_only(source, wanted)
+    _order(source, tuned)
+    run = _with_tuned_of_only(source, tuned)
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
     for label in run:
         _add_part(source, "figures", _file_name(label), {"kind": "tuning", "filter": label})
 
 
-def _check_own(source: Source, label: str) -> None:
+def _check_tuned_label(source: Source, label: str) -> None:
     """Reject an entry under the tuned filter's label that is another filter."""
-    keys = _mapping(source, ("tune",))[label]
+    keys = source.at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
-    both = [label, tuned_label(label)]
-    one, other = (with_values(source, of, dict.fromkeys(keys)).data["filters"][of] for of in both)
-    if one != other:
+    pair = [label, tuned_label(label)]
+    entries = [with_values(source, of, dict.fromkeys(keys)).at(("filters", of)) for of in pair]
+    if entries[0] != entries[1]:
         what = f"tuning gives this label to the tuned {label}: give this filter another label"
         source.add_key_problem(("filters", tuned_label(label)), what)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
-    """Return a config of which this filter has other values; the rest is shared."""
-    data = {**source.data, "filters": {**source.data["filters"]}}
-    data["filters"][label] = copy.deepcopy(data["filters"][label])
-    own = Source(data, dict(source.marks), dict(source.key_marks))
-    _set(own, label, label, values)
-    return own
+    """Return a config with other values of this filter; the rest is shared."""
+    keys = ("filters", label)
+    changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
+    _set(changed, label, label, values)
+    return changed
 
 
 def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
@@ -72,31 +76,19 @@ def _set(source: Source, label: str, tuned_as: str, values: Chosen) -> None:
         override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
 
 
-def _mapping(source: Source, keys: Keys) -> dict[str, Any]:
-    value = source.data.get(keys[0])
-    return value if isinstance(value, dict) else {}
-
-
 def _is_entry(source: Source, label: str) -> bool:
-    return isinstance(_mapping(source, ("filters",)).get(label), dict)
-
-
-def _copy(source: Source, keys: Keys, to: Keys) -> None:
-    """Return a copy of the value with the positions of everything in it."""
-    at(source, to[:-1])[to[-1]] = copied = copy.deepcopy(at(source, keys))
-    source.adopt_positions(to, source.subtree(keys, copied))
+    keys = ("filters", label)
+    return source.has(keys) and isinstance(source.at(keys), dict)
 
 
 def _order(source: Source, labels: Iterable[str]) -> None:
-    """Return the order of labels: each tuned filter after its original."""
+    """Put each tuned filter after its original."""
     filters = source.data["filters"]
-    mine = {tuned_label(label): filters.pop(tuned_label(label)) for label in labels}
-    out: dict[str, Any] = {}
-    for label, entry in filters.items():
-        out[label] = entry
-        if tuned_label(label) in mine:
-            out[tuned_label(label)] = mine[tuned_label(label)]
-    source.data["filters"] = out
+    tuned = {tuned_label(label): filters.pop(tuned_label(label)) for label in labels}
+    for label in [*filters]:
+        filters[label] = filters.pop(label)
+        if tuned_label(label) in tuned:
+            filters[tuned_label(label)] = tuned[tuned_label(label)]
 
 
 def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
@@ -107,20 +99,22 @@ def _with_tuned_of_only(source: Source, labels: list[str]) -> list[str]:
     for label in labels:
         if label in only and tuned_label(label) not in only:
             mark = source.mark(("only", only.index(label)))
-            only.append(tuned_label(label))
-            source.marks["only", len(only) - 1] = mark
+            only.append(None)
+            put(only, len(only) - 1, tuned_label(label), mark)
     return [label for label in labels if tuned_label(label) in only]
 
 
-def _add_part(source: Source, group: str, name: str, part: dict[str, Any]) -> None:
+def _add_part(source: Source, group: str, name: str, part: dict[str, object]) -> None:
     """Add a table or figure of tuning unless the config has it."""
-    parts = source.data.setdefault(group, {})
-    if not isinstance(parts, dict) or part in parts.values():
-        return
-    if any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
-        return
     mark = source.key_mark(("tune",))
-    override(source, (group, free_name(name, parts)), part, mark if mark.line else Mark("tune"))
+    mark = mark if mark.line else Mark("tune")
+    if group not in source.data:
+        override(source, (group,), {}, mark)
+    parts = source.data[group]
+    if not isinstance(parts, dict):
+        return
+    if not any(isinstance(p, dict) and part.items() <= p.items() for p in parts.values()):
+        override(source, (group, free_name(name, parts)), part, mark)
 
 
 def _file_name(label: str) -> str:
@@ -143,10 +137,10 @@ def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tria
     assume = read_assumed(changed, label)
     if tracker is not None and not changed.problems:
         assumed = {label: assume} if assume is not None else {}
-        tried = Point(point.values, point.scenario, {label: tracker}, assumed)
-        seen = check_assumed(changed, tried, label)
-        if seen is not None:
-            check_fit(changed, ("filters", label), tracker, seen)
+        trial_point = Point(point.values, point.scenario, {label: tracker}, assumed)
+        scenario = check_assumed(changed, trial_point, label)
+        if scenario is not None:
+            check_fit(changed, ("filters", label), tracker, scenario)
     return changed.problems or Trial(tracker, assume)
 
 
@@ -175,29 +169,32 @@ def tuned_axes(
     """Return the axes of the keys of each filter that is tuned and run."""
     if not settings.tune:
         return {}
-    before, out = len(source.problems), dict[str, tuple[Axis, ...]]()
+    before, axes_by_label = len(source.problems), dict[str, tuple[Axis, ...]]()
     _check(source, settings, points, training)
     for label, keys in settings.tune.items():
         if label == KEYS[1] and label not in settings.filters:
             what = "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
             source.add_key_problem(("tune", label), what)
         elif label not in settings.filters:
-            blame_label(source, settings, ("tune", label), label)
+            add_label_problem(source, settings, ("tune", label), label)
         elif not 1 <= len(keys) <= _MOST_KEYS:
             what = f"{len(keys)} keys; a filter is tuned in 1 to {_MOST_KEYS}"
             source.add_key_problem(("tune", label), what)
         elif label == settings.reference:
-            source.add_key_problem(
-                ("tune", label), "the reference filter is what others are measured to"
-            )
+            what = "the reference filter measures the others; tune another filter"
+            source.add_key_problem(("tune", label), what)
         else:
-            axes = [_axis(source, label, key, keys[key]) for key in keys]
-            good = len(source.problems) == before
-            if None not in axes and training is not None and good:
-                whole = _tried(source, training, label, [a for a in axes if a is not None])
+            axes = []
+            for key, written in keys.items():
+                try:
+                    axes.append(read_axis(key, written))
+                except ValueError as error:
+                    source.add_problem(("tune", label, key), str(error))
+            if len(axes) == len(keys) and training is not None and len(source.problems) == before:
+                tested = _with_types(source, training, label, axes)
                 if not settings.only or tuned_label(label) in settings.only:
-                    out[label] = whole
-    return out
+                    axes_by_label[label] = tested
+    return axes_by_label
 
 
 def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
@@ -223,35 +220,79 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
         source.add_problem(("tuning", "runs"), what)
 
 
-def _axis(source: Source, label: str, key: str, written: Any) -> Axis | None:
-    try:
-        return read_axis(key, written)
-    except ValueError as error:
-        source.add_problem(("tune", label, key), str(error))
-        return None
-
-
-def _tried(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Return the tuning axes; integers are found by trying, and both ends and choices must be valid."""
-    middle: dict[str, Any] = {axis.key: axis.at(0.5) for axis in axes}
-    out = []
+def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
+    """Return the axes, of whole numbers where no others are valid; check both ends and all choices."""
+    middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
+    typed = []
     for axis in axes:
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
             if not isinstance(make_trial(source, point, label, between), Trial):
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
-        out.append(axis)
-    for axis in out:
+        typed.append(axis)
+    for axis in typed:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
-            tried = make_trial(source, point, label, {**middle, axis.key: value})
-            for problem in [] if isinstance(tried, Trial) else tried:
-                source.add_problem(
-                    ("tune", label, axis.key), f"at {value}: {_said(problem, label)}"
-                )
-    return tuple(out)
+            trial = make_trial(source, point, label, {**middle, axis.key: value})
+            for problem in [] if isinstance(trial, Trial) else trial:
+                path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
+                what = f"{path}: {problem.what}" if path else problem.what
+                source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
+    return tuple(typed)
 
 
-def _said(problem: Problem, label: str) -> str:
-    path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-    return f"{path}: {problem.what}" if path else problem.what
+KEYS = ("tuning", "scenario")
+NOISE, PATH, RUNS, TIME = "noise", "noise and path", "recordings", "time"
+"""What of the judged data training has not seen, as the manifest says it."""
+
+
+def training_point(source: Source, point: Point) -> Point | None:
+    """Return the point with the scenario that training simulates; None if its keys are mistaken."""
+    changes = source.at(KEYS) if source.has(KEYS) else None
+    if changes is None:
+        return point
+    if not isinstance(changes, dict):  # reported with the other settings
+        return None
+    whole = deep_merge(source.data["scenario"], changes, by_kind=True)
+    changed = source.replaced(KEYS, copy.deepcopy(whole))
+    scenario = build_kind("scenarios", changed, KEYS)
+    if scenario is not None:
+        try:
+            check_scenario(scenario, bounded=False)
+        except PluginError as error:
+            changed.add_problem(KEYS, str(error))
+    source.problems += changed.problems
+    return None if changed.problems else replace(point, scenario=scenario)
+
+
+def same_recordings(a: Point, b: Point) -> bool:
+    """Return whether two points take their runs from the same recorded data."""
+    targets: list[Any] = [as_config(point.scenario).get("target") for point in (a, b)]
+    return a.scenario.recorded_runs is not None and targets[0] == targets[1]
+
+
+def held_out(experiment: Experiment) -> str:
+    """Return the judged data outside training; the paths of two runs are compared."""
+    judged, training = experiment.points[0], experiment.training
+    assert training is not None
+    if same_recordings(judged, training):
+        return RUNS if training.scenario.training is None else TIME
+    if judged.scenario.recorded_runs or training.scenario.recorded_runs:
+        return PATH
+    seed = experiment.settings.seed
+    paths = [
+        simulate(point.scenario, seed, run, 1).truth for point, run in ((judged, 0), (training, -1))
+    ]
+    n, steps = np.min([path.shape[:2] for path in paths], axis=0)
+    one, other = (path[:n, :steps] for path in paths)
+    return NOISE if np.array_equal(one, other, equal_nan=True) else PATH
+
+
+def training_cautions(experiment: Experiment) -> list[str]:
+    """Return a sentence on filters that are tuned on the very path that judges them."""
+    if not experiment.tuned or held_out(experiment) != NOISE:
+        return []
+    return [
+        "filters are tuned on the path that judges them, and only the noise is held out; to train on "
+        "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
+    ]

@@ -9,9 +9,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.config import plugin_checks
 from trackbench.config.checks import has
-from trackbench.config.plugins import load_plugin, read_plugin
+from trackbench.config.plugin_checks import check_kind
 from trackbench.contract.fixtures import (
     LINEAR,
     RADAR,
@@ -26,8 +25,9 @@ from trackbench.core.arrays import Array
 from trackbench.errors import UserError, in_line
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.filters.base import declares_diagnostics, has_likelihood
-from trackbench.plugins.errors import BadPluginError, located_message
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.checks import filter_conflicts
+from trackbench.plugins.errors import PluginError, guarded, located_message
+from trackbench.plugins.load import load_plugin, read_plugin
 from trackbench.registry import kinds
 
 _RUNS = 200
@@ -70,10 +70,10 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
     kinds("filters")
     try:
         plugin = read_plugin(path)
-        load_plugin(plugin)
+        load_plugin(plugin, check_kind)
     except OSError as error:
         raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    except BadPluginError as error:
+    except PluginError as error:
         raise UserError(*error.args) from None
     of_file = {k: cls for k, cls in kinds("filters").items() if cls.__module__ == plugin.module}
     if not of_file:
@@ -164,7 +164,7 @@ def _choose_scenario(tracker: Any, scenarios: Sequence[Any]) -> tuple[Any, str]:
     reasons: list[str] = []
     for scenario in (LINEAR, SCALAR, RADAR, *scenarios):
         lacking = [n for n in tracker.all_requirements if not has(scenario, n)]
-        mistakes = list(plugin_checks.conflicts(tracker, scenario).values()) if not lacking else []
+        mistakes = list(filter_conflicts(tracker, scenario).values()) if not lacking else []
         if not lacking and not mistakes:
             return scenario, "; ".join(reasons)
         reasons.append(mistakes[0] if mistakes else f"needs {lacking[0]}")

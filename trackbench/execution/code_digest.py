@@ -29,12 +29,10 @@ NO_PART_OF_BLOCKS = {
     "evaluation/summary.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "plugins/errors.py": _ERRORS,
-    "plugins/interrupts.py": _ERRORS,
     "errors.py": _ERRORS,
     "execution/machine_fingerprint.py": _KEYS,
     "execution/code_digest.py": _KEYS,
-    "config/plugins.py": "runs a plugin's source, whose digest is part of the key",
-    "yaml_source.py": "reads configs; a worker imports it with the plugins' reader",
+    "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""
 

@@ -17,7 +17,7 @@ from trackbench.execution.cache import times_folder
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.os_specific import identity
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.errors import guarded
 
 
 class Times(NamedTuple):

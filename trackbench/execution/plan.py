@@ -8,12 +8,12 @@ from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.metric_names import max_metrics_per_run, number_per_step
-from trackbench.config.plugins import Plugin
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import BlockTask
 from trackbench.filters.base import AnyFilter
 from trackbench.os_specific import memory
+from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario
 
 _PARTICLES_AT_A_TIME = 32_768
@@ -148,7 +148,9 @@ def check_memory(experiment: Experiment, workers: int, save_tracks: bool = False
         for label, tracker in point.filters.items():
             width = _width(settings, tracker, point.scenario)
             reference = point.filters.get(settings.reference or "", tracker)
-            block = max(_block_bytes(point.seen_by(label), f, width) for f in (tracker, reference))
+            block = max(
+                _block_bytes(point.assumed_scenario(label), f, width) for f in (tracker, reference)
+            )
             needed = workers * (_PROCESS + block) + merged
             most = max(most, needed)
             if needed > 0.9 * there:
@@ -186,7 +188,7 @@ def cautions(points: Iterable[Point]) -> list[str]:
     for point in points:
         said |= {text: {} for text in point.scenario.cautions}
         for label, tracker in point.filters.items():
-            for text in tracker.cautions(point.seen_by(label)):
+            for text in tracker.cautions(point.assumed_scenario(label)):
                 said.setdefault(text, {})[label] = None
     return [f"{', '.join(labels)}: {text}" if labels else text for text, labels in said.items()]
 

@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from trackbench.plugins.interrupts import postponed
+from trackbench.plugins.errors import postponed
 
 _leave = os._exit  # as it was before any plugin ran
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

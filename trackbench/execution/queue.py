@@ -13,12 +13,12 @@ from concurrent.futures import (
 )
 from typing import Any, TypeAlias
 
-from trackbench.config.plugins import Plugin
 from trackbench.errors import RunError, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.worker import compute, environment_digests
 from trackbench.plugins.errors import FilterError, message_of
+from trackbench.plugins.load import Plugin
 
 _MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""

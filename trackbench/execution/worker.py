@@ -8,11 +8,10 @@ from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.execution import machine_fingerprint
 from trackbench.execution.code_digest import code_digest
-from trackbench.plugins.errors import FilterError, located_message
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.errors import FilterError, guarded, located_message
 
 if TYPE_CHECKING:
-    from trackbench.config.plugins import Plugin
+    from trackbench.plugins.load import Plugin
 
 
 class Environment(NamedTuple):
@@ -43,9 +42,9 @@ def compute(
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
     for plugin in plugins:
         # Here, since it brings the config's reader along.
-        from trackbench.config.plugins import load_plugin
+        from trackbench.plugins.load import load_plugin
 
-        load_plugin(plugin, checked=False)
+        load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
     if here.numpys != expected.numpys and machine_fingerprint.hangs_on_numpys(
         block.scenario, block.filter, block.reference, block.assume

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from trackbench.config.build_dataclass import described, help_texts, hints_of
+from trackbench.config.build import described, help_texts, hints_of
 from trackbench.config.experiment import Settings
 from trackbench.field_types import part_group
 from trackbench.models.assumed_sensor import Assume

@@ -113,7 +113,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 def _found(kind: str) -> list[tuple[Group, type[Any]]]:
     """Return the groups with a kind of this name, each with its class; empty for a metric."""
-    from trackbench.config.build_dataclass import unknown
+    from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
 
     found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
@@ -176,7 +176,7 @@ def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
 
 def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and text of each field; nested fields follow with their path."""
-    from trackbench.config.build_dataclass import adapter, dataclasses_in, help_texts, hints_of
+    from trackbench.config.build import adapter, dataclasses_in, help_texts, hints_of
 
     schema, texts = adapter(cls).json_schema(), help_texts(cls)
     hints = hints_of(cls)

@@ -76,7 +76,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
     """Yield metrics, windows, statistics and numbers of an experiment as rows."""
     from trackbench.config.load import UnknownNamesError, load
-    from trackbench.config.metric_names import kept_metrics, names_of
+    from trackbench.config.metric_names import names_of, stored_metrics
     from trackbench.config.shipped_experiments import located
     from trackbench.evaluation.metric_expression import measured
 
@@ -87,8 +87,8 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
         experiment = error.experiment
         note(error)
     settings = experiment.settings
-    names = names_of(settings, experiment.points, experiment.left_out, noted=True)
-    kept = kept_metrics(settings, "summary.csv")
+    names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
+    kept = stored_metrics(settings, "summary.csv")
     per_run, per_step = (
         {m.metric for m in map(measured, there) if m.is_row}
         for there in (names.per_run, names.per_step)
@@ -109,7 +109,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
     yield from (
         {"group": "statistics", "kind": n, "text": t} for n, t in statistics_known().items()
     )
-    yield from ({"group": "numbers", "kind": name} for name in sorted(names.given))
+    yield from ({"group": "numbers", "kind": name} for name in sorted(names.filter_numbers))
 
 
 def statistics_known() -> dict[str, str]:

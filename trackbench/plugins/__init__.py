@@ -1,1 +1,1 @@
-"""Code from elsewhere: how its errors are reported and interrupts are kept from it."""
+"""Code of plugins: loaded, checked, and run so that its errors become located lines."""

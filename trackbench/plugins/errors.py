@@ -1,15 +1,20 @@
-"""Errors of plugin code as one line with file and line."""
+"""Run plugin code: it cannot end the program, and its errors become one line with file and line."""
 
 import inspect
+import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from traceback import walk_tb
-from typing import Any
+from types import FrameType
+from typing import NoReturn
 
 from trackbench.errors import RunError
-from trackbench.extension_points import is_foreign, walk_parts
+from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import WrongReturnError
 from trackbench.registry import registered_kinds
 
@@ -18,24 +23,48 @@ _EXTRAS = ("filterpy", "stonesoup")
 
 
 class FilterError(Exception):
-    """Why a block failed, in words: the error itself may not survive the way from a worker."""
+    """The reason why a block failed, as text: a worker may be unable to pickle the error itself."""
 
 
-class BadPluginError(Exception):
-    """Why a plugin cannot be used, in lines that name its file and line."""
+class PluginError(Exception):
+    """Mistakes of a plugin, one line each with file and line."""
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.args))
 
 
-def located_message(error: BaseException, *parts: Any) -> str:
-    """Return ``my_filter.py:12: ValueError: ...``: the innermost line of the parts' own files.
+@contextmanager
+def plugin_code(*parts: object) -> Iterator[None]:
+    """Run code of these components; what it raises becomes a PluginError if a plugin is among them.
 
-    Where none was running, it is the line of the method that the error names, or of the first part's
-    class. There is no place in the package's own code.
+    An error of the package's own components is a bug, and stays as it is.
+    """
+    foreign = foreign_parts(parts)
+    try:
+        with guarded():
+            yield
+    except PluginError:
+        raise
+    except Exception as error:
+        if not foreign:
+            raise
+        # The place is in the component that defines the method which returned something wrong.
+        method = getattr(error, "method", "")
+        foreign.sort(key=lambda part: all(method not in vars(c) for c in _plugin_classes(part)))
+        raise PluginError(located_message(error, *foreign)) from error
+
+
+def located_message(error: BaseException, *parts: object) -> str:
+    """Return ``my_filter.py:12: ValueError: ...``: the innermost line in the files of these components.
+
+    If none of them was running, the line is that of the method that the error names, or of the first
+    component's class. Components of the package have no line.
     """
     return location_of(error, *parts) + message_of(error)
 
 
 def message_of(error: BaseException) -> str:
-    """Return the kind and message of an error; of a package that is not there, how to get it."""
+    """Return the type and message of an error; for a missing package, how to install it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         return f"needs {missing_package_hint(error.name)}"
     text = " ".join(str(error).split())
@@ -52,10 +81,11 @@ def missing_package_hint(module: str) -> str:
     return f"the module {module}, which is not installed"
 
 
-def location_of(error: BaseException, *parts: Any) -> str:
+def location_of(error: BaseException, *parts: object) -> str:
     """Return ``my_filter.py:12: ``, or nothing."""
-    files = {_file(cls) for part in walk_parts(parts) for cls in _own(part)}
-    return place_within(error, files) or _defined(getattr(error, "method", None), parts[:1])
+    files = {_file(cls) for part in walk_parts(parts) for cls in _plugin_classes(part)}
+    method = getattr(error, "method", None) or ""  # of a WrongReturnError, whichever it is
+    return place_within(error, files) or (_definition(method, parts[0]) if parts else "")
 
 
 def foreign_line(error: BaseException) -> str | None:
@@ -64,19 +94,16 @@ def foreign_line(error: BaseException) -> str | None:
     return where + message_of(error) if where else None
 
 
-def own_line(error: BaseException) -> str:
+def package_line(error: BaseException) -> str:
     """Return ``columns.py:41: KeyError: 'filter'``, the last package line that was running."""
     frames = [frame for frame, _ in walk_tb(error.__traceback__)]
-    own = [
-        f.f_code.co_filename
-        for f in frames
-        if f.f_globals.get("__name__", "").startswith("trackbench")
-    ]
-    return place_within(error, set(own)) + message_of(error)
+    names = [(str(f.f_globals.get("__name__", "")), f.f_code.co_filename) for f in frames]
+    package_files = {file for module, file in names if module.startswith("trackbench")}
+    return place_within(error, package_files) + message_of(error)
 
 
 def place_within(error: BaseException, files: set[str]) -> str:
-    """Return ``my_filter.py:12: ``, the last line of these files at which it went wrong; or nothing."""
+    """Return ``my_filter.py:12: ``, the innermost line in these files, or an empty text."""
     for link in _chain(error):
         for frame, line in reversed(list(walk_tb(link.__traceback__))):
             if frame.f_code.co_filename in files:
@@ -87,45 +114,112 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """Yield the error and what it was raised from or over."""
+    """Yield the error and its causes."""
     link: BaseException | None = error
     while link is not None:
         yield link
         link = link.__cause__ or link.__context__
 
 
-def _own(part: Any) -> list[type[Any]]:
-    """Return the classes that a part is made of, as far as they are not the package's own."""
+def _plugin_classes(part: object) -> list[type]:
+    """Return the plugin classes that a component is made of."""
     cls = part if isinstance(part, type) else type(part)
-    return [c for c in getattr(cls, "one", cls).__mro__ if is_foreign(c) and not _is_pythons(c)]
+    bases = getattr(cls, "one", cls).__mro__  # `one` is the class that PerRun loops over
+    pythons = sys.stdlib_module_names  # such as of `object` and `Generic`
+    return [c for c in bases if is_foreign(c) and c.__module__.partition(".")[0] not in pythons]
 
 
-def _is_pythons(cls: type[Any]) -> bool:
-    """Return whether a class, such as `object` or `Generic`, comes with Python."""
-    return cls.__module__.partition(".")[0] in sys.stdlib_module_names
+def _file(cls: type) -> str:
+    module = sys.modules.get(cls.__module__)
+    return (module.__file__ if module else None) or ""
 
 
-def _file(cls: type[Any]) -> str:
-    return getattr(sys.modules.get(cls.__module__), "__file__", None) or ""
-
-
-def _defined(method: str | None, parts: tuple[Any, ...]) -> str:
+def _definition(method: str, part: object) -> str:
     """Return the place of a method in a component's class, or of the class."""
-    for part in parts:
-        for cls in _own(part):
-            found = vars(cls).get(method or "")
-            code = getattr(found.fget if isinstance(found, property) else found, "__code__", None)
-            if code is not None:
-                return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
-        for cls in _own(part)[:1]:
-            line = class_line(cls)
-            return f"{Path(_file(cls)).name}:{line}: " if line else ""
-    return ""
-
-
-def class_line(cls: type[Any]) -> int | None:
-    """Return the line at which a class is defined, if its source is there."""
+    classes = _plugin_classes(part)
+    for cls in classes:
+        function = vars(cls).get(method)
+        function = function.fget if isinstance(function, property) else function
+        if inspect.isfunction(function):
+            code = function.__code__
+            return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
     try:
-        return inspect.getsourcelines(cls)[1]
-    except (OSError, TypeError):
-        return None
+        return f"{Path(_file(classes[0])).name}:{inspect.getsourcelines(classes[0])[1]}: "
+    except (IndexError, OSError, TypeError):  # no class of a plugin, or no source
+        return ""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal to stop the program; plugin code cannot raise it by accident."""
+
+
+def interrupt(signal_number: int, frame: FrameType | None) -> None:
+    """Handle an interrupt signal."""
+    raise Interrupted
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Run plugin code: it cannot end the program, but Ctrl-C still can.
+
+    SystemExit, ``os._exit`` and a KeyboardInterrupt without a signal become a RunError.
+    """
+    with _with_own_interrupt(), _without_os_exit():
+        try:
+            yield
+        except (Exception, Interrupted):
+            raise
+        except BaseException as error:
+            raise RunError(f"code of a plugin raised {error!r}") from None
+
+
+@contextmanager
+def postponed() -> Iterator[None]:
+    """Keep signals to stop waiting until this is done; only the main thread receives them."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    received: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    delayed = [number for number, handler in handlers.items() if callable(handler) and is_main]
+    for number in delayed:
+        signal.signal(number, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        for number in delayed:
+            signal.signal(number, handlers[number])
+        if received:
+            signal.raise_signal(received[0])
+
+
+@contextmanager
+def _without_os_exit() -> Iterator[None]:
+    """Let ``os._exit`` raise SystemExit, since it would end the program at once, even with exit code 0.
+
+    In processes that are forked meanwhile it works as usual.
+    """
+    process, leave = os.getpid(), os._exit
+
+    def stay(status: int) -> NoReturn:
+        if os.getpid() != process:
+            leave(status)
+        raise SystemExit(status)
+
+    os._exit = stay
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
+@contextmanager
+def _with_own_interrupt() -> Iterator[None]:
+    """Let Ctrl-C raise Interrupted in place of KeyboardInterrupt; workers ignore it."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from trackbench.config.build_dataclass import unknown
+from trackbench.config.build import unknown
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
 from trackbench.report.findings import phrases

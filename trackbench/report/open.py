@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.config.build_dataclass import build
+from trackbench.config.build import build
 from trackbench.config.experiment import Settings
-from trackbench.config.plugins import Plugin, load_plugins
+from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
-from trackbench.plugins.errors import foreign_line, own_line
+from trackbench.plugins.errors import foreign_line, package_line
+from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.report.result_files import RUN_AGAIN
 from trackbench.report.results import Results
@@ -44,7 +45,7 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
     except Exception as error:
         if foreign_line(error):
             raise
-        what = f"holds something that no run writes, {own_line(error)}"
+        what = f"holds something that no run writes, {package_line(error)}"
         raise UserError(f"{folder}: {what}: {RUN_AGAIN}") from error
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.errors import RunError
 from trackbench.extension_points import is_foreign
-from trackbench.plugins.errors import located_message, message_of
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.errors import PluginError, message_of, plugin_code
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -42,10 +41,10 @@ def catch_plugin_errors(part: Any) -> Iterator[None]:
         yield
         return
     try:
-        with guarded():
+        with plugin_code(part):
             yield
-    except Exception as error:
-        raise OutputError(located_message(error, part)) from None
+    except PluginError as error:
+        raise OutputError(str(error)) from None
 
 
 def as_table(found: object, part: Any) -> Table:

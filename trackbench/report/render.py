@@ -12,7 +12,7 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
-from trackbench.config.build_dataclass import unknown
+from trackbench.config.build import unknown
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.figure_cache import Files
 from trackbench.report.kinds import figure_folder

@@ -8,8 +8,7 @@ from typing import Any
 
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
-from trackbench.config.published import Published
-from trackbench.config.published_csv import read_published
+from trackbench.config.published import Published, read_published
 from trackbench.registry import Group, kinds
 from trackbench.report.plotting import style
 from trackbench.yaml_source import Source, read

@@ -7,10 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trackbench.config.build_dataclass import unknown
-from trackbench.config.build_kinds import build_kind
+from trackbench.config.build import build_kind, unknown
 from trackbench.config.includes import split_path
-from trackbench.config.tuning_settings import tuned_label
+from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, kinds
 from trackbench.report.paired import Pair, pairs_at

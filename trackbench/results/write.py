@@ -20,7 +20,7 @@ from trackbench.atomic_files import (
 )
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import kept_metrics
+from trackbench.config.metric_names import stored_metrics
 from trackbench.config.requested_metrics import Contributions, requested_contributions
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
@@ -163,7 +163,7 @@ def _filter_rows(
 ) -> Iterator[Row]:
     """Yield one filter's rows of a file, beginning with the values of the grid point."""
     columns, rows = COLUMNS[name], _ROWS[name]
-    metrics = kept_metrics(experiment.settings, name)
+    metrics = stored_metrics(experiment.settings, name)
     if rows is None or (metrics is not None and not metrics):
         return
     if metrics is not None:  # save the summaries that are not written
@@ -184,7 +184,7 @@ def _prefix(experiment: Experiment, key: Key) -> list[Any]:
 def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: FilterResult) -> None:
     """Write rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
     head = cells(_prefix(experiment, key))
-    metrics = kept_metrics(experiment.settings, "per_run.csv")
+    metrics = stored_metrics(experiment.settings, "per_run.csv")
     for metric, values in result.per_run.items():
         if metrics is None or measured(metric).base in metrics:
             plain, name = values.tolist(), cells([metric])
@@ -195,7 +195,7 @@ def _write_runs(writer: CsvWriter, experiment: Experiment, key: Key, result: Fil
 
 def _bound_rows(experiment: Experiment, name: str) -> Iterator[Row]:
     """Yield rows of the scenario's lower bounds, which stand in the files like a filter's."""
-    label, metrics = experiment.settings.bound, kept_metrics(experiment.settings, name)
+    label, metrics = experiment.settings.bound, stored_metrics(experiment.settings, name)
     for point in experiment.points if label else []:
         scenario: Scenario = point.scenario
         rows: Iterable[Any] = ()

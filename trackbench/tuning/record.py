@@ -10,8 +10,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
 from trackbench.atomic_files import write_csv
-from trackbench.config.tuning_objective import Score
-from trackbench.config.tuning_settings import Axis, read_axis
+from trackbench.config.tuning import Axis, Score, read_axis
 from trackbench.tuning.search import looked_around
 from trackbench.yaml_source import scalar
 

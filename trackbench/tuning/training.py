@@ -6,10 +6,9 @@ from typing import Any
 
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import kinds_of
+from trackbench.config.requested_metrics import predictions_for
 from trackbench.config.tuned_entries import Trial, make_trial
-from trackbench.config.tuning_objective import Objective, Score
-from trackbench.config.tuning_settings import Axis
+from trackbench.config.tuning import Axis, Objective, Score
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
@@ -80,7 +79,9 @@ class Training:
             width=width,
             runs_used=min(width, settings.tuning.runs - number * width),
             reference=self._point.filters[settings.reference or ""] if measured else None,
-            predictive_metrics=kinds_of(name.partition("[")[0] for name in self.objective.metrics),
+            predictive_metrics=predictions_for(
+                name.partition("[")[0] for name in self.objective.metrics
+            ),
             hold_out=settings.hold_out,
         )
 

@@ -8,7 +8,7 @@ blocks in their order. So the result does not depend on workers, interruptions o
 from contextlib import closing
 
 from trackbench.config.experiment import Experiment
-from trackbench.config.tuning_objective import Score
+from trackbench.config.tuning import Score
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.merge import merge
 from trackbench.execution.cache import BlockStore

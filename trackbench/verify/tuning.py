@@ -12,7 +12,7 @@ from itertools import takewhile
 import numpy as np
 
 from trackbench.config.experiment import Experiment
-from trackbench.config.tuning_settings import tuned_label
+from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.block_metrics import run_whole_block
 from trackbench.evaluation.merge import merge
 from trackbench.execution.cache import BlockStore, cache_folder

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, ClassVar
 
-from trackbench.config.tuning_settings import Axis
+from trackbench.config.tuning import Axis
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from itertools import compress
 from typing import Any, NamedTuple
 
-from trackbench.config.published import Claim
-from trackbench.config.published_csv import read_published
+from trackbench.config.published import Claim, read_published
 from trackbench.evaluation.statistics import Estimate
 from trackbench.field_types import Count
 from trackbench.registry import register

@@ -9,8 +9,7 @@ import numpy as np
 
 from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
-from trackbench.config.published import PublishedNumber
-from trackbench.config.published_csv import read_published
+from trackbench.config.published import PublishedNumber, read_published
 from trackbench.core import elementary
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.evaluation.statistics import STATISTICS, Estimate, mean

@@ -6,8 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from trackbench.config.tuning_objective import Objective, Score, objective_label
-from trackbench.config.tuning_settings import tuned_label
+from trackbench.config.tuning import Objective, Score, objective_label, tuned_label
 from trackbench.errors import counted
 from trackbench.evaluation.statistics import Estimate, mean
 from trackbench.field_types import Digits

@@ -210,9 +210,14 @@ class Columns:
             raise DataError(*mistakes)
         return table
 
+    @property
+    def is_geodetic(self) -> bool:
+        """Return whether positions are made of latitude and longitude."""
+        return any("latitude" in sources for sources in self._of.values())
+
     def first_place(self, table: Table) -> tuple[float, ...] | None:
         """Return the latitude, longitude (deg) and height of the first row that has them."""
-        if not any("latitude" in sources for sources in self._of.values()):
+        if not self.is_geodetic:
             return None
         place = self._geodetic(table)
         there = np.flatnonzero(np.isfinite(np.stack(place)).all(axis=0))
@@ -224,7 +229,7 @@ class Columns:
     def quantities(self, table: Table, origin: tuple[float, ...] | None) -> dict[str, Array]:
         """Return the quantities (R,) by name, in SI; NaN where they are missing, or all of them are."""
         plane: Mapping[str, Array] = {}
-        if origin is not None:
+        if origin is not None and self.is_geodetic:
             latitude, longitude, *height = origin
             at = (latitude * pi / 180.0, longitude * pi / 180.0, *height, 0.0)[:3]
             places = np.stack(self._geodetic(table))

@@ -52,6 +52,7 @@ class Gathered:
 
     naming: Naming
     origin: tuple[float, ...] | None = None
+    is_geodetic: bool = False
     since: float | None = None
     stepped: bool = False
     dated: str = ""
@@ -60,6 +61,14 @@ class Gathered:
     runs: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
+
+    def check_origin(self, *path: str) -> None:
+        """Raise InvalidKeyError for an origin that no file of latitudes and longitudes uses."""
+        if self.naming.origin and not self.is_geodetic:
+            what = (
+                "no file has latitude and longitude, which alone count from an origin; leave it out"
+            )
+            raise InvalidKeyError(what, *path)
 
     def place(self, rows: Rows, i: int, what: str) -> Place:
         """Return a mistake at a row."""
@@ -161,6 +170,7 @@ def _rows_of_file(
     table = columns.read()
     found.unavailable += columns.unavailable
     time = found.timed(columns, table, clock)
+    found.is_geodetic |= columns.is_geodetic
     found.origin = found.origin or columns.first_place(table)
     given = columns.quantities(table, found.origin)
     if run is None:

@@ -141,6 +141,7 @@ class Measured(FromFiles, Naming, Target):
         if start is not None:
             first[parts[place]] = start.scans
         truth = None if self.truth is None else self._truth(found, clock)
+        found.check_origin("target", "origin")
         apart = np.full(len(found.runs), np.nan) if start is None else start.apart
         told = tuple(dict.fromkeys(found.told))
         return Recording(with_scans(clock, found, scans, apart), first, apart, seen, truth, told)

@@ -43,6 +43,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         """Return times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         found = Gathered(self, self.origin or None)
         rows = read_rows(found, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
+        found.check_origin("origin")
         (path,) = chosen_runs(found, rows, () if self.run is None else (str(self.run),), ("run",))
         path = in_order(found, path)
         if found.stepped:

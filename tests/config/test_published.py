@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENTS, shipped
-from trackbench.config.published_csv import read_published
+from trackbench.config.published import read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 

@@ -1,0 +1,382 @@
+"""Build dataclasses and registered components from mappings; report every mistake with its position."""
+
+import json
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import fields, is_dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from math import isinf, isnan
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from trackbench.config.includes import deep_merge
+from trackbench.errors import Mark, Problem
+from trackbench.extension_points import Part
+from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError, part_group
+from trackbench.models.assumed_sensor import Assume
+from trackbench.plugins.checks import check_sensors
+from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.registry import Group, kinds, of_kind
+from trackbench.yaml_source import Keys, Source, dotted, formula, marked, put
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., object])
+
+_TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "string": "a word",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping",
+    "dataclass": "a mapping",
+    "finite_number": "a finite number",
+}
+_LIMITS = {
+    "greater_than_equal": ("less than", "ge"),
+    "greater_than": ("not greater than", "gt"),
+    "less_than_equal": ("greater than", "le"),
+    "less_than": ("not less than", "lt"),
+}
+"""What is said of a number beyond a limit, and the limit's name."""
+
+
+def _cached(function: F) -> F:
+    """Cache a function of classes; mypy takes a class with type arguments for unhashable."""
+    return cast(F, cache(function))
+
+
+def adapter(cls: type[T]) -> TypeAdapter[T]:
+    """Return the strict validator of a dataclass: unknown keys are mistakes."""
+    return cast(TypeAdapter[T], _adapter(cls, described=False))
+
+
+def described(cls: type) -> TypeAdapter[object]:
+    """Return the validator with attribute docstrings for its JSON schema, which takes time."""
+    return _adapter(cls, described=True)
+
+
+@_cached
+def _adapter(cls: type, described: bool) -> TypeAdapter[object]:
+    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=described), set())
+    return TypeAdapter(cls)
+
+
+def help_texts(cls: type) -> dict[str, str]:
+    """Return the meaning of each key: the docstring under the field, in the class or a base."""
+    texts: dict[str, str] = {}
+    for base in filter(is_dataclass, reversed(cls.__mro__)):
+        keys = described(base).json_schema().get("properties", {})
+        texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
+    return texts
+
+
+@_cached
+def hints_of(cls: type) -> dict[str, Any]:
+    """Return the types of a dataclass's keys, with what they are annotated with."""
+    return get_type_hints(cls, include_extras=True)
+
+
+@_cached
+def file_keys(cls: type) -> frozenset[str]:
+    """Return the keys of a dataclass that are paths of data files."""
+
+    def is_file(hint: object) -> bool:
+        options = (hint, *get_args(hint))
+        return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+
+    return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
+
+
+def _configure(hint: object, config: ConfigDict, done: set[type]) -> None:
+    """Make a dataclass, and every dataclass within it, strict and documented.
+
+    Set here and not on each class, so that a filter stays a plain dataclass.
+    """
+    if isinstance(hint, type) and is_dataclass(hint) and hint not in done:
+        done.add(hint)
+        setattr(hint, "__pydantic_config__", config)  # noqa: B010
+        for inner in get_type_hints(hint, include_extras=True).values():
+            _configure(inner, config, done)
+    for inner in get_args(hint):
+        _configure(inner, config, done)
+
+
+def build(
+    cls: type[T],
+    source: Source,
+    keys: Keys,
+    data: object = None,
+    parts: Sequence[object] = (),
+    also: Sequence[str] = (),
+) -> T | None:
+    """Return the dataclass from the mapping at ``keys``, or None, with its mistakes in ``source``.
+
+    ``data`` replaces that mapping: a number stands in it for each of the prebuilt ``parts``, which are
+    None where they have mistakes. ``also`` names keys that stand beside those of the dataclass.
+    """
+    data = source.at(keys) if data is None else data
+    if not isinstance(data, dict):
+        source.add_problem(keys, f"{_show(data)} is not a mapping")
+        return None
+    try:
+        # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
+        return adapter(cls).validate_json(json.dumps(data), strict=True, context=parts)
+    except (AttributeError, TypeError):
+        if None in parts:  # the mistakes of that part are reported
+            return None
+        raise
+    except ValidationError as error:
+        problems: dict[Problem, None] = {}
+        for item in error.errors(include_url=False):
+            if None in parts and item["type"] == "value_error":  # perhaps for lack of that part
+                continue
+            problems |= dict.fromkeys(_problems(item, source, keys, cls, also))
+        source.problems += _without_unions(problems)
+        return None
+
+
+def unknown(word: str, known: list[str]) -> str:
+    """Return ``did you mean ...?``, or all there is."""
+    near = get_close_matches(word, known, 1, 0.5) or [k for k in known if k.lower() == word.lower()]
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+
+
+def _without_unions(problems: Collection[Problem]) -> list[Problem]:
+    """Return one line for an invalid value, for which the validator of a union has several.
+
+    A mistaken item of a list is reported without the remark that the list is no word.
+    """
+    merged: dict[tuple[Mark, str, str], Problem] = {}
+    for problem in problems:
+        value, verb, rest = problem.what.rpartition(" is ")
+        if verb and any(p.path.startswith(f"{problem.path}.") for p in problems):
+            continue
+        place = problem.mark, problem.path, value or rest
+        before = merged.get(place)
+        merged[place] = replace(before, what=f"{before.what} and {rest}") if before else problem
+    return list(merged.values())
+
+
+def _problems(
+    item: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
+) -> list[Problem]:
+    kind, ctx, value = item["type"], item.get("ctx", {}), item["input"]
+    error = ctx.get("error")
+    if isinstance(error, DataError):
+        return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
+    # The validator's location names options of unions, too, which are no keys of the config.
+    where = keys
+    for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
+        if source.has((*where, step)):
+            where = (*where, step)
+    if kind in ("unexpected_keyword_argument", "extra_forbidden"):
+        inner = _dataclass_at(cls, where[len(keys) : -1])
+        known = [f.name for f in fields(inner)] if inner is not None else []
+        if inner is cls:
+            known += also
+        word = str(item["loc"][-1])
+        renamed = inner.renamed_keys if inner is not None and issubclass(inner, Part) else {}
+        if word in renamed:
+            what = f"`{word}` is now `{renamed[word]}`"
+            return [Problem(source.key_mark(where), dotted(where[:-1]), what)]
+        what = f"unknown key; {unknown(word, known)}" if known else "unknown key"
+        return [Problem(source.key_mark(where), dotted(where), what)]
+    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        path = dotted((*keys, *item["loc"]))
+        return [Problem(source.key_mark(where), path, "this key is required")]
+    return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
+
+
+def _dataclass_at(cls: Any, path: Keys) -> Any:
+    """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
+    for key in path:
+        if isinstance(key, int):
+            continue
+        options = dataclasses_in(get_type_hints(cls).get(key))
+        if len(options) != 1:
+            return None
+        cls = options[0]
+    return cls
+
+
+def dataclasses_in(hint: object) -> list[type[Any]]:
+    """Return the dataclasses that a value of this type, or an item of it, may be."""
+    if isinstance(hint, type) and is_dataclass(hint):
+        return [hint]
+    return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
+
+
+def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> str:
+    """Return in words what the validator found wrong with a value."""
+    shown = _show(value)
+    if kind == "value_error":
+        return str(ctx["error"])
+    if kind == "json_invalid":
+        return "the name of a folder it lies in is not UTF-8, and no config could hold it"
+    if isinstance(value, float) and (
+        isnan(value) or (isinf(value) and kind in ("less_than", "greater_than"))
+    ):
+        return f"{'NaN' if isnan(value) else shown} is not a finite number"
+    if kind in _LIMITS:
+        words, limit = _LIMITS[kind]
+        return f"{shown} is {words} {_show(ctx[limit])}"
+    if kind == "literal_error":
+        return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
+    if kind == "union_tag_invalid":
+        return f"{ctx['tag']!r} is not one of {ctx['expected_tags'].replace(chr(39), '')}"
+    if kind == "union_tag_not_found":
+        return f"needs a {ctx['discriminator'].strip(chr(39))}"
+    if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
+        return formula(str(value)) or f"{shown} is not one line of visible characters"
+    if kind == "string_pattern_mismatch":
+        return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
+    name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
+    return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
+
+
+def _show(value: object) -> str:
+    if isinstance(value, float) and value.is_integer():
+        return f"{value:g}"
+    text = json.dumps(value) if not isinstance(value, str) else repr(value)
+    return text if len(text) < 60 else text[:57] + "..."
+
+
+_REPLACED_KINDS = {
+    ("scenarios", "recorded"): "recorded data are a target now: {kind: tracking, target: {kind: "
+    "measured, measurements: m.csv, truth: t.csv}, sensor: ..., start: one-scan, assume: {motion: "
+    "...}}; prior_mean and prior_sigma are the start {kind: given, mean: [...], sigma: [...]}"
+}
+"""Hints for kinds of earlier versions."""
+
+
+def build_kind(group: Group, source: Source, keys: Keys) -> Any:
+    """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    data = source.at(keys)
+    if not isinstance(data, dict) or "kind" not in data:
+        needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+        if not any(p.path == dotted(keys) for p in source.problems):  # else it has been said
+            source.add_problem(keys, needs)
+        return None
+    kind = data["kind"]
+    cls = of_kind(group, kind) if isinstance(kind, str) else None
+    if cls is None:
+        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+        what = _REPLACED_KINDS.get((group, kind), what) if isinstance(kind, str) else what
+        source.add_problem((*keys, "kind"), what)
+        return None
+    values = _with_preset(cls, source, keys)
+    _make_paths_absolute(cls, source, keys, values)
+    also = ["preset"] if cls.presets else []
+    if group == "filters":  # a key of every filter: see `read_assumed`
+        values.pop("assume", None)
+        also.append("assume")
+    return _build_with_parts(cls, values, source, keys, also)
+
+
+def read_assumed(source: Source, label: str) -> Assume | None:
+    """Return the filter model that the key ``assume`` of a filter's entry gives, if it has one."""
+    entry = source.data["filters"][label]
+    if not isinstance(entry, dict) or entry.get("assume") is None:
+        return None
+    keys = ("filters", label, "assume")
+    if label == source.data.get("reference"):
+        source.add_key_problem(keys, "the reference filter uses the true model; leave this key out")
+    if not isinstance(entry["assume"], dict):
+        source.add_problem(keys, "is not a mapping")
+        return None
+    return _build_with_parts(Assume, entry["assume"], source, keys)
+
+
+def _build_with_parts(
+    cls: type[T], data: dict[str, object], source: Source, keys: Keys, also: Sequence[str] = ()
+) -> T | None:
+    inner = _InnerParts(source, [])
+    numbered = inner.numbered(cls, data, keys)
+    try:
+        check_sensors(inner.parts)
+        with plugin_code(cls, *inner.parts):
+            built = build(cls, source, keys, numbered, inner.parts, also)
+    except PluginError as error:
+        source.add_problem(keys, str(error))
+        return None
+    return None if None in inner.parts else built
+
+
+class _InnerParts(NamedTuple):
+    """The components within a component, in the order of the numbers that stand for them."""
+
+    source: Source
+    parts: list[object]
+
+    def numbered(self, cls: type, data: dict[str, object], keys: Keys) -> dict[str, object]:
+        """Build the components in the mapping of a dataclass; return it with their numbers."""
+        hints, out = hints_of(cls), dict(data)
+        for key in hints.keys() & data.keys():
+            out[key] = self._value(hints[key], data[key], (*keys, key))
+        return out
+
+    def _value(self, hint: object, value: object, keys: Keys) -> Any:
+        group = part_group(hint)
+        if group is not None and not (value is None and _may_be(hint, type(None))):
+            return self._number(cast(Group, group), hint, value, keys)
+        inner = [h for h in (hint, *get_args(hint)) if isinstance(h, type) and is_dataclass(h)]
+        if len(inner) == 1 and isinstance(value, dict):
+            return self.numbered(inner[0], value, keys)
+        return value
+
+    def _number(self, group: Group, hint: object, value: object, keys: Keys) -> int:
+        if isinstance(value, list) and _may_be(hint, tuple):
+            if not value:
+                self.source.add_problem(keys, f"is empty: name at least one of {group}")
+            items = [self._part(group, (*keys, i)) for i in range(len(value))]
+            self.parts.append(None if None in items or not items else tuple(items))
+        else:
+            self.parts.append(self._part(group, keys))
+        return len(self.parts) - 1
+
+    def _part(self, group: Group, keys: Keys) -> Any:
+        """Return the part at ``keys``; a word is a kind without keys of its own."""
+        value = self.source.at(keys)
+        if isinstance(value, str):
+            mark = self.source.mark(keys)
+            put(self.source.at(keys[:-1]), keys[-1], marked({"kind": value}, mark), mark)
+        return build_kind(group, self.source, keys)
+
+
+def _may_be(hint: object, cls: type) -> bool:
+    """Return whether a key of this type may hold an instance of the class."""
+    options = (hint, *get_args(hint), *(o for inner in get_args(hint) for o in get_args(inner)))
+    return any(cls in (option, get_origin(option)) for option in options)
+
+
+def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
+    """Count the paths of data files from the folder of the YAML file that names them."""
+    for key in file_keys(cls) & values.keys():
+        mark, paths = source.mark((*keys, key)), values[key]
+        folder = Path(mark.file).parent if mark.line else Path()
+        if isinstance(paths, str):
+            values[key] = str((folder / paths).absolute())
+        elif isinstance(paths, list):
+            values[key] = [str((folder / p).absolute()) if isinstance(p, str) else p for p in paths]
+
+
+def _with_preset(cls: type[Part], source: Source, keys: Keys) -> dict[str, object]:
+    """Return the values of a component's keys, those of its preset below them."""
+    presets, data = cls.presets, {k: v for k, v in source.at(keys).items() if k != "kind"}
+    name = data.pop("preset", None) if presets else None
+    if name is None:
+        return data
+    where = (*keys, "preset")
+    if not isinstance(name, str) or name not in presets:
+        other = unknown(str(name), list(presets))
+        source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {other}")
+        return data
+    if any(presets.values()) and all(deep_merge(p, data) == data for p in presets.values()):
+        what = f"no preset of {cls.kind} changes anything: all that they set is given"
+        source.add_problem(where, what)
+    return deep_merge(presets[name], data)

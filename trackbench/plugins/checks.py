@@ -1,0 +1,153 @@
+"""Check what the runner takes for granted of plugin classes, before anything runs.
+
+A mistake that these checks miss would end as a traceback, or in a wrong number.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
+
+import numpy as np
+
+from trackbench.core.distributions import Gaussian
+from trackbench.core.random_streams import RunStreams
+from trackbench.evaluation.error_series import per_run_metrics, series
+from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
+from trackbench.filters.base import AnyFilter, WrongReturnError
+from trackbench.models.sensors.base import Measuring
+from trackbench.plugins.errors import PluginError, guarded, plugin_code
+from trackbench.scenarios.base import Scenario
+
+if TYPE_CHECKING:
+    from trackbench.scenarios.targets.base import Target
+
+T = TypeVar("T")
+
+
+def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
+    """Return a filter's conflicts with the scenario; for plugins also what would stop the runner."""
+    if not is_foreign(tracker):
+        return tracker.conflicts(scenario)
+    try:
+        with plugin_code(tracker):
+            conflicts: dict[str, str] = call_hook(tracker.conflicts, dict, scenario)
+            sentences = call_hook(tracker.cautions, list, scenario)
+            check_words(*conflicts, *conflicts.values(), *sentences)
+            call_hook(tracker.extra_memory, int, scenario.model)
+            for key in ("N", "particle_count", "max_particle_count"):
+                number = getattr(tracker, key, 1)
+                if not isinstance(number, int) or number < 1:
+                    raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
+            hash(tracker)
+    except PluginError as error:
+        return {"": str(error)}
+    return conflicts
+
+
+def check_words(*texts: object) -> None:
+    """Raise WrongReturnError unless all of these are words."""
+    if not all(isinstance(text, str) for text in texts):
+        raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
+
+
+def call_hook(hook: Callable[[Any], T], kind: type, about: object) -> T:
+    """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
+    with guarded():
+        value = hook(about)
+    if not isinstance(value, (list, tuple) if kind is list else kind):
+        what = f"{hook.__name__} gives a {type(value).__name__}, not a {kind.__name__}"
+        raise WrongReturnError(hook.__name__, what)
+    return value
+
+
+def check_scenario(scenario: Scenario, bounded: bool) -> None:
+    """Raise PluginError for what would stop the runner in the plugin components of a scenario.
+
+    ``bounded`` if its lower bounds are wanted.
+    """
+    plugins = foreign_parts(scenario)
+    for part in plugins:
+        with plugin_code(part, *plugins), np.errstate(all="ignore"):
+            _check_part(part, scenario)
+    if plugins:
+        with plugin_code(*plugins), np.errstate(all="ignore"):
+            _simulate_and_score(scenario, bounded)
+
+
+def check_sensors(parts: Sequence[object]) -> None:
+    """Raise PluginError for a plugin's sensor that cannot measure one of these targets.
+
+    It is checked before a scenario is made of them, which may use its measurements.
+    """
+    sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, Measuring)]
+    targets = [*filter(_is_target, walk_parts(tuple(parts)))] if sensors else []
+    for target in targets:
+        for sensor in sensors:
+            with plugin_code(sensor, target), np.errstate(all="ignore"):
+                _check_sensor(sensor, len(target.components))
+
+
+def _check_part(part: object, scenario: Scenario) -> None:
+    if isinstance(part, Measuring):
+        _check_sensor(part, len(scenario.components))
+    if _is_target(part):
+        scored = np.ones(len(scenario.steps), dtype=bool)
+        _check_windows(part.windows(scenario.times, scored), len(scored))
+
+
+def _is_target(part: object) -> "TypeGuard[Target]":
+    from trackbench.scenarios.targets.base import Target
+
+    return isinstance(part, Target)
+
+
+def _check_sensor(sensor: Measuring, n_x: int) -> None:
+    """Raise WrongReturnError for what is no distribution of a measurement of two states."""
+    n = len(sensor.components)
+    x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
+    distribution: object = sensor.measurement(x, 1)
+    if not isinstance(distribution, Gaussian):
+        what = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
+        raise WrongReturnError("measurement", what)
+    _check_shape("measurement", "its mean", distribution.mean, (n, 2))
+    _check_shape("measurement", "its covariance", distribution.cov, (n, n), (n, n, 1), (n, n, 2))
+
+
+@lru_cache(maxsize=4)
+def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
+    """Call every hook that a run and its report call; once for equal scenarios."""
+    runs, steps = min(2, scenario.recorded_runs or 2), len(scenario.steps)
+    _check_shape("times", "times", scenario.times, (steps,))
+    _check_windows(scenario.windows, steps)
+    _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
+    truth, measurements, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
+    n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
+    _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
+    _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
+    _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
+    _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
+    for name, error in scenario.errors(truth, truth).items():
+        _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
+    scenario.observables(truth)
+    values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
+    per_run_metrics(scenario, values, (), np.ones(runs, dtype=bool))
+    if bounded:
+        scenario.bounds()
+
+
+def _check_windows(windows: Mapping[str, object], steps: int) -> None:
+    for name, mask in windows.items():
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (steps,):
+            what = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
+            raise WrongReturnError("windows", what)
+
+
+def _check_shape(method: str, what: str, value: object, *shapes: tuple[int, ...]) -> None:
+    if not isinstance(value, np.ndarray) or value.shape not in shapes:
+        raise WrongReturnError(method, f"{what} is {_describe(value)}, not an array {shapes[0]}")
+
+
+def _describe(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array {value.shape} of {value.dtype}"
+    return f"a {type(value).__name__}"
