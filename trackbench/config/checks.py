@@ -20,8 +20,8 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import moving
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.base import position_velocity_names
+from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
@@ -69,7 +69,7 @@ def has(scenario: Scenario, need: str) -> bool:
     """Return whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
     part, _, name = need.partition(".")
     if part == "state":
-        return scenario.components == moving(2)
+        return scenario.components == position_velocity_names(2)
     if part == "prior":
         kind = scenario.prior_type
         return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())
@@ -95,7 +95,7 @@ def _remedy(scenario: Scenario, need: str) -> str:
     component = need.partition(".")[0]
     if component == "sensor":
         parts = walk_parts(scenario.true_sensor)
-        sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, Measuring))
+        sensors = " and ".join(f"`{part.kind}`" for part in parts if isinstance(part, SensorBase))
         return f"this scenario has {sensors}: take another filter or sensor"
     if need == "motion.T":
         return "take another filter, or resample recorded data (`resample: SECONDS`)"

@@ -41,7 +41,7 @@ from trackbench.config.tuned_entries import (
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import moving
+from trackbench.models.base import position_velocity_names
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
@@ -287,7 +287,7 @@ def _default_figures(point: Point) -> dict[str, object]:
         "whiteness": {"kind": "autocorrelation"},
         "estimates": {"kind": "estimates"},
     }
-    if point.scenario.components[:4] == moving(2):
+    if point.scenario.components[:4] == position_velocity_names(2):
         del figures["estimates"]
         figures["track"] = {"kind": "track", "filters": list(point.filters)[:4]}
     return figures

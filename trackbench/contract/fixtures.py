@@ -7,7 +7,7 @@ from numpy.random import SFC64, Generator
 
 from trackbench.core import kalman
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import of_each_run
+from trackbench.core.distributions import per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.scalar import SineGamma
@@ -48,7 +48,7 @@ def run_filter(tracker: Any, scenario: Any, data: Simulation) -> Estimates:
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         estimates.append(tracker.estimate(state))
-    covs = [of_each_run(g).cov for g in estimates]
+    covs = [per_run_moments(g).cov for g in estimates]
     means = np.stack([g.mean for g in estimates], axis=1)
     return Estimates(means, np.stack(covs, axis=2), random=_words(rng) != first_words)
 
@@ -60,7 +60,7 @@ def _words(rng: Generator) -> list[int]:
 def kalman_filtered(scenario: Any, data: Simulation) -> Estimates:
     """Return the exact posterior of a linear Gaussian scenario."""
     motion, sensor = scenario.model
-    posteriors = [of_each_run(data.prior)]
+    posteriors = [per_run_moments(data.prior)]
     for i, k in enumerate(scenario.steps[1:]):
         predicted = kalman.predict(posteriors[-1], motion.F, motion.Q)
         nu = data.measurements[:, i] - sensor.measurement(predicted.mean, int(k)).mean

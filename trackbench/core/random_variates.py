@@ -50,7 +50,7 @@ class NoiseGenerator(Generator):
         out = np.empty(4 * quads)
         for start in range(0, quads, _QUADS):
             some = min(_QUADS, quads - start)
-            _hadamard(self._looked_up(halved_normals(), some), out[4 * start : 4 * (start + some)])
+            _hadamard(self._look_up(halved_normals(), some), out[4 * start : 4 * (start + some)])
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
@@ -61,14 +61,14 @@ class NoiseGenerator(Generator):
         out, step = np.empty(count), 4 * _QUADS
         for start in range(0, count, step):
             some = min(step, count - start)
-            drawn = self._looked_up(exponentials(), -(-whole * some // 4))
+            drawn = self._look_up(exponentials(), -(-whole * some // 4))
             piece = drawn[:some]
             for i in range(1, whole):
                 piece += drawn[i * some : (i + 1) * some]
             out[start : start + some] = piece
         return out.reshape(_shape(size))[()]
 
-    def _looked_up(self, table: Singles, words: int) -> Singles:
+    def _look_up(self, table: Singles, words: int) -> Singles:
         """Return four entries of the table for each word."""
         index = self.bit_generator.random_raw(words).view(np.uint16)
         drawn: Singles = table.take(index, mode="clip")

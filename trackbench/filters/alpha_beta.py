@@ -97,7 +97,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         nu = np.where(missing, np.nan, nu)
         n = np.asarray(state.n + (~missing if missing.any() else 1))
         K = self.gain(n, assumed.T, sensor.sigma)
-        posterior = kalman.corrected(predicted, nu, K, H, sensor.R)
+        posterior = kalman.update_with_gain(predicted, nu, K, H, sensor.R)
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
         innovation = Innovation(nu, S)
         return Smoothed(posterior, n, innovation.nis, innovation)

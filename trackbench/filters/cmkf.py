@@ -9,12 +9,12 @@ from numpy.random import Generator
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
-from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import AS_IT_IS, extended_prediction
+from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import Convertible, TwoPoint
 from trackbench.registry import register
@@ -43,20 +43,20 @@ class CMKF(GaussianFilter):
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Return two-point differencing of converted scans; without scans the prior's moments."""
         if not isinstance(prior, Convertible):
-            return of_each_run(prior)
+            return per_run_moments(prior)
         return prior.gaussian(self.start or self.conversion)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, convert the measurement, update linearly; half a measurement counts as missing."""
         sensor = cast(RangeAzimuth, model.sensor)
-        predicted = extended_prediction(model, state, k, AS_IT_IS)
+        predicted = extended_prediction(model, state, k, MODEL_NOISE)
         # Step 1: convert (r, a) to a position; ducm uses the predicted range and azimuth.
         expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         converted = convert(self.conversion, sensor.reading(z), expected)
         # Step 2: update with the position, linear in the state.
         H = np.eye(len(predicted.mean))[0:4:2]
-        nu = sensor.from_here(converted.mean, k) - linalg.matvec(H, predicted.mean)
+        nu = sensor.absolute_position(converted.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], converted.cov)
         posterior, innovation = kalman.update(predicted, nu, H, R)
         # The likelihood is one of (r, a): d(x, y) = b^2 r d(r, a) of a position at b r.

@@ -17,7 +17,7 @@ from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.gaussian_base import NonlinearFilter
 from trackbench.models.base import DifferentiableSensor, Model
 from trackbench.models.gaussian_steps import (
-    Assumed,
+    AssumedNoise,
     extended_prediction,
     extended_step,
     point_prediction,
@@ -136,7 +136,7 @@ class IPLF(NonlinearFilter):
 
 
 def _regression(
-    model: Model, over: Gaussian, k: int, assumed: Assumed
+    model: Model, over: Gaussian, k: int, assumed: AssumedNoise
 ) -> tuple[Array, Array, Array]:
     """Regress the measurement on the state over N(m, P) (eqs. 5-9).
 
@@ -154,7 +154,7 @@ def _regression(
     slope = linalg.transpose(_solve_singular(over.cov, points.cross(dx, dz)))
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     unexplained = points.cross(dz, dz) - linalg.sandwich(slope, over.cov)
-    return center[:, 0] + mean, slope, R + linalg.symmetrised(unexplained)
+    return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)
 
 
 def _solve_singular(P: Array, C: Array) -> Array:

@@ -10,10 +10,10 @@ from numpy.random import Generator
 from trackbench.core import kalman, linalg, particles
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
-from trackbench.core.particles import Evidence, Particles, uniform
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.particles import Evidence, Particles, equal_weights
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import InnovationFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
@@ -34,7 +34,7 @@ class GaussianPF(WeightedParticlesFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior and take the moments."""
-        x, log_w = covering(prior, rng, self.N)
+        x, log_w = draw_covering(prior, rng, self.N)
         return _weigh(x, log_w)
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
@@ -45,7 +45,7 @@ class GaussianPF(WeightedParticlesFilter):
 
 def _weigh(x: Array, log_w: Array) -> PFState:
     """Return the state of draws (n, M, N) with log-weights (M, N)."""
-    w, collapsed, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
+    w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
     return PFState(
         particles=cloud,
@@ -88,7 +88,7 @@ class EnsembleFilter(InnovationFilter[Ensemble]):
 
     def posterior(self, state: Ensemble) -> Posterior:
         """Return the members."""
-        return CloudPosterior(Particles(state.x, uniform(*state.x.shape[1:])))
+        return ParticlePosterior(Particles(state.x, equal_weights(*state.x.shape[1:])))
 
 
 @register("filters", "enkf")
@@ -115,7 +115,7 @@ class EnKF(EnsembleFilter):
         nu = model.sensor.innovation(z, center.mean + z_mean)
         missing = np.isnan(nu)
         # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
-        C, S = kalman.measured(
+        C, S = kalman.drop_missing(
             linalg.transpose(_cross_cov(dx, dz)), _cross_cov(dz, dz) + R, missing
         )
         note("covariances", S, components=2)
@@ -174,10 +174,10 @@ def _flow(
     expected = sensor.measurement(at, k)
     nu = sensor.innovation(z, expected.mean)
     missing = np.isnan(nu)
-    H, R = kalman.measured(sensor.jacobian(at, k), expected.cov, missing)
+    H, R = kalman.drop_missing(sensor.jacobian(at, k), expected.cov, missing)
     H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
-    HPH = linalg.symmetrised(linalg.matmul(H, PH))
+    HPH = linalg.symmetrize(linalg.matmul(H, PH))
     # A = -P H' (t H P H' + R)^-1 H / 2 (eq. 9)
     A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * HPH + R), H))
     # b = (I + 2 t A) (I + t A) P H' R^-1 y (eq. 10)

@@ -169,7 +169,7 @@ class EvolutionFilter(ProposalFilter):
         def log_ratio(x: Array) -> Array:
             return log_posterior(x) - proposals.q.log_prob(x)
 
-        w, collapsed, mass = particles.normalise(log_ratio(proposals.x))
+        w, collapsed, mass = particles.normalize(log_ratio(proposals.x))
         # Second to fifth step: the draws are the first population; mutate, cross, select, cool down.
         fitness = log_ratio if self.reading.target == "ratio" else log_posterior
         evolved = self.differential_evolution(proposals.x, fitness, rng)
@@ -179,7 +179,7 @@ class EvolutionFilter(ProposalFilter):
             weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
         ratio = _spread(evolved.x) / _spread(proposals.x)
         return PFState(
-            particles=Particles(evolved.x, particles.uniform(*w.shape)),
+            particles=Particles(evolved.x, particles.equal_weights(*w.shape)),
             weighted=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
@@ -239,11 +239,11 @@ class EvolutionFilter(ProposalFilter):
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
         if self.reading.final_weights == "uniform":
-            w = particles.uniform(*evolved.log_fitness.shape)
+            w = particles.equal_weights(*evolved.log_fitness.shape)
             return np.where(np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True), np.nan, w)
         if self.reading.final_weights == "importance":
-            return particles.normalise(log_ratio(evolved.x)).w
-        return particles.normalise(evolved.log_fitness).w
+            return particles.normalize(log_ratio(evolved.x)).w
+        return particles.normalize(evolved.log_fitness).w
 
 
 def _spread(x: Array) -> Array:

@@ -10,19 +10,19 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
-    combined,
-    common,
+    combine,
+    common_components,
     log_mixture,
-    padded,
-    predicted_weights,
-    updated_weights,
+    pad,
+    predict_weights,
+    update_weights,
 )
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.models.augmented_prior import extended_gaussian
+from trackbench.models.augmented_prior import augment_gaussian
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.registry import register
 
@@ -98,32 +98,32 @@ class IMM(JumpMarkov[ModelBank]):
         n, runs = len(shared_components(model.motion)), prior.mean.shape[1]
         first = self.filter.initialize(model, prior)
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
-        states = tuple(extended_gaussian(first, extra_std(m.motion)) for m in self.models(model))
+        states = tuple(augment_gaussian(first, extra_std(m.motion)) for m in self.models(model))
         weights = np.repeat(self.initial_weights[:, None], runs, axis=1)
         return ModelBank(states, weights, np.full(runs, np.nan), n)
 
     def step(self, model: Model, state: ModelBank, z: Array, k: int, rng: Generator) -> ModelBank:
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
         # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights p_ij mu_i / c_j.
-        predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
+        predicted, mixing = predict_weights(state.weights, np.array(self.transition))
         models, states, innovations = self.models(model), [], []
         names = [m.motion.components for m in models]
         for j, model_j in enumerate(models):
             # Step 2: mix the states, each filled up to the components of model j.
             like = state.states[j]
             filled = [
-                padded(s, like, common(of, names[j]), self.mixing == "unbiased")
+                pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
             # Step 3: filter with model j.
-            mixed = combined(filled, mixing[:, j])
+            mixed = combine(filled, mixing[:, j])
             posterior, innovation = self.filter.update(model_j, mixed, z, k)
             states.append(posterior)
             innovations.append(innovation)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
-        judged = [innovation.judged() for innovation in innovations]
+        judged = [innovation.nis_and_scale() for innovation in innovations]
         nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
-        weights = updated_weights(predicted, nis, scale)
+        weights = update_weights(predicted, nis, scale)
         mean_nis = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
@@ -137,7 +137,7 @@ class IMM(JumpMarkov[ModelBank]):
         """Return the moments of the mixture, without components that only some models have."""
         n = state.reported
         shared = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
-        return combined(shared, state.weights)
+        return combine(shared, state.weights)
 
     def log_likelihood(self, state: ModelBank) -> Array:
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""

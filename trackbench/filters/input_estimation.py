@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.field_types import NonNegative, Positive
 from trackbench.filters.adaptive_kf.decisions import Detector
@@ -82,7 +82,7 @@ class InputEstimation(Filter[Corrected]):
         """Start the filter at the prior, without inputs."""
         state = per_axis(prior)
         runs, axes = state.mean.shape[-1], state.cov.shape[2]
-        inputs = hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
+        inputs = empty_hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
         unknown = np.full(runs, np.nan)
         return Corrected(state, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
 
@@ -94,7 +94,7 @@ class InputEstimation(Filter[Corrected]):
         posterior, innovation = axis_step(state.filter, motion, z, R)
         # Step 2: update input and zeta of every onset; an acceleration adds [T^2/2, T]' a.
         g = np.array([T * T / 2, T])
-        inputs = state.inputs.advanced(k, motion.F, g, posterior, innovation, R)
+        inputs = state.inputs.update(k, motion.F, g, posterior, innovation, R)
         zeta = inputs.significance()
         # Step 3: alarm if the largest zeta is significant and its onset is old enough.
         slot, runs = zeta.argmax(axis=0), np.arange(zeta.shape[1])
@@ -103,12 +103,12 @@ class InputEstimation(Filter[Corrected]):
         alarm &= k >= self.detector.start
         # Step 4: x + M u, P + M L M' in the alarmed runs; the other runs' slots may hold no information.
         if alarm.any():
-            corrected = inputs.chosen(slot, runs).corrected(posterior)
+            corrected = inputs.select(slot, runs).correct(posterior)
             posterior = where_runs(alarm, corrected, posterior)
-            inputs = inputs.restarted(alarm, k)
+            inputs = inputs.reset(alarm, k)
         nis = np.where(is_missing(innovation), np.nan, sum_over_axes(innovation.nis))
         age_s = np.where(alarm, age * T, np.nan)
-        return Corrected(posterior, inputs.opened(k), nis, alarm, age_s, innovation)
+        return Corrected(posterior, inputs.add_onset(k), nis, alarm, age_s, innovation)
 
     def estimate(self, state: Corrected) -> Gaussian:
         """Return the corrected filter."""

@@ -8,8 +8,8 @@ from numpy.random import Generator
 
 from trackbench.core import particles, resampling
 from trackbench.core.arrays import Array, Index
-from trackbench.core.distributions import Distribution, covering
-from trackbench.core.kernel_smoothing import Kernel, jitter_each
+from trackbench.core.distributions import Distribution, draw_covering
+from trackbench.core.kernel_smoothing import Kernel, jitter_modes
 from trackbench.core.kernel_smoothing import Mode as Spread
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
@@ -18,7 +18,7 @@ from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Sha
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
-from trackbench.models.motions.irregular import alike
+from trackbench.models.motions.irregular import sample_alike
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum
@@ -76,7 +76,7 @@ class JumpMarkov(Filter[State]):
 
     def models(self, model: Model) -> list[Model]:
         """Return a model per motion, with the axes and the sampling time of the assumed motion."""
-        return [Model(alike(motion, model.motion), model.sensor) for motion in self.motions]
+        return [Model(sample_alike(motion, model.motion), model.sensor) for motion in self.motions]
 
 
 def shared_components(motion: SampledMotion) -> tuple[str, ...]:
@@ -102,12 +102,12 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw particles from the prior, each with a motion."""
-        x, log_w = covering(prior, rng, self._size(0))
+        x, log_w = draw_covering(prior, rng, self._size(0))
         runs, N = x.shape[1:]
         extra = _extra_deviations(self.models(model))
         mode = _draw_modes(np.tile(self.initial_weights[:, None, None], (1, runs, N)), rng)
         shared = x[: len(shared_components(model.motion))]
-        weighted = Particles(shared, particles.normalise(log_w).w)
+        weighted = Particles(shared, particles.normalize(log_w).w)
         x = np.concatenate([shared, _draw_extra(extra, mode, rng)])
         state = PFState.first(weighted, log_w)
         return state._replace(particles=Particles(x, weighted.w), mode=mode)
@@ -132,9 +132,9 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         x, mode = resampling.select(x, index), resampling.select(mode, index)
         for j, (rows, spread) in enumerate(zip(_rows_of(models), spreads, strict=True)):
             kernels = [spread._replace(there=mode == j)]
-            x[rows] = jitter_each(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
+            x[rows] = jitter_modes(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
         return PFState(
-            particles=Particles(x, particles.uniform(*index.shape)),
+            particles=Particles(x, particles.equal_weights(*index.shape)),
             weighted=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,

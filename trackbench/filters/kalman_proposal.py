@@ -19,7 +19,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
@@ -27,7 +27,7 @@ from trackbench.filters.base import Filter
 from trackbench.filters.particle_base import PFState
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
 from trackbench.models.gaussian_steps import (
-    Assumed,
+    AssumedNoise,
     augmented_size,
     augmented_step,
     idle_noise_mean,
@@ -92,7 +92,7 @@ class ProposalFilter(Filter[PFState]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior."""
         x = prior.sample(rng, self.N)
-        cloud = Particles(x, particles.uniform(*x.shape[1:]))
+        cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
         return PFState.first(cloud)._replace(w=cloud.w)
 
     def estimate(self, state: PFState) -> Gaussian:
@@ -101,7 +101,7 @@ class ProposalFilter(Filter[PFState]):
 
     def posterior(self, state: PFState) -> Posterior:
         """Return the weighted particles."""
-        return CloudPosterior(state.weighted)
+        return ParticlePosterior(state.weighted)
 
     def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""
@@ -121,7 +121,7 @@ class ProposalFilter(Filter[PFState]):
         effective sample size of the draws. ``distinct_particles``: particles that are no copies after
         resampling or evolution. Both are shares of N.
         """
-        distinct = particles.distinct(np.sort(state.particles.x[0]))
+        distinct = particles.distinct_share(np.sort(state.particles.x[0]))
         return state.diagnostics() | {"distinct_particles": distinct}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
@@ -195,7 +195,7 @@ class KalmanProposalFilter(ProposalFilter):
         """Draw each particle from its Kalman posterior, or from the transition (defensive)."""
         assert state.P is not None
         each = Gaussian(state.particles.x, state.P)
-        kalman = self._kalman(model, each, z, k, Assumed(self.Q, self.R, self.noise_mean))
+        kalman = self._kalman(model, each, z, k, AssumedNoise(self.Q, self.R, self.noise_mean))
         q = self._density(model, kalman, state.particles.x, k)
         return Proposals(q.sample(rng), q, kalman)
 
@@ -206,7 +206,7 @@ class KalmanProposalFilter(ProposalFilter):
 
     @abstractmethod
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         """Return the Kalman posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
 
@@ -230,7 +230,7 @@ class UnscentedProposal:
     """secondary scaling of the sigma points"""
 
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         unscented = Unscented(self.alpha, self.beta, self.kappa)
         return augmented_step(model, state, z, k, assumed, unscented)[0]

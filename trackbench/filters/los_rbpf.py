@@ -17,8 +17,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_each
-from trackbench.core.mixtures import combined
+from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_modes
+from trackbench.core.mixtures import combine
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
@@ -26,7 +26,7 @@ from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
-from trackbench.models.sensors.angular_base import seen_along
+from trackbench.models.sensors.angular_base import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
@@ -84,7 +84,7 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     separate = distance > _SEPARATION * deviations
     separate &= (share > 0.0).all(axis=0)
     # A mode that is not given up has at least a quarter of the particles.
-    whole = combined(moments, share).cov
+    whole = combine(moments, share).cov
     undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
     floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
     gain = np.where(undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
@@ -139,7 +139,7 @@ class LineOfSight(ParticleFilter):
         walked = prior.q * T / 3.0
         P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
-        cloud = Particles(x, particles.normalise(log_w).w)
+        cloud = Particles(x, particles.normalize(log_w).w)
         state = PFState.first(cloud, log_w)
         return state._replace(estimate=_add_range_covariance(state.estimate, P), P=P)
 
@@ -149,7 +149,7 @@ class LineOfSight(ParticleFilter):
         # Step 1: predict the particles and the covariance P of (r, r').
         x, P = _propagate(motion, state, rng)
         missing = np.isnan(z[0] + z[1])
-        r, across, along = seen_along(np.where(missing, 0.0, z[1]), x[0], x[2])
+        r, across, along = along_line_of_sight(np.where(missing, 0.0, z[1]), x[0], x[2])
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
@@ -159,7 +159,7 @@ class LineOfSight(ParticleFilter):
             nu[missing], half_distance[missing] = 0.0, 0.0
         note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
-        w, collapsed, mass = particles.normalise(log_w)
+        w, collapsed, mass = particles.normalize(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
         evidence = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
         # Step 3: correct each particle by K nu along its own line of sight.
@@ -198,7 +198,7 @@ class LineOfSight(ParticleFilter):
             kernels = [Mode(None, None, frame.moments().cov)]
         else:
             kernels = modes.kernels(resampled.x)
-        jittered = jitter_each(resampled.x, kernels, self.kernel, noise, self.bandwidth_scale)
+        jittered = jitter_modes(resampled.x, kernels, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(azimuth, jittered)
         if degenerate.all():
             return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
@@ -217,7 +217,7 @@ class LineOfSight(ParticleFilter):
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
         x = self._resample(tilted, rng, size).x
         log_w = -log(modes.of_each(x, modes.gain))
-        return Particles(x, particles.normalise(log_w).w), log_w
+        return Particles(x, particles.normalize(log_w).w), log_w
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
@@ -291,7 +291,7 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
     without a cosine.
     """
     px, vx, py, vy = x
-    r, across, along = seen_along(azimuth, px, py)
+    r, across, along = along_line_of_sight(azimuth, px, py)
     out = np.empty_like(x)
     # tan(d / 2) = across / (r + along)
     along += r

@@ -68,7 +68,7 @@ class MPF(ParticleFilter):
         first, second, log_w = prior.positions(rng, self._size(0))
         vx, vy = (second - first) / prior.T
         x = np.stack([second[0], vx, second[1], vy])
-        cloud = Particles(x, particles.normalise(log_w).w)
+        cloud = Particles(x, particles.normalize(log_w).w)
         # Velocity variance given both positions, of a white acceleration over T: C = q T / 3.
         C = np.array(prior.q * prior.T / 3.0)
         state = PFState.first(cloud, log_w)

@@ -10,9 +10,9 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Count, Natural
@@ -119,12 +119,12 @@ class ParticleFilter(WeightedParticlesFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior, with weights if the draws cover its tails."""
-        x, log_w = covering(prior, rng, self._size(0))
-        return PFState.first(Particles(x, particles.normalise(log_w).w), log_w)
+        x, log_w = draw_covering(prior, rng, self._size(0))
+        return PFState.first(Particles(x, particles.normalize(log_w).w), log_w)
 
     def posterior(self, state: PFState) -> Posterior | None:
         """Return the weighted particles; None if each particle carries a Gaussian."""
-        return CloudPosterior(state.weighted) if state.P is None else None
+        return ParticlePosterior(state.weighted) if state.P is None else None
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
@@ -135,7 +135,7 @@ class ParticleFilter(WeightedParticlesFilter):
         """Return weights (M, N) of the moved particles x, collapsed runs, and the evidence."""
         log_w = self._log_likelihood(model, z, x, k)
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
-        w, collapsed, mass = particles.normalise(log_w if equal else log_w + state.log_w)
+        w, collapsed, mass = particles.normalize(log_w if equal else log_w + state.log_w)
         return w, collapsed, (Evidence(mass, state.log_w, w.shape[1]),)
 
     def _size(self, age: int) -> int:
@@ -144,4 +144,4 @@ class ParticleFilter(WeightedParticlesFilter):
 
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
         index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.uniform(*index.shape))
+        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))

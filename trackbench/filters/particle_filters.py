@@ -66,7 +66,7 @@ class PF(ParticleFilter):
     def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Return also ``distinct_particles``: share of particles that are no copies after resampling."""
         return super().diagnostics(state) | {
-            "distinct_particles": particles.distinct(state.particles.x[0])
+            "distinct_particles": particles.distinct_share(state.particles.x[0])
         }
 
     def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
@@ -153,14 +153,14 @@ class APF(ParticleFilter):
         # First stage: resample the ancestors by w p(z|mu).
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalise(self._in_arithmetic(first + state.log_w))
+        chosen = particles.normalize(self._in_arithmetic(first + state.log_w))
         # Where every first-stage weight is zero, p(z|mu) counts as flat.
-        first = np.where(chosen.dead[:, None], 0.0, first)
+        first = np.where(chosen.collapsed[:, None], 0.0, first)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
-        w, collapsed, mass = particles.normalise(second)
+        w, collapsed, mass = particles.normalize(second)
         evidence = (
             Evidence(chosen.mass, state.log_w, first.shape[1]),
             Evidence(mass, 0.0, w.shape[1]),

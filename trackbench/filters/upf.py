@@ -23,7 +23,7 @@ from trackbench.filters.kalman_proposal import (
 )
 from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import Assumed, extended_step
+from trackbench.models.gaussian_steps import AssumedNoise, extended_step
 from trackbench.registry import register
 
 _DEMO_WEIGHTS: dict[str, object] = {
@@ -61,7 +61,7 @@ class _ResamplingFilter(KalmanProposalFilter):
         assert kalman is not None
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
-        w, collapsed, mass = particles.normalise(target - proposals.q.log_prob(proposals.x))
+        w, collapsed, mass = particles.normalize(target - proposals.q.log_prob(proposals.x))
         weighted = Particles(proposals.x, w)
         # Step 3: resample, each particle with its covariance.
         index = ancestors(w, rng, self.resampling)
@@ -76,7 +76,7 @@ class _ResamplingFilter(KalmanProposalFilter):
                 return log_target(x) - q.log_prob(x)
 
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
-        resampled = Particles(x, particles.uniform(*w.shape))
+        resampled = Particles(x, particles.equal_weights(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
@@ -101,7 +101,7 @@ class EPF(_ResamplingFilter):
     }
 
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         return extended_step(model, state, z, k, assumed)[0]
 

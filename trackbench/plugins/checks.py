@@ -14,7 +14,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import per_run_metrics, series
 from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import AnyFilter, WrongReturnError
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.errors import PluginError, guarded, plugin_code
 from trackbench.scenarios.base import Scenario
 
@@ -79,7 +79,7 @@ def check_sensors(parts: Sequence[object]) -> None:
 
     It is checked before a scenario is made of them, which may use its measurements.
     """
-    sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, Measuring)]
+    sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, SensorBase)]
     targets = [*filter(_is_target, walk_parts(tuple(parts)))] if sensors else []
     for target in targets:
         for sensor in sensors:
@@ -88,7 +88,7 @@ def check_sensors(parts: Sequence[object]) -> None:
 
 
 def _check_part(part: object, scenario: Scenario) -> None:
-    if isinstance(part, Measuring):
+    if isinstance(part, SensorBase):
         _check_sensor(part, len(scenario.components))
     if _is_target(part):
         scored = np.ones(len(scenario.steps), dtype=bool)
@@ -101,7 +101,7 @@ def _is_target(part: object) -> "TypeGuard[Target]":
     return isinstance(part, Target)
 
 
-def _check_sensor(sensor: Measuring, n_x: int) -> None:
+def _check_sensor(sensor: SensorBase, n_x: int) -> None:
     """Raise WrongReturnError for what is no distribution of a measurement of two states."""
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))

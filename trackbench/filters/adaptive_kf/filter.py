@@ -15,7 +15,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fading_memory import significance_threshold
-from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision, exit_cautions
@@ -146,7 +146,7 @@ class VariableDimension(Filter[AdaptiveState]):
             mode=Mode(on=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero),
             detector=DetectorState(
                 rho=zero,
-                inputs=hypotheses(window, axes, runs),
+                inputs=empty_hypotheses(window, axes, runs),
                 history=history(nmf, window) if p.initialise == "barshalom" else None,
                 significance=np.full((p.exit.p, runs), np.inf),
             ),
@@ -259,9 +259,9 @@ def _update_statistics(
     # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
     if p.estimates_inputs:
         g = np.array([T * T / 2, T])
-        inputs = inputs.advanced(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
+        inputs = inputs.update(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
-        inputs = inputs.begun(k)
+        inputs = inputs.with_start(k)
     past = None if past is None else past.add_measurement(z, k)
     # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
     if state.record.mf is not None:
@@ -307,7 +307,7 @@ def _start_mf(
     if past is None:
         # The estimated input becomes the acceleration; its effect is added to position and velocity.
         nmf = Gaussian(state.nmf.mean[..., runs], state.nmf.cov[..., runs])
-        started = inputs.chosen(slot[runs], runs).augmented(nmf)
+        started = inputs.select(slot[runs], runs).augment(nmf)
     else:
         onset = inputs.onset(slot, k)[runs]
         started = refilter(past, onset, runs, k, p.mf.axis(sampling.T), sampling)
@@ -336,7 +336,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
         return state
     detector = state.detector._replace(
         rho=np.where(over, 0.0, state.detector.rho),
-        inputs=state.detector.inputs.restarted(over, k),
+        inputs=state.detector.inputs.reset(over, k),
     )
     nmf = where_runs(over, first_components(state.mf, 2), state.nmf)
     return state._replace(nmf=nmf, detector=detector)
@@ -346,7 +346,7 @@ def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
     """Replace the oldest onset of the windows by the one after step k."""
     past = state.detector.history
     detector = state.detector._replace(
-        inputs=state.detector.inputs.opened(k),
+        inputs=state.detector.inputs.add_onset(k),
         history=None if past is None else past.add_posterior(state.nmf, k),
     )
     return state._replace(detector=detector)
