@@ -54,7 +54,7 @@ def parts(scenario: Any, tracker: Any, runs: int) -> dict[str, float]:
     moved = model.motion.transition(old, k)
     x = moved.sample(rng)
     log_w = log_likelihood(model.sensor, z, x, k)
-    w = particles.normalise(log_w).w
+    w = particles.normalize(log_w).w
     index = resampling.ancestors(w, rng)
     cloud = particles.Particles(x, w)
     cov = cloud.moments().cov
@@ -62,7 +62,7 @@ def parts(scenario: Any, tracker: Any, runs: int) -> dict[str, float]:
         "transition": lambda: model.motion.transition(old, k),
         "sample": lambda: moved.sample(rng),
         "log-likelihood": lambda: log_likelihood(model.sensor, z, x, k),
-        "normalise": lambda: particles.normalise(log_w),
+        "normalise": lambda: particles.normalize(log_w),
         "ancestors": lambda: resampling.ancestors(w, rng),
         "select": lambda: resampling.select(x, index),
         "moments": cloud.moments,

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps, with_assumptions
-from trackbench.core.memoize import forget
+from trackbench.core.memoize import clear_caches
 
 q = 0.01  # m^2/s^3
 FEW = 2  # runs that a loop over runs is timed on
@@ -27,7 +27,7 @@ def anew(entrant: Entrant) -> Entrant:
     """With no gains remembered of an earlier round, as in a new process."""
 
     def forgetful() -> Outcome:
-        forget()
+        clear_caches()
         return entrant()
 
     return forgetful

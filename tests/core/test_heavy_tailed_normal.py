@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from trackbench.core.distributions import covering_normal
+from trackbench.core.distributions import heavy_tailed_normal
 
 RUNS, N = 40, 5000
 
 
 def test_weighted_draws_are_standard_normal(rng: np.random.Generator) -> None:
     """Mean weight, moments and tail probabilities; errors from the spread over independent rows."""
-    x, log_w = covering_normal(RUNS, N, rng)
+    x, log_w = heavy_tailed_normal(RUNS, N, rng)
     w = np.exp(log_w)
     for values, exact in (
         (w, 1.0),
@@ -24,7 +24,7 @@ def test_weighted_draws_are_standard_normal(rng: np.random.Generator) -> None:
 
 
 def test_no_stratum_is_empty_and_no_weight_large(rng: np.random.Generator) -> None:
-    x, log_w = covering_normal(RUNS, N, rng)
+    x, log_w = heavy_tailed_normal(RUNS, N, rng)
     assert (np.diff(x, axis=1) > 0).all()
     assert np.exp(log_w).max() < 1.77
     for edge in (3.0, 4.0, 5.0):  # of N(0, 1)'s own draws 7, 0.2 and 0.001 are beyond

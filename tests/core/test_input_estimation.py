@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 
@@ -22,7 +22,7 @@ def run(
     rng: np.random.Generator, steps: int, gap: int | None = None
 ) -> tuple[list[Gaussian], list[np.ndarray], Hypotheses]:
     """Posteriors of the quiescent filter, measurements, and the hypotheses after the last step."""
-    state, found = start(rng), hypotheses(WINDOW, 1, RUNS)
+    state, found = start(rng), empty_hypotheses(WINDOW, 1, RUNS)
     states, seen = [state], [np.full((2, RUNS), np.nan)]
     g = np.array([T**2 / 2, T])
     for k in range(1, steps + 1):
@@ -30,11 +30,11 @@ def run(
         if k == gap:
             z[:, 0] = np.nan
         state, innovation = axis_step(state, CV, z, R)
-        found = found.advanced(k, CV.F, g, state, innovation, R)
+        found = found.update(k, CV.F, g, state, innovation, R)
         states.append(state)
         seen.append(z)
         if k < steps:
-            found = found.opened(k)
+            found = found.add_onset(k)
     return states, seen, found
 
 
@@ -59,8 +59,8 @@ def test_input_and_augmented_state_are_those_of_a_diffuse_filter(
     expected = diffuse(states[onset], seen[onset + 1 :], spread=1e7)
     slot = np.full(RUNS, onset % WINDOW)
     np.testing.assert_array_equal(found.onset(slot, steps), onset)
-    chosen = found.chosen(slot, np.arange(RUNS))
-    augmented = chosen.augmented(states[-1])
+    chosen = found.select(slot, np.arange(RUNS))
+    augmented = chosen.augment(states[-1])
     # A finite prior variance v biases by L / v, of order 1e-6 here.
     np.testing.assert_allclose(chosen.u, expected.mean[2], rtol=2e-5, atol=2e-5)
     np.testing.assert_allclose(augmented.mean, expected.mean, rtol=2e-5, atol=2e-4)
@@ -76,11 +76,11 @@ def test_significance_of_noise_alone_is_chi_square(rng: np.random.Generator) -> 
     x = np.linalg.cholesky(P) @ rng.standard_normal((2, 2 * runs))
     truth = x.reshape(2, 2, runs)
     state = Gaussian(np.zeros((2, 2, runs)), np.broadcast_to(P[:, :, None, None], (2, 2, 1, runs)))
-    found, g = hypotheses(WINDOW, 1, runs), np.array([T**2 / 2, T])
+    found, g = empty_hypotheses(WINDOW, 1, runs), np.array([T**2 / 2, T])
     for k in range(1, steps + 1):
         truth = np.einsum("ij,jab->iab", CV.F, truth)
         state, innovation = axis_step(state, CV, truth[0] + 3.0 * rng.standard_normal((2, runs)), R)
-        found = found.advanced(k, CV.F, g, state, innovation, R)
+        found = found.update(k, CV.F, g, state, innovation, R)
     zeta = found.significance()[0]
     assert abs(zeta.mean() - 2.0) < 4.0 * np.sqrt(4.0 / runs)
     assert abs((zeta > 6.0).mean() - np.exp(-3.0)) < 4.0 * np.sqrt(np.exp(-3.0) / runs)
@@ -89,10 +89,10 @@ def test_significance_of_noise_alone_is_chi_square(rng: np.random.Generator) -> 
 def test_a_restart_forgets_older_onsets(rng: np.random.Generator) -> None:
     states, seen, found = run(rng, 10)
     where = np.array([True, False, False, True, False])
-    fresh = found.restarted(where, 10).opened(10)
+    fresh = found.reset(where, 10).add_onset(10)
     assert not fresh.significance()[:, where].any()
     _, innovation = axis_step(states[-1], CV, seen[-1], R)
-    later = fresh.advanced(11, CV.F, np.array([T**2 / 2, T]), states[-1], innovation, R)
+    later = fresh.update(11, CV.F, np.array([T**2 / 2, T]), states[-1], innovation, R)
     ages = 11 - later.onset(later.slot_of(WINDOW, 11), 11)
     np.testing.assert_array_equal(ages[where], 1)
     np.testing.assert_array_equal(ages[~where], 11)  # the first step was 1: the onset of step 0

@@ -7,7 +7,7 @@ from tests.papers import maneuver, seen_as
 from trackbench.core import kalman
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.memoize import forget, once
+from trackbench.core.memoize import clear_caches, once
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_metrics import run_block
 from trackbench.filters.gaussian_base import KF
@@ -38,7 +38,7 @@ def test_what_is_handed_out_again_cannot_be_changed() -> None:
 
 
 def test_a_second_block_computes_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
-    forget()  # what another test may have made
+    clear_caches()  # what another test may have made
     gains = []
     inverse = kalman.linalg.inverse
     monkeypatch.setattr(kalman.linalg, "inverse", lambda S: gains.append(S) or inverse(S))

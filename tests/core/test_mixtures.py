@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.core.mixtures import combined, padded, predicted_weights, updated_weights
+from trackbench.core.mixtures import combine, pad, predict_weights, update_weights
 
 TRANSITION = np.array(
     [[0.9, 0.1, 0.0], [0.2, 0.5, 0.3], [0.05, 0.15, 0.8]]
@@ -15,7 +15,7 @@ def test_without_data_the_weights_follow_the_markov_chain() -> None:
     w = np.array([[1.0, 0.2], [0.0, 0.3], [0.0, 0.5]])
     expected = w.copy()
     for _ in range(7):
-        w, mixing = predicted_weights(w, TRANSITION)
+        w, mixing = predict_weights(w, TRANSITION)
         expected = TRANSITION.T @ expected
         np.testing.assert_allclose(w, expected)
         np.testing.assert_allclose(mixing.sum(axis=0), 1.0)
@@ -23,20 +23,20 @@ def test_without_data_the_weights_follow_the_markov_chain() -> None:
 
 def test_mixing_weights_are_those_of_bayes() -> None:
     w = np.array([[0.2], [0.3], [0.5]])
-    after, mixing = predicted_weights(w, TRANSITION)
+    after, mixing = predict_weights(w, TRANSITION)
     for i in range(3):
         for j in range(3):
             assert mixing[i, j, 0] == pytest.approx(TRANSITION[i, j] * w[i, 0] / after[j, 0])
 
 
 def test_an_unreachable_model_keeps_its_own_estimate() -> None:
-    w, mixing = predicted_weights(np.array([[1.0], [0.0]]), np.eye(2))
+    w, mixing = predict_weights(np.array([[1.0], [0.0]]), np.eye(2))
     np.testing.assert_array_equal(w, [[1.0], [0.0]])
     np.testing.assert_array_equal(mixing[:, 1, 0], [0.0, 1.0])
 
 
 def test_weights_survive_a_huge_likelihood_ratio() -> None:
-    w = updated_weights(np.full((2, 1), 0.5), np.array([[10_000.0], [2.0]]), np.ones((2, 1)))
+    w = update_weights(np.full((2, 1), 0.5), np.array([[10_000.0], [2.0]]), np.ones((2, 1)))
     assert np.isfinite(w).all()
     assert w.sum() == pytest.approx(1.0)
     assert w[0, 0] < 1e-300
@@ -46,7 +46,7 @@ def test_combined_moments_are_the_mixture_s(rng: np.random.Generator) -> None:
     w = np.array([[0.3], [0.7]])
     a = Gaussian(np.array([[0.0], [1.0]]), np.diag([1.0, 2.0]))
     b = Gaussian(np.array([[3.0], [-1.0]]), np.diag([0.5, 4.0]))
-    got = combined([a, b], w)
+    got = combine([a, b], w)
     mean = 0.3 * a.mean[:, 0] + 0.7 * b.mean[:, 0]
     second = sum(
         v * (s.cov + np.outer(s.mean, s.mean)) for v, s in zip((0.3, 0.7), (a, b), strict=True)
@@ -59,17 +59,17 @@ def test_combined_moments_are_the_mixture_s(rng: np.random.Generator) -> None:
 def test_padding_fills_with_the_longer_state_or_with_zeros(unbiased: bool) -> None:
     short = Gaussian(np.ones((2, 1)), np.eye(2))
     long = Gaussian(np.full((3, 1), 5.0), np.full((3, 3), 1.0) + np.eye(3))
-    got = padded(short, long, ((0, 1), (0, 1)), unbiased)
+    got = pad(short, long, ((0, 1), (0, 1)), unbiased)
     np.testing.assert_array_equal(got.mean[:, 0], [1.0, 1.0, 5.0 if unbiased else 0.0])
     np.testing.assert_array_equal(np.diag(got.cov[:, :, 0]), [1.0, 1.0, 2.0 if unbiased else 0.0])
     np.testing.assert_array_equal(
-        padded(long, short, ((0, 1), (0, 1)), unbiased).mean[:, 0], [5.0, 5.0]
+        pad(long, short, ((0, 1), (0, 1)), unbiased).mean[:, 0], [5.0, 5.0]
     )
 
 
 def test_weights_stay_as_predicted_where_no_model_explains_the_data() -> None:
     predicted = np.array([[0.2, 0.5], [0.8, 0.5]])
     nis = np.array([[np.inf, 0.0], [np.inf, np.inf]])
-    found = updated_weights(predicted, nis, np.ones((2, 2)))
+    found = update_weights(predicted, nis, np.ones((2, 2)))
     np.testing.assert_array_equal(found[:, 0], predicted[:, 0])
     np.testing.assert_allclose(found[:, 1], [1.0, 0.0], atol=1e-300)

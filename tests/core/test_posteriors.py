@@ -13,7 +13,7 @@ from trackbench.core import quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
-from trackbench.core.posteriors import CloudPosterior, LinePosterior, NormalPosterior, distance
+from trackbench.core.posteriors import LinePosterior, NormalPosterior, ParticlePosterior, distance
 
 RNG = np.random.default_rng(7)
 
@@ -47,7 +47,7 @@ def test_of_a_gaussian(shared: bool) -> None:
 
 def test_of_the_first_components_only() -> None:
     found, x = normal()
-    cloud = CloudPosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
+    cloud = ParticlePosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
     for posterior in (NormalPosterior(found), cloud):
         np.testing.assert_array_equal(posterior.below(x[:1]), posterior.below(x)[:1])
         np.testing.assert_array_equal(posterior.crps(x[:1]), posterior.crps(x)[:1])
@@ -60,7 +60,7 @@ def test_of_a_weighted_cloud_by_hand() -> None:
     w /= w.sum(axis=1, keepdims=True)
     truth = RNG.normal(size=(2, 3))
     truth[0, 0] = x[0, 0, 2]
-    posterior = CloudPosterior(Particles(x, w))
+    posterior = ParticlePosterior(Particles(x, w))
     below, within, crps = posterior.below(truth), posterior.within(truth), posterior.crps(truth)
     excess = posterior.log_excess(truth)
     for m in range(3):
@@ -90,18 +90,18 @@ def test_ranks_of_one_among_equals_are_uniform() -> None:
     ranks = []
     for i in range(8):
         others = np.delete(draws, i)[None, None]
-        cloud = CloudPosterior(Particles(others, np.full((1, 7), 1 / 7)))
+        cloud = ParticlePosterior(Particles(others, np.full((1, 7), 1 / 7)))
         ranks.append(float(cloud.uniform(cloud.below(draws[i : i + 1, None]))[0, 0]))
     ranks.sort()
     np.testing.assert_allclose(ranks, (np.arange(8) + 0.5) / 8)
 
 
-def with_each_left_out(draws: Array) -> Iterator[tuple[CloudPosterior, Array]]:
+def with_each_left_out(draws: Array) -> Iterator[tuple[ParticlePosterior, Array]]:
     """Each of the draws (n, N + 1) as the truth, and the others as equal particles."""
     N = draws.shape[1] - 1
     for i in range(N + 1):
         others = np.delete(draws, i, axis=1)[:, None]
-        yield CloudPosterior(Particles(others, np.full((1, N), 1 / N))), draws[:, [i]]
+        yield ParticlePosterior(Particles(others, np.full((1, N), 1 / N))), draws[:, [i]]
 
 
 @pytest.mark.parametrize(("n", "N"), [(1, 4), (1, 19), (4, 6), (4, 19)])
@@ -118,10 +118,10 @@ def test_regions_of_equals_are_uniform(n: int, N: int) -> None:
 def test_the_log_of_the_nees_of_equals_is_hotellings(n: int, N: int) -> None:
     """log((N + 1) chi2(n) / chi2(N - n)), by draws from a Gaussian; the regions of 90 % hold as many."""
     runs = 3000
-    cloud = CloudPosterior(Particles(RNG.normal(size=(n, runs, N)), np.full((runs, N), 1 / N)))
+    cloud = ParticlePosterior(Particles(RNG.normal(size=(n, runs, N)), np.full((runs, N), 1 / N)))
     truth = RNG.normal(size=(n, runs))
-    off = truth - cloud.cloud.mean
-    nees = np.log(distance(off, cloud.cloud.moments().cov))
+    off = truth - cloud.particles.mean
+    nees = np.log(distance(off, cloud.particles.moments().cov))
     expected = digamma(n / 2) + np.log(N + 1) - digamma((N - n) / 2)
     taken = nees - cloud.log_excess(truth)
     for values in (nees, taken):
@@ -141,7 +141,7 @@ def test_regions_by_weight_hold_their_share_as_the_effective_sample_size_grows()
     prior, truth = RNG.normal(size=(3, runs, N)), RNG.normal(size=(3, runs))
     off = prior[0] - (truth[0] + 0.5 * RNG.normal(size=runs))[:, None]
     w = np.exp(-2.0 * off**2)
-    cloud = CloudPosterior(Particles(prior, w / w.sum(axis=1, keepdims=True)))
+    cloud = ParticlePosterior(Particles(prior, w / w.sum(axis=1, keepdims=True)))
     held, excess = (cloud.within(truth) <= 0.9).mean(), cloud.log_excess(truth)
     assert abs(held - 0.9) < 4 * np.sqrt(0.09 / runs) + 0.003  # some 170 effective ones
     assert abs(excess.mean()) < 4 * excess.std() / np.sqrt(runs)
@@ -150,7 +150,7 @@ def test_regions_by_weight_hold_their_share_as_the_effective_sample_size_grows()
 @pytest.mark.parametrize("n", [1, 2])
 def test_of_a_cloud_without_spread(n: int) -> None:
     """It is certain of one state: the truth is beyond all its regions, and the score is the error."""
-    cloud = CloudPosterior(Particles(np.ones((n, 1, 4)), np.full((1, 4), 0.25)))
+    cloud = ParticlePosterior(Particles(np.ones((n, 1, 4)), np.full((1, 4), 0.25)))
     truth = np.full((n, 1), 3.0)
     certain = NormalPosterior(Gaussian(np.ones((n, 1)), np.zeros((n, n))))
     with np.errstate(all="ignore"):
@@ -163,7 +163,7 @@ def test_of_a_cloud_without_spread(n: int) -> None:
 
 def test_of_nothing_known() -> None:
     found, x = normal()
-    cloud = CloudPosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
+    cloud = ParticlePosterior(Particles(RNG.normal(size=(2, 5, 8)), np.full((5, 8), 0.125)))
     x[:, 1] = np.nan
     for posterior in (NormalPosterior(found), cloud):
         for values in (posterior.below(x), posterior.crps(x), posterior.within(x)[None]):
@@ -205,7 +205,7 @@ def test_of_a_density(m: int) -> None:
 
 
 def test_of_one_known_value() -> None:
-    posterior = LinePosterior(quadrature.known(np.array([[2.0, 2.0]])))
+    posterior = LinePosterior(quadrature.point_mass(np.array([[2.0, 2.0]])))
     x = np.array([[3.0, 0.5]])
     np.testing.assert_array_equal(posterior.below(x), [[1.0, 0.0]])
     np.testing.assert_array_equal(posterior.crps(x), [[1.0, 1.5]])

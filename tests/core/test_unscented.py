@@ -6,7 +6,7 @@ from trackbench.core import kalman
 from trackbench.core.distributions import Gaussian
 from trackbench.core.unscented import Unscented
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import Assumed, augmented_step, extended_step
+from trackbench.models.gaussian_steps import AssumedNoise, augmented_step, extended_step
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 0.0, 2.0), (1e-3, 2.0, 0.0), (0.5, 1.0, 1.0)])
@@ -59,8 +59,8 @@ def test_both_steps_are_the_kalman_filter_on_a_linear_model(rng: np.random.Gener
     exact, _ = kalman.update(predicted, z - sensor.F @ predicted.mean, sensor.F, sensor.Q)
     model = Model(motion, sensor)
     for got, _ in (
-        extended_step(model, state, z, 1, Assumed()),
-        augmented_step(model, state, z, 1, Assumed(), Unscented(1.0, 0.0, 2.0)),
+        extended_step(model, state, z, 1, AssumedNoise()),
+        augmented_step(model, state, z, 1, AssumedNoise(), Unscented(1.0, 0.0, 2.0)),
     ):
         np.testing.assert_allclose(got.mean, exact.mean, rtol=1e-8)
         np.testing.assert_allclose(got.cov, exact.cov, rtol=1e-7, atol=1e-10)

@@ -13,7 +13,7 @@ from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.models.sensors.stacked import Several
+from trackbench.models.sensors.stacked import StackedSensor
 
 MOTION = WhiteAcceleration(q=1.0).sampled(1.0)
 POSITION, BEARING = PositionSensor(sigma=20.0), Bearing(sigma_mrad=5.0)
@@ -28,7 +28,7 @@ def prior(runs: int) -> Gaussian:
 @pytest.mark.parametrize("tracker", FILTERS, ids=lambda f: f"{f.kind}")
 def test_nonlinear(tracker: Any) -> None:
     state = prior(3)
-    both = Model(MOTION, Several((POSITION, BEARING)))
+    both = Model(MOTION, StackedSensor((POSITION, BEARING)))
     z = np.array([[3020.0], [1990.0], [0.59]]) * np.ones((3, 3))
     z[2, 0], z[:2, 1], z[:, 2] = np.nan, np.nan, np.nan
     found, seen = tracker.updated(both, state, z, 1)

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.models.base import log_likelihood
 from trackbench.models.sensors.angular_base import Platform
-from trackbench.models.sensors.base import Measuring, Outliers
+from trackbench.models.sensors.base import Outliers, SensorBase
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.doppler import RangeAzimuthDoppler
 from trackbench.models.sensors.elevation import RangeAzimuthElevation
@@ -21,7 +21,7 @@ from trackbench.models.sensors.position import (
     VelocitySensor,
 )
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.sensors.stacked import Several
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import kinds
 
 PATH = Platform(steps=(0, 10, 20), x=(0.0, 500.0, 0.0), y=(-200.0, 100.0, 300.0))
@@ -38,7 +38,9 @@ SENSORS: list[Any] = [
     RangeAzimuthElevation(
         sigma_range=5.0, sigma_azimuth_mrad=4.0, sigma_elevation_mrad=6.0, at=(10.0, 20.0, -30.0)
     ),
-    Several((Bearing(sigma_mrad=10.0), RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0))),
+    StackedSensor(
+        (Bearing(sigma_mrad=10.0), RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0))
+    ),
 ]
 
 
@@ -57,7 +59,7 @@ def named(sensor: Any) -> str:
 def test_jacobian_against_differences(sensor: Any) -> None:
     x = states()
     H = np.broadcast_to(np.atleast_3d(sensor.jacobian(x, 7)), (len(sensor.components), *x.shape))
-    numeric = Measuring.jacobian(sensor, x, 7)
+    numeric = SensorBase.jacobian(sensor, x, 7)
     scale = np.abs(numeric).max()
     np.testing.assert_allclose(H, numeric, rtol=1e-6, atol=1e-8 * scale)
 
@@ -68,7 +70,7 @@ def test_observed_has_the_moments_of_the_measurement(sensor: Any) -> None:
     x = np.repeat(states(1), runs, axis=1)
     rng = RunStreams(1, range(runs))
     n_z = len(sensor.components)
-    z = sensor.observed(x, 3, rng.standard_normal((n_z, runs)), rng)
+    z = sensor.measure(x, 3, rng.standard_normal((n_z, runs)), rng)
     seen = sensor.measurement(x, 3)
     nu = sensor.innovation(z, seen.mean)
     R = seen.cov if seen.cov.ndim == 2 else seen.cov[..., 0]
@@ -78,10 +80,10 @@ def test_observed_has_the_moments_of_the_measurement(sensor: Any) -> None:
     assert np.abs((np.cov(nu) - R) / np.outer(sigma, sigma)).max() < 4.5 * np.sqrt(2 / runs)
 
 
-def observed(sensor: Measuring, runs: int = 20_000, k: int = 0, certain: bool = False) -> Array:
+def observed(sensor: SensorBase, runs: int = 20_000, k: int = 0, certain: bool = False) -> Array:
     rng = RunStreams(2, range(runs))
     noise = rng.standard_normal((len(sensor.components), runs))
-    return sensor.observed(np.zeros((4, runs)), k, noise, rng, certain=certain)
+    return sensor.measure(np.zeros((4, runs)), k, noise, rng, certain=certain)
 
 
 def test_bias_and_outliers_are_of_the_measurements_alone() -> None:
@@ -127,7 +129,7 @@ def test_information_is_that_of_the_sensors_together() -> None:
     x = states(1)[:4, 0]
     one = RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, detection=0.5)
     two = PositionSensor(sigma=30.0, period=2)
-    both = Several((one, two))
+    both = StackedSensor((one, two))
     H, R = one.jacobian(x[:, None], 0)[..., 0], one.R
     np.testing.assert_allclose(
         one.information(x, 0, certain=True), H.T @ np.linalg.inv(R) @ H, rtol=1e-10
@@ -139,7 +141,7 @@ def test_information_is_that_of_the_sensors_together() -> None:
 
 
 def test_a_missing_component_counts_for_nothing() -> None:
-    both = Several((PositionSensor(sigma=3.0), Bearing(sigma_mrad=10.0)))
+    both = StackedSensor((PositionSensor(sigma=3.0), Bearing(sigma_mrad=10.0)))
     x, z = states()[:4], np.array([[10.0], [20.0], [0.4]]) * np.ones((3, 5))
     z[2, 1], z[:2, 2], z[:, 3] = np.nan, np.nan, np.nan
     found = log_likelihood(both, z, x, 0)

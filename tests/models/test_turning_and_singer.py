@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
-from trackbench.models.augmented_prior import extended
+from trackbench.models.augmented_prior import augment_prior
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity, Singer
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -87,14 +87,14 @@ def test_axes_and_names() -> None:
 def test_extended_priors() -> None:
     runs = 6
     moments = Gaussian(np.ones((4, runs)), np.diag([4.0, 1.0, 4.0, 1.0]))
-    assert extended(moments, ()) is moments
-    wide = extended(moments, (0.5,))
+    assert augment_prior(moments, ()) is moments
+    wide = augment_prior(moments, (0.5,))
     np.testing.assert_array_equal(wide.mean[4], 0.0)
     np.testing.assert_array_equal(np.diagonal(wide.cov), [4.0, 1.0, 4.0, 1.0, 0.25])
     radar = RangeAzimuth(sigma_range=10.0, sigma_azimuth_mrad=5.0)
     first = np.array([[5000.0], [0.3]]) * np.ones((2, runs))
     scans = TwoPoint(radar, first, first + np.array([[30.0], [0.01]]), 2.0, 0.1)
-    wide = extended(scans, (0.5,))
+    wide = augment_prior(scans, (0.5,))
     x = wide.sample(block_stream(1, 0), 40_000)
     spread = np.array([np.cov(x[:, m]) for m in range(runs)])
     exact = np.moveaxis(wide.cov, -1, 0)

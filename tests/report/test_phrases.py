@@ -8,7 +8,7 @@ import pytest
 
 from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
-from trackbench.models.base import moving
+from trackbench.models.base import position_velocity_names
 from trackbench.registry import kinds
 from trackbench.report.findings.phrases import error_of, mean_of, metric_words, with_unit
 from trackbench.report.findings.phrases import quantity as words_of
@@ -32,7 +32,7 @@ def made(group: Any) -> list[Any]:
 
 
 def test_every_error_of_the_package_has_its_unit() -> None:
-    names = {*Score().errors(made("sensors")[0], moving(3), *np.ones((2, 6, 1)))}
+    names = {*Score().errors(made("sensors")[0], position_velocity_names(3), *np.ones((2, 6, 1)))}
     for sensor in made("sensors"):
         names |= {*sensor.errors(*np.ones((2, 6, 1))), *sensor.observables(np.ones((6, 1)))}
     assert {"position", "azimuth_deg", "vx"} < names

@@ -97,7 +97,7 @@ def test_what_the_experiment_estimates_are_the_variances_of_the_data(lidar) -> N
 def test_the_sensor_s_covariance_is_that_of_its_errors(rng: np.random.Generator) -> None:
     sensor = PolarPosition(sigma_range=2.0, sigma_azimuth_mrad=26.0, at=(10.0, -5.0))
     x = np.array([510.0, 3.0, 295.0, 4.0])[:, None]
-    z = sensor.drawn(x.repeat(100_000, axis=1), 0, rng.standard_normal((2, 100_000)))
+    z = sensor.draw(x.repeat(100_000, axis=1), 0, rng.standard_normal((2, 100_000)))
     seen = sensor.measurement(x, 0)
     # Bent along an arc, which the first order leaves out: r s^2 / 2 = 0.2 m of 15 m.
     np.testing.assert_allclose(z.mean(axis=1), seen.mean[:, 0], atol=0.35)

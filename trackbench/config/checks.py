@@ -18,7 +18,7 @@ from trackbench.config.experiment import (
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import moving
+from trackbench.models.base import position_velocity_names
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
@@ -64,7 +64,7 @@ def has(scenario: Scenario, need: str) -> bool:
     """Return whether a scenario has what a filter needs: ``prior.first``, ``motion.T|F``."""
     part, _, name = need.partition(".")
     if part == "state":
-        return scenario.components == moving(2)
+        return scenario.components == position_velocity_names(2)
     if part == "prior":
         kind = scenario.prior_type
         return hasattr(kind, name) or name in getattr(kind, "__dataclass_fields__", ())

@@ -5,7 +5,7 @@ from typing import Any
 from trackbench.config.experiment import Point, Settings
 from trackbench.config.includes import override
 from trackbench.errors import Mark
-from trackbench.models.base import moving
+from trackbench.models.base import position_velocity_names
 from trackbench.yaml_source import Source
 
 _MARK = Mark("default without a truth")
@@ -28,7 +28,7 @@ def _figures(point: Point) -> dict[str, Any]:
         "whiteness": {"kind": "autocorrelation"},
         "estimates": {"kind": "estimates"},
     }
-    if point.scenario.components[:4] == moving(2):
+    if point.scenario.components[:4] == position_velocity_names(2):
         del figures["estimates"]
         figures["track"] = {"kind": "track", "filters": list(point.filters)[:4]}
     return figures

@@ -17,7 +17,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import per_run_metrics, series
 from trackbench.extension_points import Part, foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import AnyFilter, Filter, WrongReturnError
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.errors import BadPluginError, located_message, location_of
 from trackbench.plugins.interrupts import guarded
 from trackbench.registry import base_of
@@ -155,7 +155,7 @@ def mistaken_sensor(made: Sequence[Any]) -> str | None:
 
     Asked before a scenario is made of them, which may look at its measurements.
     """
-    sensors = [part for part in foreign_parts(tuple(made)) if isinstance(part, Measuring)]
+    sensors = [part for part in foreign_parts(tuple(made)) if isinstance(part, SensorBase)]
     targets = [*filter(_is_target, walk_parts(tuple(made)))] if sensors else []
     for target in targets:
         for sensor in sensors:
@@ -168,7 +168,7 @@ def mistaken_sensor(made: Sequence[Any]) -> str | None:
 
 
 def _ask_part(part: Any, scenario: Scenario) -> None:
-    if isinstance(part, Measuring):
+    if isinstance(part, SensorBase):
         _ask_sensor(part, len(scenario.components))
     if _is_target(part):
         scored = np.ones(len(scenario.steps), dtype=bool)
@@ -181,7 +181,7 @@ def _is_target(part: Any) -> "TypeGuard[Target]":
     return isinstance(part, Target)
 
 
-def _ask_sensor(sensor: Measuring, n_x: int) -> None:
+def _ask_sensor(sensor: SensorBase, n_x: int) -> None:
     """Raise WrongReturnError for what is no distribution of a measurement of two states."""
     n = len(sensor.components)
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))

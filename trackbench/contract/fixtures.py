@@ -7,7 +7,7 @@ from numpy.random import SFC64, Generator
 
 from trackbench.core import kalman
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import of_each_run
+from trackbench.core.distributions import per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.scalar import SineGamma
@@ -47,7 +47,7 @@ def filtered(tracker: Any, scenario: Any, data: Simulation) -> Pass:
     for i, k in enumerate(scenario.steps[1:]):
         state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         found.append(tracker.estimate(state))
-    covs = [of_each_run(g).cov for g in found]
+    covs = [per_run_moments(g).cov for g in found]
     is_random = rng.bit_generator.state["state"]["state"].tolist() != _start()
     return Pass(np.stack([g.mean for g in found], axis=1), np.stack(covs, axis=2), is_random)
 
@@ -59,7 +59,7 @@ def _start() -> list[int]:
 def kalman_filtered(scenario: Any, data: Simulation) -> Pass:
     """The exact posterior of a linear Gaussian scenario."""
     motion, sensor = scenario.model
-    found = [of_each_run(data.prior)]
+    found = [per_run_moments(data.prior)]
     for i, k in enumerate(scenario.steps[1:]):
         predicted = kalman.predict(found[-1], motion.F, motion.Q)
         nu = data.measurements[:, i] - sensor.measurement(predicted.mean, int(k)).mean

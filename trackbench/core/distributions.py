@@ -55,7 +55,7 @@ class Covering(Protocol):
         """Return N draws (n, M, N) and their log-weights (M, N)."""
 
 
-def covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
+def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
     """Return N draws (n, M, N) for a cloud and their log-weights (M, N).
 
     From what covers the prior's tails, if it has that; else its own samples.
@@ -112,7 +112,7 @@ class Gaussian(Symmetric):
         return zero_mean_log_prob(x - self.mean, self.cov, self._root)
 
 
-def of_each_run(of: Distribution) -> Gaussian:
+def per_run_moments(of: Distribution) -> Gaussian:
     """Return the moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
     n, runs = of.mean.shape
     return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
@@ -121,7 +121,7 @@ def of_each_run(of: Distribution) -> Gaussian:
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
     """Return the log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
     L = linalg.cholesky(cov) if root is None else root
-    halves = linalg.whitened(_SQRT_2 * L, e)
+    halves = linalg.whiten(_SQRT_2 * L, e)
     total = halves[0]  # of squares, e' P^-1 e / 2
     total *= total
     for row in halves[1:]:
@@ -255,7 +255,7 @@ _SCALE = 2.0 * sqrt(3.0) / pi  # of a logistic with twice the normal's standard 
 _EDGE = 2.0**-52
 
 
-def covering_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
+def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
     """Return the draws x (M, N), ascending, and log-weights (M, N) under which they are N(0, 1).
 
     Importance sampling from a logistic of twice the deviation, a draw from each of N strata of equal

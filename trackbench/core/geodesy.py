@@ -22,7 +22,7 @@ class Geodetic(NamedTuple):
     height: Array
 
 
-def earth_centred(place: Geodetic) -> Array:
+def earth_centered(place: Geodetic) -> Array:
     """Return Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
     (c, s), (east, north) = cos_sin(place.latitude), cos_sin(place.longitude)
     across = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)
@@ -34,7 +34,7 @@ def earth_centred(place: Geodetic) -> Array:
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
     """Return positions (3, R), m, in the plane tangent below the origin (Groves 2013, 2.5.2)."""
     at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
-    dx, dy, dz = earth_centred(places) - earth_centred(at)
+    dx, dy, dz = earth_centered(places) - earth_centered(at)
     (c, s), (cl, sl) = cos_sin(at.latitude), cos_sin(at.longitude)
     outward = cl * dx + sl * dy
     return np.stack([cl * dy - sl * dx, c * dz - s * outward, c * outward + s * dz])

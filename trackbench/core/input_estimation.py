@@ -39,7 +39,7 @@ class Hypotheses(NamedTuple):
         """Number of onsets W."""
         return self.score.shape[1]
 
-    def advanced(
+    def update(
         self, k: int, F: Array, g: Array, posterior: Gaussian, innovation: Innovation, R: Array
     ) -> "Hypotheses":
         """Return the after step k of the quiescent filter, whose posterior and innovation are given."""
@@ -56,20 +56,20 @@ class Hypotheses(NamedTuple):
             response - gain[:, :, None] * psi,
             self.information + weight * psi,
             self.score + weight * nu[:, None],
-            self.begun(k).since,
+            self.with_start(k).since,
         )
 
-    def begun(self, k: int) -> "Hypotheses":
+    def with_start(self, k: int) -> "Hypotheses":
         """Return hypotheses with ``since`` set, if step k is the first."""
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
-    def opened(self, k: int) -> "Hypotheses":
+    def add_onset(self, k: int) -> "Hypotheses":
         """Replace the oldest onset by the onset after step k; writes into arrays just made."""
         for array in (self.response, self.information, self.score):
             array[..., k % self.width, :] = 0.0
         return self
 
-    def restarted(self, where: Mask, k: int) -> "Hypotheses":
+    def reset(self, where: Mask, k: int) -> "Hypotheses":
         """Clear the chosen runs, whose filters restart at step k."""
         if not where.any():
             return self
@@ -95,7 +95,7 @@ class Hypotheses(NamedTuple):
         """Return the slot (M,) of the onset so many steps before k, or since the restart."""
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
-    def chosen(self, slot: Index, runs: Index) -> "Input":
+    def select(self, slot: Index, runs: Index) -> "Input":
         """Return response and estimated input of ``runs`` (m,), each at its slot (m,)."""
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
@@ -108,14 +108,14 @@ class Input(NamedTuple):
     u: Array
     variance: Array
 
-    def corrected(self, state: Gaussian) -> Gaussian:
+    def correct(self, state: Gaussian) -> Gaussian:
         """Return ``N(x + M u, P + M L M')``: the quiescent state with the input's effect added."""
         M, L = self.response, self.variance
         return Gaussian(state.mean + M * self.u, state.cov + M[:, None] * L * M[None])
 
-    def augmented(self, state: Gaussian) -> Gaussian:
+    def augment(self, state: Gaussian) -> Gaussian:
         """Return ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input is a component."""
-        moved, (M, u, L) = self.corrected(state), self
+        moved, (M, u, L) = self.correct(state), self
         ML = np.broadcast_to(M * L, moved.cov[:, 0].shape)
         cov = np.concatenate(
             [
@@ -126,7 +126,7 @@ class Input(NamedTuple):
         return Gaussian(np.concatenate([moved.mean, u[None]]), cov)
 
 
-def hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
+def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
     """Return empty hypotheses; ``axes`` is the number with their own covariance (1 or 2)."""
     return Hypotheses(
         np.zeros((2, axes, window, runs)),

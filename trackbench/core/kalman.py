@@ -21,7 +21,7 @@ class Innovation(NamedTuple):
 
     nu: Array
     S: Array
-    stretch: Array | float = 1.0
+    volume_ratio: Array | float = 1.0
     """by how much volumes of measurements grow (*batch) where ``nu`` is of converted ones"""
 
     @property
@@ -36,10 +36,10 @@ class Innovation(NamedTuple):
         nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S)
         return np.where(missing.all(axis=0), np.nan, nis)
 
-    def judged(self) -> tuple[Array, Array]:
+    def nis_and_scale(self) -> tuple[Array, Array]:
         """Return NIS (*batch) and the square root of det S, from one factor."""
         L, missing = linalg.cholesky(self.S), np.isnan(self.nu)
-        rows = linalg.whitened(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
+        rows = linalg.whiten(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
         nis, scale = rows[0] * rows[0], L[0, 0]
         for i in range(1, len(rows)):
             nis, scale = nis + rows[i] * rows[i], scale * L[i, i]
@@ -57,7 +57,7 @@ class Innovation(NamedTuple):
         else:
             value = log_prob_of_measured(self.nu, self.S, missing)
             value = np.where(missing.all(axis=0), np.nan, value)
-        return value if isinstance(self.stretch, float) else value + log(self.stretch)
+        return value if isinstance(self.volume_ratio, float) else value + log(self.volume_ratio)
 
 
 Updated: TypeAlias = tuple[Gaussian, Innovation]
@@ -92,13 +92,13 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
         S, K = gain(predicted.cov, H, R)
         return _with_gain(predicted, nu, K, H, R), Innovation(nu, S)
     missing = unknown & np.isfinite(predicted.mean).all(axis=0)
-    H, R = measured(H, R, missing)
+    H, R = drop_missing(H, R, missing)
     S, K = gain(predicted.cov, H, R)
     posterior = _with_gain(predicted, np.where(missing, 0.0, nu), K, H, R)
     return posterior, Innovation(nu, S)
 
 
-def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
+def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
     """Return H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
 
     Matrices that are alike in all runs stay one matrix.
@@ -107,10 +107,10 @@ def measured(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
     if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
         missing = pattern[:, 0]
     H = np.where(missing[:, None], 0.0, with_trailing(H, missing.ndim - 1, leading=2))
-    return H, cov_of_measured(R, missing)
+    return H, drop_missing_cov(R, missing)
 
 
-def cov_of_measured(R: Array, missing: Mask) -> Array:
+def drop_missing_cov(R: Array, missing: Mask) -> Array:
     """Return R without the rows and columns of what is missing (n_z, *batch).
 
     A missing component has a variance of one, whatever its unit: nothing comes of it.
@@ -128,7 +128,7 @@ def log_prob_of_measured(nu: Array, cov: Array, missing: Mask) -> Array:
     return value
 
 
-def corrected(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
+def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
     """Return ``m + K nu`` with the covariance for any gain K; missing nu changes nothing."""
     unknown = np.isnan(nu)
     if unknown.any():
@@ -148,7 +148,7 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Return ``S = H P H' + R`` and ``K = P H' S^-1``."""
     HP = linalg.matmul(H, P)
-    S = linalg.symmetrised(linalg.matmul(H, linalg.transpose(HP)))
+    S = linalg.symmetrize(linalg.matmul(H, linalg.transpose(HP)))
     S = S + with_axes_of(S, R)
     return S, linalg.matmul(linalg.transpose(HP), linalg.inverse(S))
 

@@ -21,7 +21,7 @@ Kernel = Literal["epanechnikov", "gaussian"]
 class Mode(NamedTuple):
     """A mode of a cloud: its particles (M, N) and share of the weight (M,) if not all; cov (n, n, M)."""
 
-    there: Mask | None
+    members: Mask | None
     share: Array | None
     cov: Array
 
@@ -69,10 +69,10 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 
     A cloud without spread in some direction (its covariance is singular) is left as it is.
     """
-    return jitter_each(x, [Mode(None, None, cov)], kernel, rng, scale)
+    return jitter_modes(x, [Mode(None, None, cov)], kernel, rng, scale)
 
 
-def jitter_each(
+def jitter_modes(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
     """Return `jitter` for one or several modes, each with its own number and spread."""
@@ -82,7 +82,7 @@ def jitter_each(
         move = linalg.lower_product(
             scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e
         )
-        moved = move if mode.there is None else np.where(mode.there, move, 0.0)
+        moved = move if mode.members is None else np.where(mode.members, move, 0.0)
         moved += x
         x = moved
     return x

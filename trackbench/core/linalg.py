@@ -52,10 +52,10 @@ def transpose(A: Array) -> Array:
 def sandwich(F: Array, P: Array) -> Array:
     """Return ``F P F'`` for symmetric P, exactly symmetric."""
     FP = matmul(F, P)
-    return symmetrised(matmul(F, transpose(FP)))
+    return symmetrize(matmul(F, transpose(FP)))
 
 
-def symmetrised(P: Array) -> Array:
+def symmetrize(P: Array) -> Array:
     """Return ``(P + P') / 2``."""
     if len(P) == 1:
         return P
@@ -159,10 +159,10 @@ def is_singular(P: Array) -> bool:
 
 def solve_lower(L: Array, b: Array) -> Array:
     """Return ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
-    return b * (1.0 / L[0]) if len(L) == 1 else np.array(whitened(L, b))
+    return b * (1.0 / L[0]) if len(L) == 1 else np.array(whiten(L, b))
 
 
-def whitened(L: Array, b: Array) -> list[Array]:
+def whiten(L: Array, b: Array) -> list[Array]:
     """Return the rows of `solve_lower`, new arrays each."""
     rows: list[Array] = []
     for i in range(L.shape[0]):
@@ -203,7 +203,7 @@ def mahalanobis(e: Array, P: Array) -> Array:
     """Return ``e' P^-1 e`` for e (n, *batch) and P (n, n[, *batch]); shape (*batch)."""
     if len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
-    return _sum_of([row * row for row in whitened(cholesky(P), e)])
+    return _sum_of([row * row for row in whiten(cholesky(P), e)])
 
 
 def _constant_product(A: Array, B: Array) -> Array:

@@ -43,12 +43,12 @@ def once(function: F) -> F:
     return cast(F, call)
 
 
-def remembered() -> list[Any]:
+def cached_results() -> list[Any]:
     """Return all results in memory."""
     return [made for memory in _memories for made in memory.values()]
 
 
-def forget() -> None:
+def clear_caches() -> None:
     """Empty all memories, for measuring what a new process does."""
     for memory in _memories:
         memory.clear()

@@ -15,7 +15,7 @@ Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the components that two states share, in the one and in the other."""
 
 
-def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
+def predict_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
     """Return model weights (r, M) one step on, and the mixing weights (r, r, M): [i, j] of i given j."""
     joint = transition[:, :, None] * weights[:, None]
     after = total(joint, axis=0)
@@ -26,7 +26,7 @@ def predicted_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
     return after, np.where(reachable, mixing, stay)
 
 
-def updated_weights(predicted: Array, nis: Array, scale: Array) -> Array:
+def update_weights(predicted: Array, nis: Array, scale: Array) -> Array:
     """Return weights (r, M) after Gaussian likelihoods ``exp(-nis / 2) / scale`` (r, M).
 
     The prediction where all are zero.
@@ -47,7 +47,7 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
     return value
 
 
-def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
+def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     """Return the mean (n, M) and covariance (n, n, M) of the mixture with weights (r, M)."""
     terms = list(zip(weights, states, strict=True))
     mean = np.asarray(sum(w * s.mean for w, s in terms))
@@ -58,7 +58,7 @@ def combined(states: Sequence[Gaussian], weights: Array) -> Gaussian:
     return Gaussian(mean, cov)
 
 
-def padded(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
+def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
     """Return a state (n, M) as one of another model's components, to mix with it.
 
     What it does not have comes from the other's own mean and covariance (unbiased: Yuan, Bar-Shalom et
@@ -80,7 +80,7 @@ def padded(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> G
 
 
 @cache
-def common(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
+def common_components(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
     """Return the positions of the components that two models share."""
     names = [name for name in like if name in of]
     return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)

@@ -67,7 +67,7 @@ class Weights(NamedTuple):
     """Normalised weights w (M, N), which runs had none above zero, dead (M,), and their sum before."""
 
     w: Array
-    dead: Mask
+    collapsed: Mask
     mass: Mass
 
 
@@ -89,11 +89,11 @@ class Evidence(NamedTuple):
         if isinstance(self.carried, float):
             before = elementary.log(float(self.N))
         else:
-            before = normalise(self.carried).mass.log
+            before = normalize(self.carried).mass.log
         return np.asarray(self.mass.log - before - elementary.log(self.scale))
 
 
-def uniform(runs: int, N: int) -> Array:
+def equal_weights(runs: int, N: int) -> Array:
     """Return equal weights (M, N), as a read-only view of one number."""
     return np.broadcast_to(np.float64(1.0 / N), (runs, N))
 
@@ -111,7 +111,7 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
     return log_likelihood
 
 
-def normalise(log_w: Array) -> Weights:
+def normalize(log_w: Array) -> Weights:
     """Return weights from log-weights (M, N), by max-subtraction.
 
     A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
@@ -153,7 +153,7 @@ def effective_share(w: Array) -> Array:
     return effective_sample_size(w) / w.shape[-1]
 
 
-def distinct(x: Array) -> Array:
+def distinct_share(x: Array) -> Array:
     """Share (M,) of N values x (M, N) that are no copy of their neighbour.
 
     As a share of distinct values it needs copies side by side, as resampling leaves them.

@@ -63,7 +63,7 @@ class Posterior(Protocol):
 class NormalPosterior(Posterior):
     """N(mean, cov): mean (n, M), cov (n, n) or (n, n, M). A singular one is sure of its mean."""
 
-    found: Gaussian
+    state: Gaussian
 
     def below(self, x: Array) -> Array:
         """Return the normal distribution function at x."""
@@ -73,7 +73,7 @@ class NormalPosterior(Posterior):
     def within(self, x: Array) -> Array:
         """Return the chi-square distribution function of the normalized error squared."""
         n = len(x)
-        return chi_square_cdf(distance(x - self.found.mean[:n], self.found.cov[:n, :n]), n)
+        return chi_square_cdf(distance(x - self.state.mean[:n], self.state.cov[:n, :n]), n)
 
     def crps(self, x: Array) -> Array:
         """Return the CRPS in closed form (Gneiting & Raftery 2007, section 4.2)."""
@@ -84,25 +84,25 @@ class NormalPosterior(Posterior):
 
     def _error(self, x: Array) -> tuple[Array, Array]:
         n = len(x)
-        sd = np.sqrt(linalg.diagonal(self.found.cov[:n, :n]))
-        return x - self.found.mean[:n], sd.reshape(n, -1)
+        sd = np.sqrt(linalg.diagonal(self.state.cov[:n, :n]))
+        return x - self.state.mean[:n], sd.reshape(n, -1)
 
 
 @dataclass(frozen=True)
-class CloudPosterior(Posterior):
+class ParticlePosterior(Posterior):
     """A weighted cloud x (n, M, N), w (M, N)."""
 
-    cloud: Particles
+    particles: Particles
 
     def below(self, x: Array) -> Array:
         """Return the weight of the particles below, and half of that at x."""
         cloud, at = self._beside(x)
-        return _known(dot(self.cloud.w, (cloud < at) + 0.5 * (cloud == at)), x)
+        return _known(dot(self.particles.w, (cloud < at) + 0.5 * (cloud == at)), x)
 
     def within(self, x: Array) -> Array:
         """Return the weight of the particles nearer than x, each by the moments of all others and x."""
         own, each = self._distances(x)
-        weight = dot(self.cloud.w, (each < own[:, None]).astype(float))
+        weight = dot(self.particles.w, (each < own[:, None]).astype(float))
         return _known(np.where(own == np.inf, 1.0, weight), own)  # beyond a cloud without spread
 
     def log_excess(self, x: Array) -> Array:
@@ -112,7 +112,7 @@ class CloudPosterior(Posterior):
         since the NEES is (N + 1) times a ratio of chi-squares of n and N - n (Hotelling 1931).
         """
         own, each = self._distances(x)
-        return np.where(own == np.inf, own, log(own) - dot(self.cloud.w, log(each)))
+        return np.where(own == np.inf, own, log(own) - dot(self.particles.w, log(each)))
 
     def _distances(self, x: Array) -> tuple[Array, Array]:
         """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
@@ -120,7 +120,7 @@ class CloudPosterior(Posterior):
         So x and N equal particles that are draws from one distribution are exchangeable.
         """
         cloud, _ = self._beside(x)
-        w, N = self.cloud.w, self.places - 1
+        w, N = self.particles.w, self.places - 1
         found = Particles(cloud, w).moments()
         off = x - found.mean
         own = distance(off, found.cov)
@@ -147,18 +147,20 @@ class CloudPosterior(Posterior):
         cloud, at = self._beside(x)
         order = np.argsort(cloud, axis=-1, kind="stable")
         ordered = np.take_along_axis(cloud, order, axis=-1)
-        weights = np.take_along_axis(np.broadcast_to(self.cloud.w, cloud.shape), order, axis=-1)
+        weights = np.take_along_axis(np.broadcast_to(self.particles.w, cloud.shape), order, axis=-1)
         up_to = np.add.accumulate(weights, axis=-1)[..., :-1]
         gaps = ordered[..., 1:] - ordered[..., :-1]
-        return np.asarray(dot(self.cloud.w, np.abs(cloud - at)) - dot(up_to * (1.0 - up_to), gaps))
+        return np.asarray(
+            dot(self.particles.w, np.abs(cloud - at)) - dot(up_to * (1.0 - up_to), gaps)
+        )
 
     def _beside(self, x: Array) -> tuple[Array, Array]:
-        return self.cloud.x[: len(x)], x[..., None]
+        return self.particles.x[: len(x)], x[..., None]
 
     @property
     def places(self) -> int:
         """Return one more than there are particles."""
-        return self.cloud.w.shape[-1] + 1
+        return self.particles.w.shape[-1] + 1
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ Posterior = tuple[Panel, ...]
 Transition = Callable[[Array, Array], Array]
 
 
-def known(x: Array) -> Posterior:
+def point_mass(x: Array) -> Posterior:
     """Return all mass at x (1, M): a panel of one node and no width."""
     return (Panel(x[0], x[0], x, np.ones_like(x)),)
 

@@ -128,7 +128,7 @@ class PredictionScorer:
         self._note(self._errors("predicted", seen.nu))
         missing = np.isnan(seen.nu)
         number = (~missing).sum(axis=0)
-        rows = linalg.whitened(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
+        rows = linalg.whiten(linalg.cholesky(seen.S), np.where(missing, 0.0, seen.nu))
         white = np.where(missing, np.nan, np.stack(list(rows)))
         nis = _sum_of_known(np.square(white))
         self._note({"anis": nis / number, "innovations": np.where(number, number, np.nan)})

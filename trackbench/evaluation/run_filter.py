@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.core import memoize
 from trackbench.core.arrays import Array, Seal, frozen
-from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.calibration import Calibration
@@ -25,7 +25,7 @@ from trackbench.evaluation.validate_output import (
 )
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import WrongReturnError
-from trackbench.models.augmented_prior import extended
+from trackbench.models.augmented_prior import augment_prior
 from trackbench.models.base import Model, extra_std
 from trackbench.scenarios.base import Simulation
 
@@ -89,7 +89,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
-    seal = Seal(shared, memoize.remembered())
+    seal = Seal(shared, memoize.cached_results())
     try:
         yield
     finally:
@@ -102,7 +102,7 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
     """Return the prior of the filter's state, which may have extra components."""
     if len(model.motion.components) <= len(data.truth):
         return data.prior
-    return frozen(extended(data.prior, extra_std(model.motion)))
+    return frozen(augment_prior(data.prior, extra_std(model.motion)))
 
 
 class _Recorder:
@@ -136,7 +136,7 @@ class _Recorder:
         self._judged.add(state, found, truth)
         self._observed.append(observed(self._task.scenario, self._task.filter, state, truth))
         if self._covariances:
-            self._covs.append(of_each_run(found).cov[..., : self._covariances].copy())
+            self._covs.append(per_run_moments(found).cov[..., : self._covariances].copy())
 
     def filtered(self, told: dict[str, Array], cpu_s: float) -> FilterOutput:
         """Return the output, with the predictive series."""

@@ -97,7 +97,9 @@ class AlphaBeta(Filter[Smoothed]):
         missing = np.isnan(nu).any(axis=0)
         nu = np.where(missing, np.nan, nu)  # half a measurement is none to fixed gains
         n = np.asarray(state.n + (~missing if missing.any() else 1))
-        posterior = kalman.corrected(predicted, nu, self.gain(n, own.T, sensor.sigma), H, sensor.R)
+        posterior = kalman.update_with_gain(
+            predicted, nu, self.gain(n, own.T, sensor.sigma), H, sensor.R
+        )
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
         seen = Innovation(nu, S)
         return Smoothed(posterior, seen.nis, n, seen)

@@ -9,11 +9,11 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, quadrature
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.posteriors import LinePosterior, Posterior
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import GammaMotion, Model, Scene, log_likelihood
-from trackbench.models.gaussian_steps import AS_IT_IS, extended_prediction
+from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
 from trackbench.models.motions.scalar import MerweMotion
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.registry import register
@@ -34,11 +34,11 @@ class PriorMean(Filter[Gaussian]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
-        return of_each_run(prior)
+        return per_run_moments(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Predict; the measurement is not looked at."""
-        return extended_prediction(model, state, k, AS_IT_IS)
+        return extended_prediction(model, state, k, MODEL_NOISE)
 
     def estimate(self, state: Gaussian) -> Gaussian:
         """The prediction."""
@@ -54,7 +54,7 @@ class Inversion(Filter[Gaussian]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """The prior's moments."""
-        return of_each_run(prior)
+        return per_run_moments(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """h^-1(z), with variance R / h'^2; the prediction where z is missing."""
@@ -66,7 +66,7 @@ class Inversion(Filter[Gaussian]):
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
-        predicted = extended_prediction(model, state, k, AS_IT_IS)
+        predicted = extended_prediction(model, state, k, MODEL_NOISE)
         return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 
     def estimate(self, state: Gaussian) -> Gaussian:
@@ -118,7 +118,7 @@ class Grid(Filter[Resolved]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """All mass on the first state, or nodes over what a Gaussian prior leaves open of it."""
         if not np.any(prior.cov):
-            known = quadrature.known(prior.mean)
+            known = quadrature.point_mass(prior.mean)
             return Resolved(known, known)
         assert isinstance(prior, Gaussian)
         mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])

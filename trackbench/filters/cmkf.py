@@ -9,12 +9,12 @@ from numpy.random import Generator
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
-from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import AS_IT_IS, extended_prediction
+from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import Convertible, TwoPoint
 from trackbench.registry import register
@@ -43,23 +43,23 @@ class CMKF(GaussianFilter):
     def started(self, model: Model, prior: Distribution) -> Gaussian:
         """Two-point differencing of converted measurements; the prior's moments if there are none."""
         if not isinstance(prior, Convertible):
-            return of_each_run(prior)  # as every run's measurements have
+            return per_run_moments(prior)  # as every run's measurements have
         return prior.gaussian(self.start or self.conversion)
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict, convert the measurement, update linearly; half a measurement cannot be converted."""
         sensor = cast(RangeAzimuth, model.sensor)
-        predicted = extended_prediction(model, state, k, AS_IT_IS)
+        predicted = extended_prediction(model, state, k, MODEL_NOISE)
         expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         seen = convert(self.conversion, sensor.reading(z), expected)
         H = np.eye(len(predicted.mean))[0:4:2]
-        nu = sensor.from_here(seen.mean, k) - linalg.matvec(H, predicted.mean)
+        nu = sensor.absolute_position(seen.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], seen.cov)
         posterior, innovation = kalman.update(predicted, nu, H, R)
         # d(x, y) = b^2 r d(r, a) of a position at b r.
         x, y = seen.mean
-        return posterior, innovation._replace(stretch=(x * x + y * y) / sensor.reading(z).r)
+        return posterior, innovation._replace(volume_ratio=(x * x + y * y) / sensor.reading(z).r)
 
 
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:

@@ -10,10 +10,10 @@ from numpy.random import Generator
 from trackbench.core import kalman, linalg, particles
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
-from trackbench.core.particles import Evidence, Particles, uniform
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.particles import Evidence, Particles, equal_weights
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.sums import dot, mean
 from trackbench.filters.base import Filter
 from trackbench.filters.particle_base import Cloud, CloudFilter
@@ -35,7 +35,7 @@ class GaussianPF(CloudFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """The moments of draws from the prior."""
-        x, log_w = covering(prior, rng, self.N)
+        x, log_w = draw_covering(prior, rng, self.N)
         return _fitted(x, log_w)
 
     def step(self, model: Model, state: Cloud, z: Array, k: int, rng: Generator) -> Cloud:
@@ -46,7 +46,7 @@ class GaussianPF(CloudFilter):
 
 def _fitted(x: Array, log_w: Array) -> Cloud:
     """Draws (n, M, N) and log-weights (M, N)."""
-    w, dead, mass = particles.normalise(np.broadcast_to(log_w, x.shape[1:]))
+    w, dead, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = Particles(x, w)
     told = (Evidence(mass, 0.0, w.shape[1]),)
     return Cloud(cloud, cloud, cloud.moments(), dead, w=w, evidence=told)
@@ -86,7 +86,7 @@ class EnsembleFilter(Filter[Ensemble]):
 
     def posterior(self, state: Ensemble) -> Posterior:
         """The members."""
-        return CloudPosterior(Particles(state.x, uniform(*state.x.shape[1:])))
+        return ParticlePosterior(Particles(state.x, equal_weights(*state.x.shape[1:])))
 
     def log_likelihood(self, state: Ensemble) -> Array:
         """log N(innovation; 0, S) (M,), S by the members' covariances."""
@@ -124,7 +124,7 @@ class EnKF(EnsembleFilter):
         dx, dz = x - mean(x)[..., None], seen - z_mean[..., None]
         nu = model.sensor.innovation(z, centre.mean + z_mean)
         missing = np.isnan(nu)
-        C, S = kalman.measured(linalg.transpose(_cross(dx, dz)), _cross(dz, dz) + R, missing)
+        C, S = kalman.drop_missing(linalg.transpose(_cross(dx, dz)), _cross(dz, dz) + R, missing)
         note("covariances", S, components=2)
         K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
@@ -178,10 +178,10 @@ def _flow(
     seen = sensor.measurement(at, k)
     nu = sensor.innovation(z, seen.mean)
     missing = np.isnan(nu)
-    H, R = kalman.measured(sensor.jacobian(at, k), seen.cov, missing)
+    H, R = kalman.drop_missing(sensor.jacobian(at, k), seen.cov, missing)
     H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
-    HPH = linalg.symmetrised(linalg.matmul(H, PH))
+    HPH = linalg.symmetrize(linalg.matmul(H, PH))
     A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * HPH + R), H))
     y = np.where(missing, 0.0, nu) + linalg.matvec(H, shift)
     b = linalg.matvec(PH, linalg.matvec(linalg.inverse(R), y))

@@ -9,12 +9,17 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
-from trackbench.core.distributions import Distribution, Gaussian, of_each_run
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import Filter
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import AS_IT_IS, Assumed, extended_step, idle_noise_mean
+from trackbench.models.gaussian_steps import (
+    MODEL_NOISE,
+    AssumedNoise,
+    extended_step,
+    idle_noise_mean,
+)
 from trackbench.models.two_point_prior import Convertible
 from trackbench.registry import register
 
@@ -129,12 +134,12 @@ class NonlinearFilter(GaussianFilter):
             prior = prior.gaussian(self.start)
         if self.P0 is not None:
             prior = Gaussian(prior.mean, self.P0 * np.eye(len(prior.mean)))
-        return of_each_run(prior)
+        return per_run_moments(prior)
 
     @property
-    def assumed(self) -> Assumed:
+    def assumed(self) -> AssumedNoise:
         """The noise that is assumed."""
-        return Assumed(self.Q, self.R, self.noise_mean)
+        return AssumedNoise(self.Q, self.R, self.noise_mean)
 
 
 @register("filters", "kf")
@@ -149,4 +154,4 @@ class KF(GaussianFilter):
 
     def updated(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update: of a linear model the extended step is the Kalman filter's."""
-        return extended_step(model, state, z, k, AS_IT_IS)
+        return extended_step(model, state, z, k, MODEL_NOISE)

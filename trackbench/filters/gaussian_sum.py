@@ -16,9 +16,9 @@ from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import AS_IT_IS, extended_step
+from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import TwoPoint, differenced
+from trackbench.models.two_point_prior import TwoPoint, two_point_difference
 from trackbench.registry import register
 
 _DUST = 1e-9  # weight below which a few azimuths do not bring a component back
@@ -89,15 +89,15 @@ class GaussianSum(Filter[Mixture]):
         else:
             start = _of_positions(prior, one, two, width)
         runs = start.mean.shape[1]
-        w = particles.normalise(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
+        w = particles.normalize(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
         return Mixture(start.mean, start.cov, w)
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """An EKF per component, weighted by its innovation; then fewer components."""
         bank = Gaussian(state.mean, state.cov)
-        bank, innovation = extended_step(model, bank, z, k, AS_IT_IS)
+        bank, innovation = extended_step(model, bank, z, k, MODEL_NOISE)
         log_w = elementary.log(state.w) + np.nan_to_num(innovation.log_likelihood, neginf=-np.inf)
-        weights = particles.normalise(log_w)
+        weights = particles.normalize(log_w)
         w = _thinned(bank.mean, weights.w, self.kept)
         heaviest = _compact(Mixture(bank.mean, bank.cov, w))
         return _compact(_merged(heaviest, self.merge_within))._replace(mass=weights.mass)
@@ -119,7 +119,7 @@ def _of_azimuths(
     of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)
     scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
     first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
-    start = differenced(first, second, prior.T, prior.q)
+    start = two_point_difference(first, second, prior.T, prior.q)
     return Gaussian(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape))
 
 

@@ -88,7 +88,7 @@ class Evolution:
         def log_ratio(x: Array) -> Array:
             return log_posterior(x) - proposed.log_q(x)
 
-        w, dead, mass = particles.normalise(log_ratio(proposed.x))
+        w, dead, mass = particles.normalize(log_ratio(proposed.x))
         # Second to fourth: the particles are the first population, mutated, crossed, selected, cooled.
         fitness = log_ratio if self.target == "ratio" else log_posterior
         evolved = self.evolved(proposed.x, fitness, rng)
@@ -98,7 +98,7 @@ class Evolution:
             source = Particles(evolved.x, self._final_weights(evolved, log_ratio))
         ratio = _spread(evolved.x) / _spread(proposed.x)
         return Cloud(
-            Particles(evolved.x, particles.uniform(*w.shape)),
+            Particles(evolved.x, particles.equal_weights(*w.shape)),
             source,
             source.moments(),
             dead,
@@ -155,11 +155,11 @@ class Evolution:
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
         if self.final_weights == "uniform":
-            w = particles.uniform(*evolved.log_fitness.shape)
+            w = particles.equal_weights(*evolved.log_fitness.shape)
             return np.where(np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True), np.nan, w)
         if self.final_weights == "importance":
-            return particles.normalise(log_ratio(evolved.x)).w
-        return particles.normalise(evolved.log_fitness).w
+            return particles.normalize(log_ratio(evolved.x)).w
+        return particles.normalize(evolved.log_fitness).w
 
 
 def _spread(x: Array) -> Array:

@@ -10,19 +10,19 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
-    combined,
-    common,
+    combine,
+    common_components,
     log_mixture,
-    padded,
-    predicted_weights,
-    updated_weights,
+    pad,
+    predict_weights,
+    update_weights,
 )
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, own_components
-from trackbench.models.augmented_prior import extended_gaussian
+from trackbench.models.augmented_prior import augment_gaussian
 from trackbench.models.base import Model, Scene, extra_std
 from trackbench.registry import register
 
@@ -93,29 +93,27 @@ class IMM(JumpMarkov[Models]):
         n, runs = own_components(model.motion), prior.mean.shape[1]
         first = self.filter.started(model, prior)
         first = Gaussian(first.mean[:n], first.cov[:n, :n])
-        states = tuple(
-            extended_gaussian(first, extra_std(own.motion)) for own in self.models(model)
-        )
+        states = tuple(augment_gaussian(first, extra_std(own.motion)) for own in self.models(model))
         weights = np.repeat(self.at_first[:, None], runs, axis=1)
         return Models(states, weights, np.full(runs, np.nan), n)
 
     def step(self, model: Model, state: Models, z: Array, k: int, rng: Generator) -> Models:
         """Mix, filter with every model, weigh by the likelihoods."""
-        predicted, mixing = predicted_weights(state.weights, np.array(self.transition))
+        predicted, mixing = predict_weights(state.weights, np.array(self.transition))
         models, states, all_seen = self.models(model), [], []
         names = [own.motion.components for own in models]
         for j, own in enumerate(models):
             like = state.states[j]
             padded_to = [
-                padded(s, like, common(of, names[j]), self.mixing == "unbiased")
+                pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
                 for s, of in zip(state.states, names, strict=True)
             ]
-            posterior, seen = self.filter.updated(own, combined(padded_to, mixing[:, j]), z, k)
+            posterior, seen = self.filter.updated(own, combine(padded_to, mixing[:, j]), z, k)
             states.append(posterior)
             all_seen.append(seen)
-        judged = [seen.judged() for seen in all_seen]
+        judged = [seen.nis_and_scale() for seen in all_seen]
         nis, scale = (np.stack(rows) for rows in zip(*judged, strict=True))
-        weights = updated_weights(predicted, nis, scale)
+        weights = update_weights(predicted, nis, scale)
         nis_of_all = total(predicted * nis, axis=0)
         missing = np.isnan(z).all(axis=0)
         if missing.any():
@@ -129,7 +127,7 @@ class IMM(JumpMarkov[Models]):
         """Moments of the mixture, of the scenario's own components."""
         n = state.reported
         own = [Gaussian(s.mean[:n], s.cov[:n, :n]) for s in state.states]
-        return combined(own, state.weights)
+        return combine(own, state.weights)
 
     def log_likelihood(self, state: Models) -> Array:
         """Logarithm (M,) of the models' likelihoods by predicted weight."""

@@ -8,7 +8,7 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.field_types import NonNegative, Positive
 from trackbench.filters.adaptive_kf.decisions import Detector
@@ -80,7 +80,7 @@ class InputEstimation(Filter[Corrected]):
         """The prior."""
         quiet, here = per_axis(prior), site(model)
         runs, axes = quiet.mean.shape[-1], quiet.cov.shape[2]
-        inputs = hypotheses(self.detector.window(here.T), axes, runs)
+        inputs = empty_hypotheses(self.detector.window(here.T), axes, runs)
         unknown = np.full(runs, np.nan)
         return Corrected(quiet, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
 
@@ -90,7 +90,7 @@ class InputEstimation(Filter[Corrected]):
         motion = self.motion.axis(T)
         quiet, seen = axis_step(state.quiet, motion, z, R)
         g = np.array([T * T / 2, T])
-        inputs = state.inputs.advanced(k, motion.F, g, quiet, seen, R)
+        inputs = state.inputs.update(k, motion.F, g, quiet, seen, R)
         zeta = inputs.significance()
         slot, runs = zeta.argmax(axis=0), np.arange(zeta.shape[1])
         age = k - inputs.onset(slot, k)
@@ -98,13 +98,13 @@ class InputEstimation(Filter[Corrected]):
         alarm &= k >= self.detector.start
         if alarm.any():
             # Where there is no alarm the slot may hold no information, and what is found is not used.
-            found = inputs.chosen(slot, runs)
-            quiet = choose(alarm, found.corrected(quiet), quiet)
-            inputs = inputs.restarted(alarm, k)
+            found = inputs.select(slot, runs)
+            quiet = choose(alarm, found.correct(quiet), quiet)
+            inputs = inputs.reset(alarm, k)
         missing = np.isnan(seen.nu).any(axis=(0, 1))
         nis = np.where(missing, np.nan, over_axes(seen.nis))
         since = np.where(alarm, age * T, np.nan)
-        return Corrected(quiet, inputs.opened(k), nis, alarm, since, seen)
+        return Corrected(quiet, inputs.add_onset(k), nis, alarm, since, seen)
 
     def estimate(self, state: Corrected) -> Gaussian:
         """The corrected filter."""

@@ -12,7 +12,7 @@ from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count
 from trackbench.filters.gaussian_base import NonlinearFilter
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import Assumed, point_prediction
+from trackbench.models.gaussian_steps import AssumedNoise, point_prediction
 from trackbench.registry import register
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
@@ -54,7 +54,7 @@ class _Line:
     cov: Array
 
 
-def _regression(model: Model, over: Gaussian, k: int, assumed: Assumed) -> _Line:
+def _regression(model: Model, over: Gaussian, k: int, assumed: AssumedNoise) -> _Line:
     """The statistical linear regression of the measurement over N(m, P), eqs. 5-9."""
     points = _CUBATURE.points(over.mean, over.cov)
     z = model.sensor.measurement(points.x, k).mean
@@ -65,7 +65,7 @@ def _regression(model: Model, over: Gaussian, k: int, assumed: Assumed) -> _Line
     slope = linalg.transpose(_without_spread_none(over.cov, points.cross(dx, dz)))
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     unexplained = points.cross(dz, dz) - linalg.sandwich(slope, over.cov)
-    return _Line(centre[:, 0] + mean, slope, R + linalg.symmetrised(unexplained))
+    return _Line(centre[:, 0] + mean, slope, R + linalg.symmetrize(unexplained))
 
 
 def _without_spread_none(P: Array, C: Array) -> Array:

@@ -8,8 +8,8 @@ from numpy.random import Generator
 
 from trackbench.core import particles, resampling
 from trackbench.core.arrays import Array, Index
-from trackbench.core.distributions import Distribution, covering
-from trackbench.core.kernel_smoothing import Kernel, jitter_each
+from trackbench.core.distributions import Distribution, draw_covering
+from trackbench.core.kernel_smoothing import Kernel, jitter_modes
 from trackbench.core.kernel_smoothing import Mode as Spread
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
@@ -18,7 +18,7 @@ from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Sha
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import Cloud, ParticleFilter
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
-from trackbench.models.motions.irregular import alike
+from trackbench.models.motions.irregular import sample_alike
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum
@@ -76,7 +76,7 @@ class JumpMarkov(Filter[State]):
 
     def models(self, model: Model) -> list[Model]:
         """A model per motion, along the axes and over the interval of the one that is assumed."""
-        return [Model(alike(motion, model.motion), model.sensor) for motion in self.motions]
+        return [Model(sample_alike(motion, model.motion), model.sensor) for motion in self.motions]
 
 
 def own_components(motion: SampledMotion) -> int:
@@ -106,11 +106,11 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Draws from the prior, each with a motion."""
-        x, log_w = covering(prior, rng, self._size(0))
+        x, log_w = draw_covering(prior, rng, self._size(0))
         runs, N = x.shape[1:]
         extra = _extra(self.models(model))
         mode = _drawn(np.tile(self.at_first[:, None, None], (1, runs, N)), rng)
-        own = Particles(x[: own_components(model.motion)], particles.normalise(log_w).w)
+        own = Particles(x[: own_components(model.motion)], particles.normalize(log_w).w)
         cloud = Particles(np.concatenate([own.x, _entering(extra, mode, rng)]), own.w)
         dead = np.zeros(runs, dtype=np.bool_)
         return Cloud(cloud, own, own.moments(), dead, 0, log_w=log_w, mode=mode)
@@ -130,7 +130,7 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
         spreads = _spreads(models, x, mode, w)
         x, mode = resampling.select(x, index), resampling.select(mode, index)
         x = self._jittered(models, x, mode, spreads, rng)
-        kept = Particles(x, particles.uniform(*index.shape))
+        kept = Particles(x, particles.equal_weights(*index.shape))
         estimate, age = weighted.moments(), state.age + 1
         return Cloud(kept, weighted, estimate, dead, age, w=w, mode=mode, evidence=told)
 
@@ -139,8 +139,8 @@ class MultipleModelPF(JumpMarkov[Cloud], ParticleFilter):
     ) -> Array:
         """States (n + e, M, N), those of each motion moved by a kernel of their own spread."""
         for j, (of, spread) in enumerate(zip(_places(models), spreads, strict=True)):
-            here = [spread._replace(there=mode == j)]
-            x[of] = jitter_each(x[of], here, self.kernel, rng, self.bandwidth_scale)
+            here = [spread._replace(members=mode == j)]
+            x[of] = jitter_modes(x[of], here, self.kernel, rng, self.bandwidth_scale)
         return x
 
     @property

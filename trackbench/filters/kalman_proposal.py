@@ -18,7 +18,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
@@ -33,7 +33,7 @@ from trackbench.models.base import (
     log_likelihood,
 )
 from trackbench.models.gaussian_steps import (
-    Assumed,
+    AssumedNoise,
     augmented_size,
     augmented_step,
     idle_noise_mean,
@@ -101,7 +101,7 @@ class ProposingFilter(Filter[Cloud]):
         n, runs, N = x.shape
         cov = prior.cov if self.P0 is None else self.P0 * np.eye(n)
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (n, n, runs, N))
-        cloud, dead = Particles(x, particles.uniform(runs, N)), np.zeros(runs, dtype=np.bool_)
+        cloud, dead = Particles(x, particles.equal_weights(runs, N)), np.zeros(runs, dtype=np.bool_)
         return Cloud(cloud, cloud, cloud.moments(), dead, P=P, w=cloud.w)
 
     def estimate(self, state: Cloud) -> Gaussian:
@@ -110,7 +110,7 @@ class ProposingFilter(Filter[Cloud]):
 
     def posterior(self, state: Cloud) -> Posterior:
         """The cloud of the estimate."""
-        return CloudPosterior(state.weighted)
+        return ParticlePosterior(state.weighted)
 
     def log_likelihood(self, state: Cloud) -> Array:
         """Logarithm (M,) of the mean weight; NaN if the weights are no densities."""
@@ -128,7 +128,7 @@ class ProposingFilter(Filter[Cloud]):
         ``ess``: effective sample size of what was proposed, ``distinct``: particles that are no copies
         after resampling or evolution, both as shares of N.
         """
-        copies = particles.distinct(np.sort(state.particles.x[0]))
+        copies = particles.distinct_share(np.sort(state.particles.x[0]))
         return state.noted() | {"distinct": copies}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
@@ -163,7 +163,7 @@ class ProposingFilter(Filter[Cloud]):
         assert state.P is not None
         each, assumed = (
             Gaussian(state.particles.x, state.P),
-            Assumed(self.Q, self.R, self.noise_mean),
+            AssumedNoise(self.Q, self.R, self.noise_mean),
         )
         kalman = self._kalman(model, each, z, k, assumed)
         proposal = self._proposal(model, kalman, state.particles.x, k)
@@ -194,7 +194,7 @@ class ProposingFilter(Filter[Cloud]):
 
     @abstractmethod
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         """The step of every particle's Kalman filter, from (n, M, N) to step k, given z (n_z, M)."""
 
@@ -218,7 +218,7 @@ class UnscentedProposal:
     """secondary scaling of the sigma points"""
 
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         unscented = Unscented(self.alpha, self.beta, self.kappa)
         return augmented_step(model, state, z, k, assumed, unscented)[0]

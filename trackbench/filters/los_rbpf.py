@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_each
-from trackbench.core.mixtures import combined
+from trackbench.core.kernel_smoothing import Kernel, Mode, jitter_modes
+from trackbench.core.mixtures import combine
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
@@ -20,7 +20,7 @@ from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.particle_base import Cloud, ParticleFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
-from trackbench.models.sensors.angular_base import seen_along
+from trackbench.models.sensors.angular_base import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
@@ -72,7 +72,7 @@ def senses_of(frame: Particles) -> Senses | None:
     apart = up.mean[1] - down.mean[1]
     two = apart > _APART * (np.sqrt(up.cov[1, 1]) + np.sqrt(down.cov[1, 1]))
     two &= (share > 0.0).all(axis=0)
-    whole = combined(parts, share).cov
+    whole = combine(parts, share).cov
     undecided = two & (share > _SETTLED).all(axis=0)
     wanted = np.clip(share, _LEAST, 1.0 - _LEAST)
     gain = np.where(undecided, wanted / np.maximum(share, _SETTLED), 1.0)
@@ -127,7 +127,7 @@ class LineOfSight(ParticleFilter):
         walked = prior.q * T / 3.0
         P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
-        cloud = Particles(x, particles.normalise(log_w).w)
+        cloud = Particles(x, particles.normalize(log_w).w)
         dead = np.zeros(len(r1), dtype=np.bool_)
         return Cloud(cloud, cloud, _mixture(cloud, P), dead, 0, P, log_w)
 
@@ -136,7 +136,7 @@ class LineOfSight(ParticleFilter):
         motion, sensor = cast("tuple[Linear, RangeAzimuth]", model)
         x, P = _moved(motion, state, rng)
         missing = np.isnan(z[0] + z[1])
-        r, across, along = seen_along(np.where(missing, 0.0, z[1]), x[0], x[2])
+        r, across, along = along_line_of_sight(np.where(missing, 0.0, z[1]), x[0], x[2])
         K, S, P = _corrected(P, sensor.R[0, 0], missing)
         nu = z[0][:, None] - r
         half_distance = np.square(nu) * (0.5 / S)[:, None]
@@ -145,7 +145,7 @@ class LineOfSight(ParticleFilter):
             nu[missing], half_distance[missing] = 0.0, 0.0
         note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
-        w, dead, mass = particles.normalise(log_w)
+        w, dead, mass = particles.normalize(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
         told = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
         nu /= r
@@ -172,7 +172,7 @@ class LineOfSight(ParticleFilter):
         modes = (
             [Mode(None, None, frame.moments().cov)] if senses is None else senses.modes(resampled.x)
         )
-        new = jitter_each(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
+        new = jitter_modes(resampled.x, modes, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(middle, new)
         if poor.all():
             return cloud._replace(particles=Particles(new, resampled.w), log_w=log_w)
@@ -190,7 +190,7 @@ class LineOfSight(ParticleFilter):
         tilted = Particles(frame.x, frame.w * senses.of(frame.x, senses.gain))
         x = self._resampled(tilted, rng, size).x
         log_w = -log(senses.of(x, senses.gain))
-        return Particles(x, particles.normalise(log_w).w), log_w
+        return Particles(x, particles.normalize(log_w).w), log_w
 
 
 def _moved(motion: Linear, state: Cloud, rng: Generator) -> tuple[Array, Array]:
@@ -257,7 +257,7 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
     2 t is the angle to third order, has no cut within the cloud, and goes back without a cosine.
     """
     px, vx, py, vy = x
-    r, across, along = seen_along(azimuth, px, py)
+    r, across, along = along_line_of_sight(azimuth, px, py)
     out = np.empty_like(x)
     along += r
     np.divide(across, along, out=out[0])

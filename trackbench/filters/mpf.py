@@ -58,7 +58,7 @@ class MPF(ParticleFilter):
         assert isinstance(prior, TwoPoint)
         p1, p2, log_w = prior.positions(rng, self._size(0))
         vx, vy = (p2 - p1) / prior.T
-        cloud = Particles(np.stack([p2[0], vx, p2[1], vy]), particles.normalise(log_w).w)
+        cloud = Particles(np.stack([p2[0], vx, p2[1], vy]), particles.normalize(log_w).w)
         C = np.array(prior.q * prior.T / 3.0)
         dead = np.zeros(len(vx), dtype=np.bool_)
         return Cloud(cloud, cloud, _with_velocity(cloud.moments(), C), dead, 0, C, log_w)

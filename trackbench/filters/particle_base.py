@@ -10,9 +10,9 @@ from numpy.random import Generator
 
 from trackbench.core import particles
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, Gaussian, covering
+from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
-from trackbench.core.posteriors import CloudPosterior, Posterior
+from trackbench.core.posteriors import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Count, Natural
@@ -114,14 +114,14 @@ class ParticleFilter(CloudFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Cloud:
         """Draws from the prior in each run, with weights where it covers its tails."""
-        x, log_w = covering(prior, rng, self._size(0))
-        cloud = Particles(x, particles.normalise(log_w).w)
+        x, log_w = draw_covering(prior, rng, self._size(0))
+        cloud = Particles(x, particles.normalize(log_w).w)
         dead = np.zeros(x.shape[1], dtype=np.bool_)
         return Cloud(cloud, cloud, cloud.moments(), dead, 0, log_w=log_w)
 
     def posterior(self, state: Cloud) -> Posterior | None:
         """The cloud of the estimate; nothing of particles that carry a Gaussian each."""
-        return CloudPosterior(state.weighted) if state.P is None else None
+        return ParticlePosterior(state.weighted) if state.P is None else None
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
@@ -132,7 +132,7 @@ class ParticleFilter(CloudFilter):
         """Weights (M, N) of moved particles x from those that the state carries; dead runs; evidence."""
         log_w = self._log_likelihood(model, z, x, k)
         equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves them
-        w, dead, mass = particles.normalise(log_w if equal else log_w + state.log_w)
+        w, dead, mass = particles.normalize(log_w if equal else log_w + state.log_w)
         return w, dead, (Evidence(mass, state.log_w, w.shape[1]),)
 
     def _size(self, age: int) -> int:
@@ -141,4 +141,4 @@ class ParticleFilter(CloudFilter):
 
     def _resampled(self, cloud: Particles, rng: Streams, size: int) -> Particles:
         index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.uniform(*index.shape))
+        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))

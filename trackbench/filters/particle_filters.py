@@ -58,7 +58,9 @@ class PF(ParticleFilter):
 
     def diagnostics(self, state: Cloud) -> dict[str, Array]:
         """The same, and ``distinct``: share of particles that are no copies after resampling."""
-        return super().diagnostics(state) | {"distinct": particles.distinct(state.particles.x[0])}
+        return super().diagnostics(state) | {
+            "distinct": particles.distinct_share(state.particles.x[0])
+        }
 
     def _moved(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
         """The children (n, M, N) of (children, parents) (2 n, M, N), moved given their parents."""
@@ -132,14 +134,14 @@ class APF(ParticleFilter):
         cloud = state.particles
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalise(self._read(first + state.log_w))
+        chosen = particles.normalize(self._read(first + state.log_w))
         # A run whose first stage has no weight anywhere has learnt nothing from it: mu counts as flat.
-        first = np.where(chosen.dead[:, None], 0.0, first)
+        first = np.where(chosen.collapsed[:, None], 0.0, first)
         size = self._size(state.age + 1)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
-        w, dead, mass = particles.normalise(second)
+        w, dead, mass = particles.normalize(second)
         told = (Evidence(chosen.mass, state.log_w, first.shape[1]), Evidence(mass, 0.0, w.shape[1]))
         moved, age = Particles(x, w), state.age + 1
         if self.stages == 2:

@@ -18,7 +18,7 @@ from trackbench.field_types import Natural
 from trackbench.filters.kalman_proposal import MERWE_PROPOSAL, ProposingFilter, UnscentedProposal
 from trackbench.filters.particle_base import Cloud
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import Assumed, extended_step
+from trackbench.models.gaussian_steps import AssumedNoise, extended_step
 from trackbench.registry import register
 
 
@@ -36,7 +36,7 @@ class _Resampling(ProposingFilter):
         origin = state.particles.x
         proposed = self._proposed(model, state, z, k, rng)
         target = self._log_target(model, origin, z, k)(proposed.x)
-        w, dead, mass = particles.normalise(target - proposed.log_q(proposed.x))
+        w, dead, mass = particles.normalize(target - proposed.log_q(proposed.x))
         weighted = Particles(proposed.x, w)
         index = ancestors(w, rng, self.resampling)
         x, P = select(proposed.x, index), select(proposed.kalman.cov, index)
@@ -53,7 +53,7 @@ class _Resampling(ProposingFilter):
                 return log_target(x) - proposal.log_prob(x)
 
             x = independence_moves(x, proposal.sample, log_ratio, self.moves, rng)
-        resampled = Particles(x, particles.uniform(*w.shape))
+        resampled = Particles(x, particles.equal_weights(*w.shape))
         source = weighted if self.estimate_from == "weighted" else resampled
         told = (Evidence(mass, 0.0, self.N),)
         return Cloud(resampled, source, source.moments(), dead, P=P, w=w, evidence=told)
@@ -80,7 +80,7 @@ class EPF(_Resampling):
     }
 
     def _kalman(
-        self, model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed
+        self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
         return extended_step(model, state, z, k, assumed)[0]
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from trackbench.field_types import Registered
 from trackbench.models.base import Motion
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class Assume:
 
     motion: Annotated[Motion | None, Registered("motions")] = None
     """motion: {kind: cv, q: 0.3}"""
-    sensor: Annotated[Measuring | tuple[Measuring, ...] | None, Registered("sensors")] = None
+    sensor: Annotated[SensorBase | tuple[SensorBase, ...] | None, Registered("sensors")] = None
     """sensor, or as many as there are"""
 
     def over(self, other: "Assume") -> "Assume":

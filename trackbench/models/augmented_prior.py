@@ -10,23 +10,23 @@ from trackbench.core.distributions import (
     Distribution,
     Gaussian,
     Symmetric,
-    covering,
+    draw_covering,
     zero_mean_log_prob,
 )
 from trackbench.core.random_streams import Streams
 from trackbench.models.two_point_prior import TwoPoint
 
 
-def extended(prior: Distribution, std: tuple[float, ...]) -> Distribution:
+def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
     """Return the prior (n, M) with a component N(0, s^2) more for each s of ``std``."""
     if not std:
         return prior
     if isinstance(prior, TwoPoint):
-        return Extended(prior, std)
-    return extended_gaussian(prior, std)
+        return AugmentedTwoPoint(prior, std)
+    return augment_gaussian(prior, std)
 
 
-def extended_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
+def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     """Return the moments of the extended prior: mean (n + m, M), cov (n + m, n + m[, M])."""
     n, m = len(prior.mean), len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
@@ -38,7 +38,7 @@ def extended_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
 
 
 @dataclass(frozen=True, eq=False)
-class Extended(Symmetric):
+class AugmentedTwoPoint(Symmetric):
     """Two scans' prior, and independent N(0, s^2) components."""
 
     scans: TwoPoint
@@ -47,25 +47,25 @@ class Extended(Symmetric):
     @property
     def mean(self) -> Array:
         """Return the mean (n + m, M)."""
-        return extended_gaussian(self.scans, self.std).mean
+        return augment_gaussian(self.scans, self.std).mean
 
     @property
     def cov(self) -> Array:
         """Return the covariance (n + m, n + m, M)."""
-        return extended_gaussian(self.scans, self.std).cov
+        return augment_gaussian(self.scans, self.std).cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
         """Return two-point differencing of converted scans, extended."""
-        return extended_gaussian(self.scans.gaussian(conversion), self.std)
+        return augment_gaussian(self.scans.gaussian(conversion), self.std)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return states (n + m, M, *trailing)."""
-        return with_rest(self.scans.sample(rng, *trailing), self.std, rng)
+        return append_noise(self.scans.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """Return states (n + m, M, N) that cover the scans' tails, and log-weights (M, N)."""
-        x, log_w = covering(self.scans, rng, N)
-        return with_rest(x, self.std, rng), log_w
+        x, log_w = draw_covering(self.scans, rng, N)
+        return append_noise(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
         """Return the log-density at x (n + m, M[, N])."""
@@ -74,7 +74,7 @@ class Extended(Symmetric):
         return self.scans.log_prob(x[:n]) + rest
 
 
-def with_rest(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
     """Return states (n, *batch) with a draw from N(0, s^2) more for each s of ``std``."""
     if not std:
         return x

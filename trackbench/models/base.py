@@ -20,7 +20,7 @@ from trackbench.extension_points import Part
 AXES = ("x", "y", "z")
 
 
-def moving(axes: int) -> tuple[str, ...]:
+def position_velocity_names(axes: int) -> tuple[str, ...]:
     """Return components of position and velocity along so many axes."""
     return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
 
@@ -179,5 +179,5 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     missing = np.isnan(with_trailing(z, nu.ndim - 1))
     if not missing.any():
         return zero_mean_log_prob(nu, R)
-    value = kalman.log_prob_of_measured(nu, kalman.cov_of_measured(R, missing), missing)
+    value = kalman.log_prob_of_measured(nu, kalman.drop_missing_cov(R, missing), missing)
     return np.where(missing.all(axis=0), 0.0, value)

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.counting import note
-from trackbench.core.distributions import Gaussian, of_each_run
+from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import (
@@ -22,7 +22,7 @@ from trackbench.models.base import (
 )
 
 
-class Assumed(NamedTuple):
+class AssumedNoise(NamedTuple):
     """The noise a Gaussian filter assumes: None takes the model's.
 
     Q and R are variances on every component. ``noise_mean`` adds the mean of the process noise to
@@ -54,7 +54,7 @@ def idle_noise_mean(scene: Scene) -> dict[str, str]:
     return {}
 
 
-AS_IT_IS = Assumed()
+MODEL_NOISE = AssumedNoise()
 """The noise as it stands in the model."""
 
 
@@ -62,7 +62,7 @@ def _either(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 
-def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed) -> Gaussian:
+def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Gaussian:
     """Return the prediction of x_k, the motion linearised at the mean."""
     # Cast, since to ask a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
@@ -70,7 +70,9 @@ def extended_prediction(model: Model, state: Gaussian, k: int, assumed: Assumed)
     return kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
 
 
-def extended_step(model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed) -> Updated:
+def extended_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
+) -> Updated:
     """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
     sensor = cast(DifferentiableSensor, model.sensor)
     predicted = extended_prediction(model, state, k, assumed)
@@ -98,7 +100,7 @@ def spread_conflicts(
 
 
 def augmented_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
     """Predict to k and update with z by one set of points of the augmented state (x, v, n).
 
@@ -115,7 +117,7 @@ def augmented_step(
 
 
 def point_prediction(
-    model: Model, state: Gaussian, k: int, assumed: Assumed, rule: PointRule
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
     """Return the prediction of x_k by points of the state, the noise's covariance added."""
     points = rule.points(state.mean, state.cov)
@@ -125,7 +127,7 @@ def point_prediction(
 
 
 def additive_step(
-    model: Model, state: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
     """Predict to k by points of the state, and update with z by new points of the prediction.
 
@@ -136,7 +138,7 @@ def additive_step(
 
 
 def _additive_update(
-    model: Model, predicted: Gaussian, z: Array, k: int, assumed: Assumed, rule: PointRule
+    model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated:
     points = rule.points(predicted.mean, predicted.cov)
     R = assumed.measurement(model, predicted.mean, k).cov
@@ -147,7 +149,7 @@ def _additive_update(
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """Return z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
     cubature = Unscented(1.0, 0.0, 0.0)
-    return _additive_update(model, of_each_run(predicted), z, k, AS_IT_IS, cubature)[1]
+    return _additive_update(model, per_run_moments(predicted), z, k, MODEL_NOISE, cubature)[1]
 
 
 def _conditioned(
@@ -178,7 +180,7 @@ def _conditioned(
     nu = model.sensor.innovation(z, centre[:, 0] + z_mean)
     missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
     if missing.any():
-        rows, S = kalman.measured(linalg.transpose(C), S, missing)
+        rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
     note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))

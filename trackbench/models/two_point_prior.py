@@ -8,7 +8,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion, convert, position
-from trackbench.core.distributions import Gaussian, Symmetric, covering_normal, zero_mean_log_prob
+from trackbench.core.distributions import (
+    Gaussian,
+    Symmetric,
+    heavy_tailed_normal,
+    zero_mean_log_prob,
+)
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -22,7 +27,7 @@ class Convertible(Protocol):
         """Return two-point differencing of converted scans."""
 
 
-def differenced(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
+def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
     """Return the state at the second of two positions (axes, M), with their difference as velocity.
 
     T may be each run's own (M,).
@@ -77,7 +82,7 @@ class TwoPoint(Symmetric):
         one, two = (
             convert(conversion, self.sensor.reading(scan)) for scan in (self.first, self.second)
         )
-        return differenced(one, two, self.T, self.q)
+        return two_point_difference(one, two, self.T, self.q)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return states (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
@@ -103,7 +108,7 @@ class TwoPoint(Symmetric):
         nothing of their sum. So the difference covers its tails: measured azimuths that are off by
         some standard deviations against each other leave as many particles as others do.
         """
-        apart, log_w = covering_normal(self.first.shape[1], N, rng)
+        apart, log_w = heavy_tailed_normal(self.first.shape[1], N, rng)
         both = rng.standard_normal(apart.shape)
         half = sqrt(0.5) * self.sensor.sigma_azimuth
         a1, a2 = self.first[1][:, None], self.second[1][:, None]

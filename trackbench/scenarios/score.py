@@ -10,8 +10,8 @@ from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive
-from trackbench.models.base import moving
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.base import position_velocity_names
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
 
 _IN_A_ROW = 10  # steps at the end of a run
@@ -111,7 +111,7 @@ class Score:
         e = mean - truth
         if not _is_moving(components):
             return {"": e}
-        own = sensor.errors(mean, truth) if isinstance(sensor, Measuring) else {}
+        own = sensor.errors(mean, truth) if isinstance(sensor, SensorBase) else {}
         return {"position": e[0::2], "velocity": e[1::2]} | own
 
     def squares(
@@ -120,7 +120,7 @@ class Score:
         """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
         if not _is_moving(components):
             return {"": P[0, 0]}
-        own = sensor.squares(P, x) if isinstance(sensor, Measuring) else {}
+        own = sensor.squares(P, x) if isinstance(sensor, SensorBase) else {}
         axes = range(len(x) // 2)
         position = np.add.reduce([P[2 * i, 2 * i] for i in axes])
         velocity = np.add.reduce([P[2 * i + 1, 2 * i + 1] for i in axes])
@@ -151,4 +151,8 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
 
 
 def _is_moving(components: tuple[str, ...]) -> bool:
-    return components in (moving(1), moving(2), moving(3))
+    return components in (
+        position_velocity_names(1),
+        position_velocity_names(2),
+        position_velocity_names(3),
+    )

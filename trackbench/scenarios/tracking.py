@@ -18,8 +18,8 @@ from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.linear import Linear
-from trackbench.models.sensors.base import Measuring
-from trackbench.models.sensors.stacked import Sensors, each, together
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.recordings.data_files import recorded_columns
@@ -42,7 +42,7 @@ class Tracking(Scenario):
 
     target: Annotated[Target, Registered("targets")]
     """where the truth comes from: {kind: legs, ...}"""
-    sensor: Annotated[Measuring | tuple[Measuring, ...], Registered("sensors")]
+    sensor: Annotated[SensorBase | tuple[SensorBase, ...], Registered("sensors")]
     """what sees it: {kind: range-azimuth, ...}, or a list of sensors"""
     start: Annotated[Start, Registered("starts")]
     """what filters start from: {kind: two-scan}"""
@@ -122,7 +122,7 @@ class Tracking(Scenario):
     @cached_property
     def true_sensor(self) -> Sensors:
         """Return the sensor, or all of them as one."""
-        return together(self.sensor)
+        return stack(self.sensor)
 
     @cached_property
     def model(self) -> Model:
@@ -135,7 +135,7 @@ class Tracking(Scenario):
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
-        sensor = self.true_sensor if self.assume.sensor is None else together(self.assume.sensor)
+        sensor = self.true_sensor if self.assume.sensor is None else stack(self.assume.sensor)
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
@@ -260,7 +260,7 @@ class Tracking(Scenario):
             return "the data are recorded"
         if not isinstance(self._motion, Linear):
             return "the target is driven by a motion that is not linear"
-        if any(s.outliers is not None or s.bias for s in each(self.true_sensor)):
+        if any(s.outliers is not None or s.bias for s in sensors_of(self.true_sensor)):
             return "the bound is of normal errors without a bias"
         if self.prior_type is PointMass:
             return "the first state is known"

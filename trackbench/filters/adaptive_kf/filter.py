@@ -14,7 +14,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fading_memory import significance_threshold
-from trackbench.core.input_estimation import Hypotheses, hypotheses
+from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.filters.adaptive_kf.decisions import Detector, Exit, SecondDecision, exit_cautions
@@ -142,7 +142,7 @@ class VariableDimension(Filter[Switched]):
             quiet,
             Gaussian(np.zeros((3, 2, runs)), idle),
             Mode(np.full(runs, QUIET), np.zeros(runs, dtype=np.intp), zero),
-            Watch(zero, hypotheses(window, axes, runs), past, never),
+            Watch(zero, empty_hypotheses(window, axes, runs), past, never),
             Seen(unknown, np.zeros(runs, dtype=np.bool_), unknown, unknown),
         )
 
@@ -223,9 +223,9 @@ def _filtered(logic: Logic, s: Switched, z: Array, k: int, here: Site) -> Switch
     missing = np.isnan(seen.nu).any(axis=(0, 1))
     if logic.estimates_inputs:
         g = np.array([T * T / 2, T])
-        inputs = watch.inputs.advanced(k, motion.F, g, quiet, seen, R)
+        inputs = watch.inputs.update(k, motion.F, g, quiet, seen, R)
     else:
-        inputs = watch.inputs.begun(k)
+        inputs = watch.inputs.with_start(k)
     past = watch.past.measured(z, k) if watch.past is not None else None
     rho = np.where(missing, watch.rho, logic.detector.gamma * watch.rho + nis)
     evidence = np.where(on == BOTH, s.mode.evidence + ratio, 0.0)
@@ -269,7 +269,7 @@ def _augmented(logic: Logic, s: Switched, alarm: Mask, slot: Index, k: int, here
     runs, inputs = np.flatnonzero(alarm), s.watch.inputs
     if s.watch.past is None:
         here_and_now = Gaussian(s.quiet.mean[..., runs], s.quiet.cov[..., runs])
-        started = inputs.chosen(slot[runs], runs).augmented(here_and_now)
+        started = inputs.select(slot[runs], runs).augment(here_and_now)
     else:
         onset = inputs.onset(slot, k)[runs]
         started = refiltered(s.watch.past, onset, runs, k, logic.mf.axis(here.T), here)
@@ -295,7 +295,7 @@ def _quietened(s: Switched, over: Mask, k: int) -> Switched:
     """The non-maneuvering filter taken up again from the maneuvering one's marginal."""
     if not over.any():
         return s
-    rho, inputs = np.where(over, 0.0, s.watch.rho), s.watch.inputs.restarted(over, k)
+    rho, inputs = np.where(over, 0.0, s.watch.rho), s.watch.inputs.reset(over, k)
     return s._replace(
         quiet=choose(over, first_components(s.turning, 2), s.quiet),
         watch=s.watch._replace(rho=rho, inputs=inputs),
@@ -305,4 +305,4 @@ def _quietened(s: Switched, over: Mask, k: int) -> Switched:
 def _remembered(s: Switched, k: int) -> Switched:
     """The windows moved on by one step."""
     past = s.watch.past.filtered(s.quiet, k) if s.watch.past is not None else None
-    return s._replace(watch=s.watch._replace(inputs=s.watch.inputs.opened(k), past=past))
+    return s._replace(watch=s.watch._replace(inputs=s.watch.inputs.add_onset(k), past=past))

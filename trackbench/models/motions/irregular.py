@@ -64,7 +64,7 @@ class Irregular:
         return self.over(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
-def alike(motion: Motion, other: SampledMotion) -> SampledMotion:
+def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     """Return the motion over the intervals, and along the axes, of another."""
     if isinstance(other, Irregular):
         return Irregular(motion, other.axes, other.first, other.intervals)

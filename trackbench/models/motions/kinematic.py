@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import NonNegative, Positive
-from trackbench.models.base import AXES, Motion, moving
+from trackbench.models.base import AXES, Motion, position_velocity_names
 from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
@@ -48,7 +48,7 @@ class PerAxis(Motion):
         both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
         F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
         extra = range(axes if n > 2 else 0)
-        components = (*moving(axes), *(f"a{AXES[a]}" for a in extra))
+        components = (*position_velocity_names(axes), *(f"a{AXES[a]}" for a in extra))
         return Linear(T, F, Q, components, tuple(self.acceleration_std for _ in extra))
 
     @property

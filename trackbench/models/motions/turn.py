@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, NonNegative, Positive
-from trackbench.models.base import Motion, moving
+from trackbench.models.base import Motion, position_velocity_names
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
@@ -45,7 +45,7 @@ class CoordinatedTurn(Motion):
                 [0.0, s, 0.0, c],
             ]
         )
-        return Linear(T, fixed(F), straight.Q, moving(2))
+        return Linear(T, fixed(F), straight.Q, position_velocity_names(2))
 
 
 @register("motions", "ct-unknown")
@@ -82,11 +82,11 @@ class Turning:
     T: float
     Q: Array
     extra_std: tuple[float, ...]
-    components: ClassVar[tuple[str, ...]] = (*moving(2), "turn_rate")
+    components: ClassVar[tuple[str, ...]] = (*position_velocity_names(2), "turn_rate")
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(f(x), Q) for x (5, *batch)."""
-        return Gaussian(np.stack([*turned(x[:4], x[4], self.T), x[4]]), self.Q)
+        return Gaussian(np.stack([*turn_state(x[:4], x[4], self.T), x[4]]), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (5, 5, *batch)."""
@@ -109,7 +109,7 @@ class Turning:
         return F
 
 
-def turned(x: Array, w: Array, T: Array | float) -> list[Array]:
+def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
     """Return (px, vx, py, vy) of states x (4, *batch) T seconds later at w rad/s (eq. 11.7.1-4)."""
     px, vx, py, vy = x
     along, across, c, s = arc(w, T)

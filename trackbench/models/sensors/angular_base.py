@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, Natural
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Platform:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looking(Measuring):
+class AngularSensor(SensorBase):
     """Base of the sensors that look from a place."""
 
     at: tuple[Finite, ...] = ()
@@ -67,14 +67,14 @@ class Looking(Measuring):
         """Return whether coordinates as seen from the sensor are the state's own."""
         return self.platform is None and not any(self.at)
 
-    def seen_from_here(self, x: Array, k: int) -> list[Array]:
+    def relative_position(self, x: Array, k: int) -> list[Array]:
         """Return the position (*batch) per axis relative to the sensor, of states x (n, *batch)."""
         seen = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return seen
         return [p - own for p, own in zip(seen, self._place(k), strict=True)]
 
-    def from_here(self, position: Array, k: int) -> Array:
+    def absolute_position(self, position: Array, k: int) -> Array:
         """Return positions (axes, M) as seen from the sensor, in the coordinates of the state."""
         if self.at_origin:
             return position
@@ -87,11 +87,11 @@ class Looking(Measuring):
         """Return ``z - z_pred`` with angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i in self.angles:
-            nu[i] = wrapped(nu[i])
+            nu[i] = wrap_angle(nu[i])
         return nu
 
 
-def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
+def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
     """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
     c, s = (wave[:, None] for wave in cos_sin(azimuth))
     along, across = c * px, c * py
@@ -102,7 +102,7 @@ def seen_along(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Arra
     return np.sqrt(square, out=square), across, along
 
 
-def wrapped(angle: Array) -> Array:
+def wrap_angle(angle: Array) -> Array:
     """Return the angle in (-pi, pi]; nothing is computed if none is outside."""
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle

@@ -31,7 +31,7 @@ class Outliers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measuring(Part):
+class SensorBase(Part):
     """Base of every sensor. What stands here is true of the measurements; a filter knows none of it.
 
     The error is ``bias + root(R) e``, e standard normal unless there are `outliers`.
@@ -101,16 +101,14 @@ class Measuring(Part):
         due = not (k - self.offset) % self.period
         return gained if certain else gained * (float(self.detection) if due else 0.0)
 
-    def observed(
-        self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False
-    ) -> Array:
+    def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Return measurements (n_z, M) of true states x (n_x, M or 1) from normal noise (n_z, M).
 
         NaN where there is none, unless it is ``certain`` that there is.
         """
         if self.outliers is not None:
             noise = noise * self._stretch(self.outliers, noise.shape[-1], rng)
-        z = self.drawn(x, k, noise)
+        z = self.draw(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
         if self.detection < 1 and not certain:
@@ -119,7 +117,7 @@ class Measuring(Part):
             z[:] = np.nan
         return z
 
-    def drawn(self, x: Array, k: int, noise: Array) -> Array:
+    def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Draw measurements (n_z, M) of true states x from standard normal noise (n_z, M)."""
         seen = self.measurement(x, k)
         z = linalg.matvec(linalg.root(seen.cov), noise)

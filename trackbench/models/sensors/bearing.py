@@ -10,13 +10,13 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
 from trackbench.field_types import Positive
-from trackbench.models.sensors.angular_base import Looking
+from trackbench.models.sensors.angular_base import AngularSensor
 from trackbench.registry import register
 
 
 @register("sensors", "bearing")
 @dataclass(frozen=True, kw_only=True)
-class Bearing(Looking):
+class Bearing(AngularSensor):
     """Direction alone, ``a = atan2(py, px) + w_a``: the range shows as target or sensor move."""
 
     sigma_mrad: Positive
@@ -32,12 +32,12 @@ class Bearing(Looking):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(azimuth, R) for x (n, *batch)."""
-        px, py = self.seen_from_here(x, k)
+        px, py = self.relative_position(x, k)
         return Gaussian(arctan2(py, px)[None], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(azimuth)/dx (1, n, *batch)."""
-        px, py = self.seen_from_here(x, k)
+        px, py = self.relative_position(x, k)
         square = px * px + py * py
         H = np.zeros((1, *x.shape))
         H[0, 0], H[0, 2] = -py / square, px / square

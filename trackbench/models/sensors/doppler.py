@@ -44,7 +44,7 @@ class RangeAzimuthDoppler(Radar):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
-        (px, py), r = self.seen_from_here(x, k), self.range(x, k)
+        (px, py), r = self.relative_position(x, k), self.range(x, k)
         rate = self._closing(x, k) / r
         H = np.zeros((3, *x.shape))
         H[:2] = self.polar_jacobian(x, k)
@@ -53,5 +53,5 @@ class RangeAzimuthDoppler(Radar):
         return H
 
     def _closing(self, x: Array, k: int) -> Array:
-        px, py = self.seen_from_here(x, k)
+        px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]

@@ -11,13 +11,13 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.field_types import Positive
-from trackbench.models.sensors.angular_base import Looking, distance
+from trackbench.models.sensors.angular_base import AngularSensor, distance
 from trackbench.registry import register
 
 
 @register("sensors", "range-azimuth-elevation")
 @dataclass(frozen=True, kw_only=True)
-class RangeAzimuthElevation(Looking):
+class RangeAzimuthElevation(AngularSensor):
     """Range, azimuth from x to y, and elevation above that plane, each with an independent error."""
 
     sigma_range: Positive
@@ -44,7 +44,7 @@ class RangeAzimuthElevation(Looking):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
-        px, py, pz = self.seen_from_here(x, k)
+        px, py, pz = self.relative_position(x, k)
         ground = distance(px, py)
         return Gaussian(
             np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)]), self.R
@@ -52,7 +52,7 @@ class RangeAzimuthElevation(Looking):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(range, azimuth, elevation)/dx (3, n, *batch)."""
-        px, py, pz = self.seen_from_here(x, k)
+        px, py, pz = self.relative_position(x, k)
         ground = distance(px, py)
         r = distance(ground, pz)
         H = np.zeros((3, *x.shape))
@@ -74,4 +74,4 @@ class RangeAzimuthElevation(Looking):
                 np.stack([se, np.zeros_like(r), r * ce]),
             ]
         )
-        return Gaussian(self.from_here(position, k), linalg.sandwich(J, self.R))
+        return Gaussian(self.absolute_position(position, k), linalg.sandwich(J, self.R))

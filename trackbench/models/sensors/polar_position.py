@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, ccm, position
 from trackbench.core.distributions import Gaussian
-from trackbench.models.sensors.position import selection
+from trackbench.models.sensors.position import selection_matrix
 from trackbench.models.sensors.range_azimuth import Radar
 from trackbench.registry import register
 
@@ -32,13 +32,13 @@ class PolarPosition(Radar):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(x, y)/dx (2, n)."""
-        return selection(0, 4, 2, len(x))
+        return selection_matrix(0, 4, 2, len(x))
 
-    def drawn(self, x: Array, k: int, noise: Array) -> Array:
+    def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Return the range and azimuth with their errors, as a position."""
         r, a = self.polar(x, k)
         seen = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
-        return self.from_here(seen, k)
+        return self.absolute_position(seen, k)
 
     def located(self, z: Array, k: int, conversion: Conversion = "ccm") -> Gaussian:
         """Return the measured position, and its covariance (2, 2, M) there."""

@@ -9,12 +9,12 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Positive
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearSensor(Measuring):
+class LinearSensor(SensorBase):
     """``z = H x + N(0, R)`` for some of the state's components."""
 
     places: ClassVar[slice]
@@ -27,7 +27,7 @@ class LinearSensor(Measuring):
 
     def H(self, n: int = 4) -> Array:
         """Return the measurement matrix (n_z, n) for a state of n components."""
-        return selection(self.places.start, self.places.stop, self.places.step, n)
+        return selection_matrix(self.places.start, self.places.stop, self.places.step, n)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(H x, R) for x (n, *batch)."""
@@ -155,6 +155,6 @@ class ScalarSensor(LinearSensor):
 
 
 @cache
-def selection(start: int, stop: int, step: int, n: int) -> Array:
+def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
     """Return the rows (n_z, n) of a unit matrix that pick out some of the components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

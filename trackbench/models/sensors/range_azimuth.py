@@ -12,12 +12,17 @@ from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.field_types import Positive
-from trackbench.models.sensors.angular_base import Looking, distance, seen_along, wrapped
+from trackbench.models.sensors.angular_base import (
+    AngularSensor,
+    along_line_of_sight,
+    distance,
+    wrap_angle,
+)
 from trackbench.registry import register
 
 
 @dataclass(frozen=True, kw_only=True)
-class Radar(Looking):
+class Radar(AngularSensor):
     """Base of the radars in the plane."""
 
     sigma_range: Positive
@@ -34,16 +39,16 @@ class Radar(Looking):
 
     def polar(self, x: Array, k: int = 0) -> Array:
         """Return the range and azimuth (2, *batch) of states x (n, *batch)."""
-        px, py = self.seen_from_here(x, k)
+        px, py = self.relative_position(x, k)
         return np.stack([distance(px, py), arctan2(py, px)])
 
     def range(self, x: Array, k: int = 0) -> Array:
         """Return the range (*batch) of states x (n, *batch)."""
-        return distance(*self.seen_from_here(x, k))
+        return distance(*self.relative_position(x, k))
 
     def polar_jacobian(self, x: Array, k: int = 0) -> Array:
         """Return d(range, azimuth)/dx (2, n, *batch)."""
-        px, py = self.seen_from_here(x, k)
+        px, py = self.relative_position(x, k)
         square = px * px + py * py
         r = np.sqrt(square)
         H = np.zeros((2, *x.shape))
@@ -58,7 +63,7 @@ class Radar(Looking):
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
         """Return the measured Cartesian position (2, M) and its covariance (2, 2, M)."""
         seen = convert(conversion, self._reading(z))
-        return Gaussian(self.from_here(seen.mean, k), seen.cov)
+        return Gaussian(self.absolute_position(seen.mean, k), seen.cov)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return signed errors (1, *batch) in polar coordinates, and along and across the line of sight.
@@ -72,7 +77,7 @@ class Radar(Looking):
         c, s = cos_sin(a_true)
         return {
             "range": (r - r_true)[None],
-            "azimuth_deg": np.rad2deg(wrapped(a - a_true))[None],
+            "azimuth_deg": np.rad2deg(wrap_angle(a - a_true))[None],
             "radial": (c * e[0] + s * e[2])[None],
             "cross": (c * e[2] - s * e[0])[None],
         }
@@ -125,7 +130,7 @@ class RangeAzimuth(Radar):
         """Return ``innovation(z, polar(x))`` of each particle of a cloud, and R."""
         nu = np.empty((2, *x.shape[1:]))
         azimuth = np.where(np.isnan(z[1]), 0.0, z[1])  # the range is theirs along any line
-        r, across, along = seen_along(azimuth, *self.seen_from_here(x, k))
+        r, across, along = along_line_of_sight(azimuth, *self.relative_position(x, k))
         np.subtract(z[0][:, None], r, out=nu[0])
         np.negative(arctan2(across, along), out=nu[1])
         return Gaussian(nu, self.R)

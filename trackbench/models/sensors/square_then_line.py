@@ -9,13 +9,13 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.quadrature import Interval
 from trackbench.field_types import Natural, Positive
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
 
 
 @register("sensors", "square-then-line")
 @dataclass(frozen=True, kw_only=True)
-class SquareThenLine(Measuring):
+class SquareThenLine(SensorBase):
     """``z_k = phi2 x_k^2 + n`` up to the switch, ``phi3 x_k - 2 + n`` after, n ~ N(0, R).
 
     Van der Merwe et al. 2000, section 6.1; hdepf paper, eq. 13.

@@ -11,14 +11,14 @@ import numpy as np
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.models.sensors.base import Measuring
+from trackbench.models.sensors.base import SensorBase
 
 
 @dataclass(frozen=True)
-class Several:
+class StackedSensor:
     """Independent sensors of one target; components carry the number of their sensor, from 1 on."""
 
-    sensors: tuple[Measuring, ...]
+    sensors: tuple[SensorBase, ...]
 
     @cached_property
     def components(self) -> tuple[str, ...]:
@@ -61,12 +61,10 @@ class Several:
         """Return no observables: several sensors have no common ones."""
         return {}
 
-    def observed(
-        self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False
-    ) -> Array:
+    def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Return measurements (n_z, M) of true states x (n_x, M), NaN where there is none."""
         pairs = zip(self.sensors, self.rows, strict=True)
-        return np.concatenate([s.observed(x, k, noise[rows], rng, certain) for s, rows in pairs])
+        return np.concatenate([s.measure(x, k, noise[rows], rng, certain) for s, rows in pairs])
 
     @cached_property
     def rows(self) -> list[slice]:
@@ -75,22 +73,22 @@ class Several:
         return [slice(a, b) for a, b in pairwise([0, *ends])]
 
 
-Sensors: TypeAlias = Measuring | Several
+Sensors: TypeAlias = SensorBase | StackedSensor
 """What sees a target: one sensor, or several as one."""
 
 
-def together(sensors: tuple[Measuring, ...] | Measuring) -> Sensors:
+def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
     """Return one sensor, or several as one."""
     if not isinstance(sensors, tuple):
         return sensors
-    return sensors[0] if len(sensors) == 1 else Several(sensors)
+    return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
 
 
-def each(sensor: Sensors) -> tuple[Measuring, ...]:
+def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
     """Return every single one."""
-    return sensor.sensors if isinstance(sensor, Several) else (sensor,)
+    return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
 
 
 def rows_of(sensor: Sensors) -> list[slice]:
     """Return the rows of each sensor's components in a measurement."""
-    return sensor.rows if isinstance(sensor, Several) else [slice(None)]
+    return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]

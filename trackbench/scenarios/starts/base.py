@@ -10,7 +10,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
 from trackbench.models.base import LocatingSensor
-from trackbench.models.sensors.stacked import Sensors, each, rows_of
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 
 
 class InitialScans(NamedTuple):
@@ -58,7 +58,7 @@ class Start(Part):
 
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
     """Return the first sensor that tells a position, and where its components stand."""
-    for one, where in zip(each(sensor), rows_of(sensor), strict=True):
+    for one, where in zip(sensors_of(sensor), rows_of(sensor), strict=True):
         if isinstance(one, LocatingSensor):
             return one, where
     return None

@@ -10,10 +10,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError, Positive
-from trackbench.models.base import moving
+from trackbench.models.base import position_velocity_names
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import Sensors
-from trackbench.models.two_point_prior import TwoPoint, differenced
+from trackbench.models.two_point_prior import TwoPoint, two_point_difference
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import InitialScans, Start, position_part
 
@@ -22,7 +22,7 @@ from trackbench.scenarios.starts.base import InitialScans, Start, position_part
 class _FromScans(Start):
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
         """Check that a sensor measures the position along every axis of the target."""
-        if components not in (moving(2), moving(3)):
+        if components not in (position_velocity_names(2), position_velocity_names(3)):
             raise InvalidKeyError("scans start a target in the plane or in space only", "start")
         found = position_part(sensor)
         if found is None:
@@ -70,12 +70,12 @@ class TwoScan(_FromScans):
             assert isinstance(opening.T, float | int)
             return TwoPoint(sensor, first, second, opening.T, opening.diffusion)
         one, two = (self.located(opening, sensor, scan) for scan in range(2))
-        return differenced(one, two, opening.T, opening.diffusion)
+        return two_point_difference(one, two, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return two-point differencing at the truth, which knows no velocity beforehand."""
         one, two = (_position_information(sensor, path[:, i], k + i) for i in range(2))
-        return differenced(one, two, T, diffusion).cov
+        return two_point_difference(one, two, T, diffusion).cov
 
 
 @register("starts", "one-scan")

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import Finite
-from trackbench.models.base import Motion, moving
+from trackbench.models.base import Motion, position_velocity_names
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.base import in_window
 from trackbench.scenarios.starts.base import Start
@@ -76,7 +76,7 @@ class Target(Part):
     @property
     def components(self) -> tuple[str, ...]:
         """Return names of the truth's components, in order."""
-        return moving(self.axes)
+        return position_velocity_names(self.axes)
 
     @property
     @abstractmethod
@@ -181,7 +181,7 @@ def measured_along(
     steps = timeline.steps.tolist()[first:]
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))
     seen = [
-        sensor.observed(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
+        sensor.measure(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
         for i, k in enumerate(steps, first)
     ]
     return Flight(np.broadcast_to(truth, (*truth.shape[:2], runs)), np.stack(seen, axis=1))

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, Positive, Registered
-from trackbench.models.augmented_prior import with_rest
+from trackbench.models.augmented_prior import append_noise
 from trackbench.models.base import Motion, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.stacked import Sensors
@@ -102,12 +102,12 @@ class Driven(Target):
         """Draw transition and measurement step by step, with the target's other noise."""
         motion = self.motion.sampled(timeline.T, self.axes)
         n, noise_of_one = len(start), (len(sensor.components), start.shape[1])
-        truth = [with_rest(start, extra_std(motion), rng)]
+        truth = [append_noise(start, extra_std(motion), rng)]
         seen = []
         for i, k in enumerate(timeline.steps.tolist()):
             if i > 0:
                 truth.append(motion.transition(truth[-1], k).sample(rng))
             if i > 0 or scans:
                 noise = rng.standard_normal(noise_of_one)
-                seen.append(sensor.observed(truth[-1], k, noise, rng, certain=i < scans))
+                seen.append(sensor.measure(truth[-1], k, noise, rng, certain=i < scans))
         return Flight(np.stack([x[:n] for x in truth], axis=1), np.stack(seen, axis=1))

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean
 from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive
-from trackbench.models.motions.turn import turned
+from trackbench.models.motions.turn import turn_state
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Launch, Scored, Timeline
 from trackbench.scenarios.targets.fixed_path import Flown
@@ -187,7 +187,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
     """Return states (n, K) from ``start`` (n,) at the leg's start on, turning at its rate."""
     t = times - leg.start
-    planar = turned(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
+    planar = turn_state(start[:4], np.full_like(t, np.deg2rad(leg.turn_rate_deg_s)), t)
     rest = [start[4] + start[5] * t, np.full_like(t, start[5])] if len(start) > 4 else []
     return np.stack(planar + rest)
 

@@ -10,8 +10,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import DataFile, InvalidKeyError, Positive
-from trackbench.models.base import moving
-from trackbench.models.sensors.stacked import Sensors, each, rows_of
+from trackbench.models.base import position_velocity_names
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
@@ -89,7 +89,7 @@ class Measured(FromFiles, Naming, Target):
     @property
     def components(self) -> tuple[str, ...]:
         """Return names of the truth's components, in order."""
-        return moving(self.axes) if self.axes else ("x",)
+        return position_velocity_names(self.axes) if self.axes else ("x",)
 
     @property
     def has_truth(self) -> bool:
@@ -147,7 +147,7 @@ class Measured(FromFiles, Naming, Target):
 
     def _check(self, sensor: Sensors, start: Start) -> None:
         """Raise InvalidKeyError for what does not go with sensors and start."""
-        every = each(sensor)
+        every = sensors_of(sensor)
         if start.of_truth:
             what = "recorded data start from their scans, or as `given`: what is true is not known"
             raise InvalidKeyError(what, "start")
