@@ -10,7 +10,7 @@ import yaml
 
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.core.geodesy import Geodetic, east_north_up
+from trackbench.core.conversions import Geodetic, east_north_up
 from trackbench.errors import UserError
 
 T = np.array([0.0, 1.0, 1.7, 4.2, 4.3, 9.0, 9.5, 12.25, 13.0, 20.0, 20.1, 21.0])

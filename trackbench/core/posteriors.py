@@ -22,8 +22,7 @@ import numpy as np
 from trackbench.core import linalg, quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.elementary import log
-from trackbench.core.normal_chi2 import chi_square_cdf, normal_cdf, normal_density
+from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
 from trackbench.core.particles import Particles
 from trackbench.core.sums import dot, total
 

@@ -15,8 +15,9 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.differential_evolution import crossover, metropolis, mutate
+from trackbench.core.differential_evolution import crossover, mutate
 from trackbench.core.distributions import Gaussian
+from trackbench.core.metropolis import metropolis
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean, total
