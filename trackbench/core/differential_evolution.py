@@ -22,7 +22,6 @@ def mutate(x: Array, F: float, rng: Streams) -> Array:
     F : float
         Scale of the difference.
     rng : Streams
-        Random numbers.
 
     Returns
     -------

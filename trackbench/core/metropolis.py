@@ -21,7 +21,6 @@ def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
     temperature : float
         At 0 no loss is accepted.
     rng : Streams
-        Random numbers.
 
     Returns
     -------
@@ -57,7 +56,6 @@ def independence_moves(
     steps : int
         Number of moves.
     rng : Streams
-        Random numbers.
 
     Returns
     -------

@@ -135,7 +135,7 @@ class ParticlePosterior(Posterior):
             return of_x, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
 
     def crps(self, x: Array) -> Array:
-        """Return ``E|X - x| - E|X - X'| / 2`` (Gneiting & Raftery 2007, eq. 21), X, X' from the particles.
+        """Return ``E|X - x| - E|X - X'| / 2``, X and X' particles (Gneiting & Raftery 2007, eq. 21).
 
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
         (Ferro 2014).

@@ -2,7 +2,7 @@
 
 Every scheme turns weights (M, N) into offspring counts (M, N) whose rows sum to ``size``, the number of
 new particles; the ancestors follow by ``repeat``. A run with NaN weights is resampled with equal
-weights, so it stays NaN and leaves other runs unchanged. Douc, Cappe & Moulines (2005) compare the schemes.
+weights, so it stays NaN and leaves other runs unchanged. Douc, Cappe & Moulines (2005) compare schemes.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,6 @@ def ancestors(
     w : (M, N)
         Normalized weights.
     rng : Streams
-        Random numbers.
     scheme : {"systematic", "stratified", "residual", "multinomial"}
         Resampling scheme.
     size : int, optional

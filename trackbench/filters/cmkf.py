@@ -15,8 +15,8 @@ from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
+from trackbench.models.priors import Convertible, TwoPoint
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import Convertible, TwoPoint
 from trackbench.registry import register
 
 

@@ -16,7 +16,7 @@ from trackbench.field_types import NonNegative
 from trackbench.filters.particle_base import Cloud, ParticleFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
-from trackbench.models.two_point_prior import TwoPoint
+from trackbench.models.priors import TwoPoint
 from trackbench.registry import register
 
 

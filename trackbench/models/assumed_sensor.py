@@ -10,7 +10,7 @@ from trackbench.models.sensors.base import SensorBase
 
 @dataclass(frozen=True, kw_only=True)
 class Assume:
-    """Motion and sensor that a filter assumes; what is not given is as it is."""
+    """Motion and sensor of the filter model; a key that is not set takes the true one."""
 
     motion: Annotated[Motion | None, Registered("motions")] = None
     """motion: {kind: cv, q: 0.3}"""
