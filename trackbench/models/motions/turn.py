@@ -1,4 +1,4 @@
-"""Coordinated turns of a planar target: at a known rate, and at one that is a component of the state."""
+"""Coordinated turns of a planar target: at a known rate, and at a rate in the state."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,8 +11,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion, position_velocity_names
-from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register
 
 _STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn
@@ -51,7 +50,7 @@ class CoordinatedTurn(Motion):
 @register("motions", "ct-unknown")
 @dataclass(frozen=True, kw_only=True)
 class UnknownTurn(Motion):
-    """Turn at constant speed whose rate is estimated with the state and walks at random.
+    """Turn at constant speed, with a turn rate that is estimated and follows a random walk.
 
     Bar-Shalom, Li & Kirubarajan 2001, section 11.7.2. The state is (px, vx, py, vy, turn_rate), the rate
     in rad/s, positive from x to y.
@@ -90,6 +89,7 @@ class Turning:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (5, 5, *batch)."""
+        # Step 1: derivatives of f by position and velocity.
         _, vx, _, vy, w = x
         T, (along, across, c, s) = self.T, arc(w, self.T)
         F = np.zeros((5, *x.shape))
@@ -98,10 +98,11 @@ class Turning:
         F[2, 1], F[0, 3] = across, -across
         F[1, 1] = F[3, 3] = c
         F[3, 1], F[1, 3] = s, -s
-        # d/dw of T sin(u) / u and T (1 - cos u) / u, u = w T
+        # Step 2: derivatives of T sin(u) / u and T (1 - cos u) / u by w, u = w T.
         u = w * T
         d_along = T * T * _sinc_slope(u)
         d_across = T * (along - 0.5 * T * np.square(_sinc(0.5 * u)))
+        # Step 3: derivatives of f by w.
         F[0, 4] = d_along * vx - d_across * vy
         F[1, 4] = -T * (s * vx + c * vy)
         F[2, 4] = d_across * vx + d_along * vy
@@ -136,11 +137,11 @@ def _sinc(u: Array) -> Array:
 
 
 def _sinc_slope(u: Array) -> Array:
-    """Return the derivative of ``sin(u) / u``; by its series where the closed form loses its digits."""
-    near, square = np.abs(u) < 0.1, u * u
+    """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
+    near_zero, square = np.abs(u) < 0.1, u * u
     series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
-    apart = np.where(near, 1.0, u)
-    return np.where(near, series, (cos_sin(apart)[0] - _sinc(apart)) / apart)
+    large = np.where(near_zero, 1.0, u)
+    return np.where(near_zero, series, (cos_sin(large)[0] - _sinc(large)) / large)
 
 
 def _check_planar(axes: int) -> None:
