@@ -1,4 +1,4 @@
-"""Base of sensors of directions and distances: platform, and angles that wrap."""
+"""Base of sensors of directions and ranges: position or platform, and angles that wrap."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from trackbench.models.sensors.base import SensorBase
 
 @dataclass(frozen=True, kw_only=True)
 class Platform:
-    """A path of the sensor's own: straight between waypoints, at rest before and after them."""
+    """Path of a moving sensor: straight between waypoints, at rest before and after them."""
 
     steps: tuple[Natural, ...]
     """numbers of the steps at which the waypoints are reached, in order"""
@@ -31,7 +31,7 @@ class Platform:
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Return the position at step k, m."""
+        """Return the position at step k, m, by linear interpolation."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
             end = min(n, len(self.steps) - 1)
@@ -43,7 +43,7 @@ class Platform:
 
 @dataclass(frozen=True, kw_only=True)
 class AngularSensor(SensorBase):
-    """Base of the sensors that look from a place."""
+    """Base of the sensors that measure from a position of their own."""
 
     at: tuple[Finite, ...] = ()
     """where the sensor stands, m; default: at the origin"""
@@ -64,18 +64,18 @@ class AngularSensor(SensorBase):
 
     @property
     def at_origin(self) -> bool:
-        """Return whether coordinates as seen from the sensor are the state's own."""
+        """Return whether the sensor stands at the origin of the state's coordinates."""
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
         """Return the position (*batch) per axis relative to the sensor, of states x (n, *batch)."""
-        seen = [x[2 * i] for i in range(self.axes)]
+        target = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
-            return seen
-        return [p - own for p, own in zip(seen, self._place(k), strict=True)]
+            return target
+        return [p - sensor for p, sensor in zip(target, self._place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
-        """Return positions (axes, M) as seen from the sensor, in the coordinates of the state."""
+        """Return positions (axes, M) relative to the sensor in the coordinates of the state."""
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self._place(k)), 1)
@@ -93,6 +93,7 @@ class AngularSensor(SensorBase):
 
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
     """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
+    # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
     c, s = (wave[:, None] for wave in cos_sin(azimuth))
     along, across = c * px, c * py
     along += s * py
@@ -103,7 +104,8 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Return the angle in (-pi, pi]; nothing is computed if none is outside."""
+    """Return angles wrapped to (-pi, pi]."""
+    # Return early if every angle is inside already.
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
     return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))

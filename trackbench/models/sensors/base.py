@@ -15,7 +15,7 @@ from trackbench.extension_points import Part
 from trackbench.field_types import Count, Finite, Natural, OpenShare, Positive, Share
 from trackbench.models.base import LocatingSensor, NearSensor
 
-_STEP = 1e-6  # of a component, or of its unit if that is larger
+_STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +32,10 @@ class Outliers:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorBase(Part):
-    """Base of every sensor. What stands here is true of the measurements; a filter knows none of it.
+    """Base of every sensor, with properties of the true measurements that filters do not model.
 
-    The error is ``bias + root(R) e``, e standard normal unless there are `outliers`.
+    The error is ``bias + root(R) e``, e standard normal unless there are `outliers`. A subclass is a
+    frozen dataclass with ``components`` and `measurement`; the other methods have defaults.
     """
 
     detection: OpenShare | Literal[1] = 1
@@ -59,7 +60,20 @@ class SensorBase(Part):
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of z_k given x_k = x (n_x, *batch), as a filter assumes it."""
+        """Return the distribution of z_k given x_k = x, without bias and outliers.
+
+        Parameters
+        ----------
+        x : (n_x, *batch)
+            States.
+        k : int
+            Step.
+
+        Returns
+        -------
+        Gaussian
+            Mean h(x) (n_z, *batch), covariance R (n_z, n_z[, *batch]).
+        """
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
@@ -73,8 +87,8 @@ class SensorBase(Part):
             ahead, behind = x.copy(), x.copy()
             ahead[i] += h
             behind[i] -= h
-            seen = (self.measurement(there, k).mean for there in (ahead, behind))
-            columns.append(self.innovation(*seen) / (2.0 * h))
+            z_ahead, z_behind = (self.measurement(state, k).mean for state in (ahead, behind))
+            columns.append(self.innovation(z_ahead, z_behind) / (2.0 * h))
         return np.stack(columns, axis=1)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
@@ -86,31 +100,33 @@ class SensorBase(Part):
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return functions (*batch) of the state whose posterior means are worth scoring."""
+        """Return functions (*batch) of the state whose posterior means are scored as well."""
         return {}
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x) of a measurement of the state x (n_x,) at step k.
 
-        By the probability that there is one, unless it is ``certain``.
+        It is weighted by the probability of a measurement, unless ``certain``.
         """
-        of_one = x[:, None]
-        H, R = self.jacobian(of_one, k), self.measurement(of_one, k).cov
+        state = x[:, None]
+        H, R = self.jacobian(state, k), self.measurement(state, k).cov
         H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
-        gained = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
+        information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         due = not (k - self.offset) % self.period
-        return gained if certain else gained * (float(self.detection) if due else 0.0)
+        return information if certain else information * (float(self.detection) if due else 0.0)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Return measurements (n_z, M) of true states x (n_x, M or 1) from normal noise (n_z, M).
 
-        NaN where there is none, unless it is ``certain`` that there is.
+        A missing measurement is NaN; ``certain`` means that none is missing.
         """
+        # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
-            noise = noise * self._stretch(self.outliers, noise.shape[-1], rng)
+            noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
         z = self.draw(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
+        # Step 2: drop measurements at random, and those of steps between the periods.
         if self.detection < 1 and not certain:
             z[:, rng.random(z.shape[-1:]) >= self.detection] = np.nan
         if (k - self.offset) % self.period and not certain:
@@ -119,19 +135,20 @@ class SensorBase(Part):
 
     def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Draw measurements (n_z, M) of true states x from standard normal noise (n_z, M)."""
-        seen = self.measurement(x, k)
-        z = linalg.matvec(linalg.root(seen.cov), noise)
-        z += seen.mean
+        distribution = self.measurement(x, k)
+        z = linalg.matvec(linalg.root(distribution.cov), noise)
+        z += distribution.mean
         return z
 
     @staticmethod
-    def _stretch(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Return the factor (M,) on the errors: Student's t is normal over the root of a mean square."""
-        stretch = np.ones(runs)
+    def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
+        """Return the factor (M,) on the errors."""
+        factor = np.ones(runs)
         if outliers.degrees is not None:
+            # Student's t is a normal over the root of a mean of d squared normals.
             squares = np.square(rng.standard_normal((outliers.degrees, runs)))
-            stretch = np.sqrt(outliers.degrees / total(squares, axis=0))
+            factor = np.sqrt(outliers.degrees / total(squares, axis=0))
         if outliers.share:
-            hit = rng.random((runs,)) < outliers.share
-            stretch = np.where(hit, outliers.times * stretch, stretch)
-        return stretch
+            is_outlier = rng.random((runs,)) < outliers.share
+            factor = np.where(is_outlier, outliers.times * factor, factor)
+        return factor

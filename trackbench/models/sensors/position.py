@@ -34,7 +34,7 @@ class LinearSensor(SensorBase):
         return Gaussian(x[self.places], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return the H (n_z, n)."""
+        """Return H (n_z, n)."""
         return self.H(len(x))
 
 
@@ -53,7 +53,7 @@ class Positions(LinearSensor):
         return fixed(self.sigma * self.sigma * np.eye(self.axes))
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """Return the position that a measurement gives: itself."""
+        """Return the measured position, which is the measurement."""
         return Gaussian(z, self.R)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
@@ -73,7 +73,7 @@ class PositionSensor(Positions):
 
     @property
     def per_axis(self) -> Array:
-        """Return the variance (1, 1) along each axis, for filters that treat the axes apart."""
+        """Return the variance (1, 1) along each axis, for filters with a state per axis."""
         return np.array([[self.sigma * self.sigma]])
 
 
@@ -119,7 +119,7 @@ class PositionVelocity(LinearSensor):
 @register("sensors", "velocity")
 @dataclass(frozen=True, kw_only=True)
 class VelocitySensor(LinearSensor):
-    """Both velocities of a planar target, as its own speed and course tell them."""
+    """Both velocities of a planar target, as it reports them by speed and course."""
 
     sigma: Positive
     """standard deviation along each axis, m/s"""
@@ -156,5 +156,5 @@ class ScalarSensor(LinearSensor):
 
 @cache
 def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
-    """Return the rows (n_z, n) of a unit matrix that pick out some of the components."""
+    """Return the rows (n_z, n) of a unit matrix that select some of the components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))
