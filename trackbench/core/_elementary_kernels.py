@@ -44,7 +44,7 @@ class Constants(NamedTuple):
 @cache
 def constants() -> Constants:
     """Return the constants, computed at the first call like the tables."""
-    log_2 = log_2_bits() / (1 << 160)
+    log_2 = (_log_ratio(4, 3) + _log_ratio(3, 2)) / _ONE
     step = log_2 / POWERS  # of the exponent from one entry to the next
     width = 1.0 / LOGS
     (pi,) = parts(pi_bits(), 1, [])
@@ -292,12 +292,6 @@ def arctangents() -> Array:
 def pi_bits() -> int:
     """Return ``pi 2^160`` (Machin 1706)."""
     return 4 * (4 * _arctan(1, 5) - _arctan(1, 239))
-
-
-@cache
-def log_2_bits() -> int:
-    """Return ``log(2) 2^160``."""
-    return _log_ratio(4, 3) + _log_ratio(3, 2)
 
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:

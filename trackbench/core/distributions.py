@@ -63,21 +63,16 @@ def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Arr
     return x, np.zeros(x.shape[1:])
 
 
-class _HasMean(Protocol):
-    @property
-    def mean(self) -> Array: ...
-
-
 class Symmetric:
     """Base of distributions whose mode, and value without noise, is the mean."""
 
     @property
-    def loc(self: _HasMean) -> Array:
+    def loc(self: Distribution) -> Array:
         """Return the mean."""
         return self.mean
 
     @property
-    def mode(self: _HasMean) -> Array:
+    def mode(self: Distribution) -> Array:
         """Return the mean."""
         return self.mean
 

@@ -153,11 +153,6 @@ def effective_sample_size(w: Array) -> Array:
     return np.asarray(1.0 / dot(w, w))
 
 
-def effective_share(w: Array) -> Array:
-    """Return the effective sample size (M,) as a share of the N particles."""
-    return effective_sample_size(w) / w.shape[-1]
-
-
 def distinct_share(x: Array) -> Array:
     """Return the share (M,) of distinct values in x (M, N), whose copies stand side by side."""
     return np.asarray((1 + (x[:, 1:] != x[:, :-1]).sum(axis=-1)) / x.shape[-1])

@@ -31,12 +31,11 @@ class RunStreams:
     """M independent streams read side by side, for the data of M runs.
 
     Each run's stream is consumed in chunks of a fixed length per kind of variate, so column m does not
-    depend on the other runs. Every method takes ``size = (*draws, M)`` and takes column m from run m.
+    depend on the other runs. Every method takes ``size = (*draws, M)`` and draws column m from run m.
 
     Parameters
     ----------
     seed : int
-        Seed of the experiment.
     runs : sequence of int
         Numbers of the M runs, negative for training.
     """

@@ -107,20 +107,15 @@ def _hermite_roots(n: int) -> list[float]:
     if n == 0:
         return []
     edge = 2.0 * sqrt(n)
-    brackets = [-edge, *_hermite_roots(n - 1), edge]
-    return [_root_between(n, a, b) for a, b in pairwise(brackets)]
-
-
-def _root_between(n: int, low: float, high: float) -> float:
-    rising = _hermite(n, high) > 0.0
-    middle = 0.5 * (low + high)
-    while low < middle < high:
-        value = _hermite(n, middle)
-        if value == 0.0:
-            break
-        low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+    roots = []
+    for low, high in pairwise([-edge, *_hermite_roots(n - 1), edge]):
+        rising = _hermite(n, high) > 0.0
         middle = 0.5 * (low + high)
-    return middle
+        while low < middle < high and (value := _hermite(n, middle)) != 0.0:
+            low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+            middle = 0.5 * (low + high)
+        roots.append(middle)
+    return roots
 
 
 class SigmaPoints(NamedTuple):

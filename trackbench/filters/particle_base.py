@@ -53,7 +53,9 @@ class Cloud(NamedTuple):
 
         ``ess``: effective sample size before resampling, as a share of N.
         """
-        ess = {} if self.w is None else {"ess": particles.effective_share(self.w)}
+        ess = {}
+        if self.w is not None:
+            ess["ess"] = particles.effective_sample_size(self.w) / self.w.shape[-1]
         return {"dead_steps": self.dead.astype(float)} | ess | dict(self.notes)
 
 

@@ -202,23 +202,9 @@ class Scene(Part):
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
-    """Return log p(z_k | x_k = x) of the measured components, zero if all are missing (NaN).
+    """Return log p(z_k | x_k = x) (M[, N]) for measurements z (n_z, M) and states x (n_x, M[, N]).
 
-    Parameters
-    ----------
-    sensor : Sensor
-        Sensor.
-    z : (n_z, M)
-        Measurements.
-    x : (n_x, M[, N])
-        States, or particles.
-    k : int
-        Step.
-
-    Returns
-    -------
-    (M[, N])
-        Log-likelihoods.
+    It uses the measured components, and is zero if all are missing (NaN).
     """
     note("likelihoods", x, components=1)
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.

@@ -77,6 +77,7 @@ def extended_step(
     sensor = cast(DifferentiableSensor, model.sensor)
     predicted = extended_prediction(model, state, k, assumed)
     measurement = assumed.measurement(model, predicted.mean, k)
+    # nu = z - h(m^-)
     nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
     return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
 
@@ -90,6 +91,7 @@ def spread_conflicts(
     alpha: float, kappa: float, model: Model, augmented: bool = True
 ) -> dict[str, str]:
     """Return errors by key if the sigma points coincide: alpha^2 (n + kappa) must be positive."""
+    # n + lambda = alpha^2 (n + kappa) scales the points: it must be positive and finite.
     n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:
         parts = ", of state, noise and measurement" if augmented else ""
@@ -199,6 +201,7 @@ def _augmented(state: Gaussian, Q: Array, R: Array) -> Gaussian:
     mean = np.zeros((n, *batch))
     cov = np.zeros((n, n, *batch))
     mean[:n_x] = state.mean
+    # P = [P 0 0; 0 Q 0; 0 0 R]
     cov[:n_x, :n_x] = with_trailing(state.cov, len(batch), leading=2)
     cov[n_x : n_x + n_v, n_x : n_x + n_v] = with_trailing(Q, len(batch), leading=2)
     cov[n_x + n_v :, n_x + n_v :] = with_trailing(R, len(batch), leading=2)

@@ -37,6 +37,7 @@ def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: floa
     """
     n, runs = 2 * len(two.mean), two.mean.shape[1]
     if not isinstance(T, float | int):
+        # If T differs by run, so do the covariances.
         ones = np.ones(runs)
         one, two = (Gaussian(p.mean, with_trailing(p.cov, 1, leading=2) * ones) for p in (one, two))
     noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
@@ -95,6 +96,7 @@ class TwoPoint(Symmetric):
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
         """Return draws (2, M, N) of the positions at both scans, and log-weights (M, N)."""
         a1, a2, log_w = self.azimuths(rng, N)
+        # r_i = z_i + sigma_r e_i at each scan.
         noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
         r1, r2 = self.first[0][:, None] + noise[0], self.second[0][:, None] + noise[1]
         return position(r1, a1), position(r2, a2), log_w
@@ -121,6 +123,7 @@ class TwoPoint(Symmetric):
 
     def _states(self, p1: Array, p2: Array, rng: Streams) -> Array:
         """Return states at the second of two positions, with the noise of the velocity."""
+        # v = (p2 - p1) / T + N(0, q T / 3)
         noise = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
         vx, vy = (p2 - p1) / self.T + noise
         return np.stack([p2[0], vx, p2[1], vy])
@@ -183,6 +186,7 @@ class AugmentedTwoPoint(Symmetric):
 
     def log_prob(self, x: Array) -> Array:
         """Return the log-density at x (n + m, M[, N])."""
+        # The further components are independent of the scans.
         n = len(x) - len(self.std)
         further = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
         return self.scans.log_prob(x[:n]) + further
@@ -201,6 +205,7 @@ def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     """Return the moments of the augmented prior: mean (n + m, M), cov (n + m, n + m[, M])."""
     n, m = len(prior.mean), len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
+    # P = [P 0; 0 diag(s^2)]
     cov = np.zeros((n + m, n + m, *prior.cov.shape[2:]))
     cov[:n, :n] = prior.cov
     for i, s in enumerate(std, n):

@@ -47,6 +47,7 @@ class Linear:
         It raises AttributeError unless this is constant velocity with equal noise along x and y.
         """
         F, Q = np.array([[1.0, self.T], [0.0, 1.0]]), self.Q[:2, :2]
+        # Compare with the matrices of two equal axes.
         planar = (np.kron(np.eye(2), block) for block in (F, Q))
         if not all(map(np.array_equal, (self.F, self.Q), planar)):
             raise AttributeError("this is not constant velocity with equal noise along x and y")
@@ -77,6 +78,7 @@ class PerAxis(Motion):
         # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
         order = [n * a + i for a in range(axes) for i in range(2)]
         order += [n * a + i for a in range(axes) for i in range(2, n)]
+        # The same block for each axis.
         both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
         F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
         extra = range(axes if n > 2 else 0)
@@ -154,6 +156,7 @@ class WhiteAcceleration(PerAxis):
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """Return F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
+        # Q = q int_0^T [s 1]' [s 1] ds
         Q = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(Q))
 

@@ -73,6 +73,7 @@ class MerweMotion:
 
     def transition(self, x: Array, k: int) -> Shifted:
         """Return Gamma noise plus ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
+        # f(x) = 1 + sin(w pi s) + phi1 x
         drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
         return Shifted(self.noise, self.phi1 * x + drive)
 
@@ -86,6 +87,7 @@ class MerweMotion:
 
         # Round the quantile up to eighths of the scale: the library's last bit has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
+        # The motion is monotone in x: the ends of the interval map to ends.
         ends = self.transition(low, k).loc, self.transition(high, k).loc
         return np.minimum(*ends), np.maximum(*ends) + longest
 
@@ -94,5 +96,6 @@ class MerweMotion:
         everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
         if self.phi1 == 0.0 or not self.noise.smooth:
             return everywhere
+        # v = x_k - f(0) - phi1 x_{k-1} > 0 bounds x_{k-1} on one side.
         edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
         return (everywhere[0], edge) if self.phi1 > 0.0 else (edge, everywhere[1])

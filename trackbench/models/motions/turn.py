@@ -35,6 +35,7 @@ class CoordinatedTurn(Motion):
         w = np.deg2rad(self.turn_rate_deg_s)
         if abs(w * T) < _STRAIGHT:
             return straight
+        # Equations 11.7.1-4, with c = cos(w T) and s = sin(w T).
         c, s = cos_sin(w * T)
         F = np.array(
             [
@@ -69,6 +70,7 @@ class UnknownTurn(Motion):
         _check_planar(axes)
         walk = np.deg2rad(self.turn_walk_deg_s)
         Q = np.zeros((5, 5))
+        # Q = diag(Q of a random acceleration, walk^2 T)
         Q[:4, :4] = ConstantVelocity(q=self.q).sampled(T).Q
         Q[4, 4] = walk * walk * T
         return Turning(T, fixed(Q), (float(np.deg2rad(self.initial_std_deg_s)),))
@@ -126,12 +128,14 @@ def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
     """Return ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
     u = w * T
     c, s = cos_sin(u)
+    # (1 - cos u) / w = T u (sin(u / 2) / (u / 2))^2 / 2, which keeps its digits near zero.
     half = _sinc(0.5 * u)
     return T * _sinc(u), 0.5 * T * u * half * half, c, s
 
 
 def _sinc(u: Array) -> Array:
     """Return ``sin(u) / u``."""
+    # sin(u) / u rounds to one near zero.
     at_zero = np.abs(u) < 1e-8
     return np.where(at_zero, 1.0, cos_sin(u)[1] / np.where(at_zero, 1.0, u))
 

@@ -34,8 +34,10 @@ class Platform:
         """Return the position at step k, m, by linear interpolation."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
+            # Before the first or after the last waypoint: at rest.
             end = min(n, len(self.steps) - 1)
             return self.x[end], self.y[end]
+        # Between two waypoints: interpolate.
         share = (k - self.steps[n - 1]) / (self.steps[n] - self.steps[n - 1])
         px, py = (a[n - 1] + share * (a[n] - a[n - 1]) for a in (self.x, self.y))
         return px, py

@@ -60,20 +60,7 @@ class SensorBase(Part):
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of z_k given x_k = x, without bias and outliers.
-
-        Parameters
-        ----------
-        x : (n_x, *batch)
-            States.
-        k : int
-            Step.
-
-        Returns
-        -------
-        Gaussian
-            Mean h(x) (n_z, *batch), covariance R (n_z, n_z[, *batch]).
-        """
+        """Return N(h(x), R) of z_k given x_k = x without bias and outliers; see `Sensor.measurement`."""
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
@@ -83,6 +70,7 @@ class SensorBase(Part):
         """Return d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
         columns = []
         for i, value in enumerate(x):
+            # dz/dx_i = (z(x + h e_i) - z(x - h e_i)) / (2 h)
             h = _STEP * np.maximum(np.abs(value), 1.0)
             ahead, behind = x.copy(), x.copy()
             ahead[i] += h

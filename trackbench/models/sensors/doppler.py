@@ -39,6 +39,7 @@ class RangeAzimuthDoppler(Radar):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth, range rate), R) for x (n, *batch)."""
+        # z = (r, a, (px vx + py vy) / r)
         r, a = self.polar(x, k)
         return Gaussian(np.stack([r, a, self._closing(x, k) / r]), self.R)
 

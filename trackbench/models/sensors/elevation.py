@@ -44,11 +44,11 @@ class RangeAzimuthElevation(AngularSensor):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
+        # r = sqrt(g^2 + pz^2), a = atan2(py, px), e = atan2(pz, g), g the range on the ground
         px, py, pz = self.relative_position(x, k)
         ground = distance(px, py)
-        return Gaussian(
-            np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)]), self.R
-        )
+        mean = np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)])
+        return Gaussian(mean, self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(range, azimuth, elevation)/dx (3, n, *batch)."""
@@ -66,6 +66,7 @@ class RangeAzimuthElevation(AngularSensor):
 
     def located(self, z: Array, k: int) -> Gaussian:
         """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
+        # p = r (cos e cos a, cos e sin a, sin e)
         r, a, e = z
         (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
         position = np.stack([r * ce * ca, r * ce * sa, r * se])

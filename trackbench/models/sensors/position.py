@@ -104,6 +104,7 @@ class PositionVelocity(LinearSensor):
     @cached_property
     def R(self) -> Array:
         """Return the noise covariance (4, 4)."""
+        # R = diag(sigma^2, sigma_v^2, sigma^2, sigma_v^2)
         both = np.square([self.sigma, self.sigma_velocity])
         return fixed(np.diag(np.tile(both, 2)))
 

@@ -75,6 +75,7 @@ class Radar(AngularSensor):
             return {}
         e = mean - truth
         (r, a), (r_true, a_true) = self.polar(mean), self.polar(truth)
+        # Along and across the line of sight: rotate the error by the true azimuth.
         c, s = cos_sin(a_true)
         return {
             "range": (r - r_true)[None],

@@ -34,6 +34,7 @@ class SquareThenLine(SensorBase):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R) for x (1, *batch)."""
+        # h(x) = phi2 x^2, then phi3 x - 2
         h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
         return Gaussian(h, np.array([[self.R]]))
 
@@ -47,6 +48,7 @@ class SquareThenLine(SensorBase):
         margin = deviations * np.sqrt(self.R)
         low, high = z[0] - margin, z[0] + margin
         if k > self.switch:
+            # x = (z + 2) / phi3
             ends = (low + 2.0) / self.phi3, (high + 2.0) / self.phi3
             return [(np.minimum(*ends), np.maximum(*ends))]
         # sqrt(low / phi2) <= |x| <= sqrt(high / phi2)

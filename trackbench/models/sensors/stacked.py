@@ -56,6 +56,7 @@ class StackedSensor:
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
+        # The information of independent sensors adds.
         return np.add.reduce([sensor.information(x, k, certain) for sensor in self.sensors])
 
     def observables(self, x: Array) -> dict[str, Array]:
