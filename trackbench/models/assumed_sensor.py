@@ -15,7 +15,7 @@ class Assume:
     motion: Annotated[Motion | None, Registered("motions")] = None
     """motion: {kind: cv, q: 0.3}"""
     sensor: Annotated[SensorBase | tuple[SensorBase, ...] | None, Registered("sensors")] = None
-    """sensor, or as many as there are"""
+    """sensor, or a list with one for each true sensor"""
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""

@@ -50,7 +50,7 @@ class AssumedNoise(NamedTuple):
 def idle_noise_mean(scene: Scene) -> dict[str, str]:
     """Return a reason by key if ``noise_mean`` has no effect: the process noise has mean zero."""
     if isinstance(scene.model.motion, NormalMotion):
-        return {"noise_mean": "as the process noise has no mean here"}
+        return {"noise_mean": "as the process noise has mean zero"}
     return {}
 
 

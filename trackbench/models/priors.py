@@ -57,7 +57,7 @@ class TwoPoint(Symmetric):
 
     The velocity is the difference of the two positions over T plus the noise that white acceleration of
     density q adds within T (variance q T / 3 per axis). Samples are drawn in polar coordinates, where
-    the posterior without knowledge of the position is the measurement's own banana (to 1 in r). Particle
+    the posterior without prior knowledge is the measurement's own banana (to 1 in r). Particle
     filters start from a `cover` of it.
     """
 

@@ -103,7 +103,7 @@ class ConstantVelocity(PerAxis):
     q: NonNegative
     """variance of the disturbance per axis: (m/s^2)^2, or (m/s)^2 with the printed gain"""
     noise_gain: NoiseGain = "standard"
-    """how the disturbance enters: [T^2/2, T]' or the printed [T/2, 1]'"""
+    """gain G of the disturbance: [T^2/2, T]' or the printed [T/2, 1]'"""
     kind: Literal["cv"] = "cv"
     """constant velocity"""
 
@@ -125,9 +125,9 @@ class ConstantAcceleration(PerAxis):
     q: NonNegative
     """variance of the acceleration's increment per axis, (m/s^2)^2"""
     noise_gain: NoiseGain = "standard"
-    """how the disturbance enters: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
+    """gain G of the disturbance: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
     initial_std: NonNegative = 0.1
-    """standard deviation of the acceleration before any measurement, m/s^2, where none is known"""
+    """standard deviation of the acceleration before the first measurement, m/s^2"""
     kind: Literal["ca"] = "ca"
     """constant acceleration"""
 

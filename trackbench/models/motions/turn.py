@@ -62,7 +62,7 @@ class UnknownTurn(Motion):
     turn_walk_deg_s: Positive
     """standard deviation of the turn rate's change within one second, deg/s"""
     initial_std_deg_s: Positive = 3.0
-    """standard deviation of the turn rate at the start, deg/s, where none is known"""
+    """standard deviation of the turn rate before the first measurement, deg/s"""
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> "Turning":

@@ -26,7 +26,7 @@ class Platform:
 
     def __post_init__(self) -> None:
         if not len(self.steps) == len(self.x) == len(self.y) > 0:
-            raise ValueError("steps, x and y have as many entries each, at least one")
+            raise ValueError("steps, x and y must have the same number of entries, at least one")
         if any(b <= a for a, b in pairwise(self.steps)):
             raise ValueError("the steps of the waypoints must increase")
 
@@ -48,21 +48,21 @@ class AngularSensor(SensorBase):
     """Base of the sensors that measure from a position of their own."""
 
     at: tuple[Finite, ...] = ()
-    """where the sensor stands, m; default: at the origin"""
+    """position of the sensor, m; default: the origin"""
     platform: Platform | None = None
-    """path of a sensor that moves, instead of a place"""
+    """path of a moving sensor, instead of a position"""
 
     angles: ClassVar[tuple[int, ...]]
-    """which components of the measurement are angles"""
+    """indices of the components that are angles"""
     axes: ClassVar[int] = 2
-    """axes of the space it looks into"""
+    """number of axes of the space"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.at and len(self.at) != self.axes:
             raise ValueError(f"at has {len(self.at)} numbers for {self.axes} axes")
         if self.at and self.platform is not None:
-            raise ValueError("a sensor stands at a place or moves on a path, not both")
+            raise ValueError("a sensor has a position `at` or a `platform`; remove one of them")
 
     @property
     def at_origin(self) -> bool:

@@ -23,9 +23,9 @@ class Outliers:
     """Errors that are larger than a filter assumes: now and then, or by a heavy tail."""
 
     share: Share = 0.0
-    """share of the measurements whose error is `times` as large"""
+    """share of the measurements with an error `times` as large"""
     times: Positive = 10.0
-    """how much larger their error is"""
+    """factor on their error"""
     degrees: Count | None = None
     """degrees of freedom of Student's t, in place of the normal distribution of the same scale"""
 
@@ -39,15 +39,15 @@ class SensorBase(Part):
     """
 
     detection: OpenShare | Literal[1] = 1
-    """probability that a measurement is there at all"""
+    """probability of detection: a measurement is missing otherwise"""
     outliers: Outliers | None = None
-    """errors that are larger than the sensor's standard deviations say"""
+    """errors larger than the sensor's standard deviations"""
     bias: tuple[Finite, ...] = ()
     """constant error of each component, in SI units and radians; default: none"""
     period: Count = 1
-    """measures at every so many-th step"""
+    """number of steps from one measurement to the next"""
     offset: Natural = 0
-    """number of a step at which it measures"""
+    """number of a step with a measurement"""
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""

@@ -16,7 +16,7 @@ from trackbench.registry import register
 @register("sensors", "polar-position")
 @dataclass(frozen=True, kw_only=True)
 class PolarPosition(Radar):
-    """Position of a planar target whose errors are those of a range and an azimuth.
+    """Position of a planar target with the errors of a range and an azimuth.
 
     The measurement is ``(r + w_r) (cos, sin)(a + w_a)``, the conventional conversion. Filters assume a
     normal error of the first-order covariance, which rotates and grows with the target. A filter with a

@@ -18,7 +18,7 @@ class LinearSensor(SensorBase):
     """``z = H x + N(0, R)`` for some of the state's components."""
 
     places: ClassVar[slice]
-    """where the measured components stand in the state"""
+    """slice of the state that is measured"""
 
     @property
     def R(self) -> Array:
