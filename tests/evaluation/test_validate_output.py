@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
-from trackbench.core.arrays import Seal, fixed, frozen
+from trackbench.core.arrays import Seal, fixed, freeze
 from trackbench.core.distributions import Gaussian
 from trackbench.core.memoize import once
 from trackbench.evaluation import run_filter
@@ -56,7 +56,7 @@ def test_every_array_at_any_depth_is_frozen() -> None:
     a, b = np.zeros(2), np.zeros(3)
     pair = Pair({"a": a}, [b, np])
     pair.both.append(pair)
-    assert frozen((pair, 1.0)) == (pair, 1.0)
+    assert freeze((pair, 1.0)) == (pair, 1.0)
     assert not a.flags.writeable
     assert not b.flags.writeable
     assert pair.means["a"] is not a  # but lies where nobody can write

@@ -239,7 +239,7 @@ def powers_of_two() -> Array:
     for _ in range(POWERS):
         entries.append(power)
         power = power * step >> _BITS
-    return _rounded(entries)
+    return _round_entries(entries)
 
 
 @cache
@@ -258,7 +258,7 @@ def logarithms() -> tuple[Array, Array]:
     for b, a in pairwise(reversed(below)):
         down.append(down[-1] - _log_ratio(b, a))
     edges = np.array([n / (2 * LOGS) for n in below[:-1]] + [n / LOGS for n in above])
-    return _rounded([*down[:0:-1], *up]), fixed(1.0 / edges)
+    return _round_entries([*down[:0:-1], *up]), fixed(1.0 / edges)
 
 
 @cache
@@ -275,7 +275,7 @@ def circle() -> tuple[Array, Array]:
     # Step 2: make the wave from its first octant by symmetry.
     quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
     half = quarter[:-1] + quarter[:0:-1]
-    wave = _rounded(half + [-s for s in half])
+    wave = _round_entries(half + [-s for s in half])
     return fixed(np.roll(wave, -TURNS // 4)), wave
 
 
@@ -285,7 +285,7 @@ def arctangents() -> Array:
     entries = [0]
     for j in range(SLOPES):  # arctan b - arctan a = arctan((b - a) / (1 + a b))
         entries.append(entries[-1] + _arctan(SLOPES, SLOPES * SLOPES + j * (j + 1)))
-    return _rounded(entries)
+    return _round_entries(entries)
 
 
 @cache
@@ -338,5 +338,5 @@ def _series(angle: int, first: int) -> int:
     return total
 
 
-def _rounded(entries: list[int]) -> Array:
+def _round_entries(entries: list[int]) -> Array:
     return fixed(np.array([entry / _ONE for entry in entries]))

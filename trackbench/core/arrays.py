@@ -54,15 +54,15 @@ def _owner(a: Any) -> Any:
     return owner
 
 
-def frozen(whole: T) -> T:
+def freeze(whole: T) -> T:
     """Return ``whole`` with every array in its collections and attributes `fixed`.
 
     Tuples are rebuilt; lists, dictionaries and objects keep their identity.
     """
-    return _frozen(whole, {})
+    return _freeze(whole, {})
 
 
-def _frozen(whole: Any, done: dict[int, Any]) -> Any:
+def _freeze(whole: Any, done: dict[int, Any]) -> Any:
     """Return ``whole`` with `fixed` arrays; ``done`` maps identities to (original, result)."""
     if id(whole) in done:
         return done[id(whole)][1]
@@ -71,12 +71,12 @@ def _frozen(whole: Any, done: dict[int, Any]) -> Any:
     if isinstance(whole, np.ndarray):
         done[id(whole)] = whole, fixed(whole)
     elif isinstance(whole, tuple):
-        parts = [_frozen(part, done) for part in whole]
+        parts = [_freeze(part, done) for part in whole]
         if any(part is not old for part, old in zip(parts, whole, strict=True)):
             done[id(whole)] = whole, getattr(whole, "_make", type(whole))(parts)
     else:
         for name, part in _parts_of(whole):
-            replacement = _frozen(part, done)
+            replacement = _freeze(part, done)
             if replacement is part:
                 continue
             if isinstance(whole, list | dict):

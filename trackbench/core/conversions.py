@@ -41,7 +41,7 @@ def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) ->
 def ccm(z: Polar) -> Gaussian:
     """Return the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
     cross = np.square(z.r) * z.azimuth_variance
-    return Gaussian(position(z.r, z.a), rotated(z.range_variance, cross, z.a))
+    return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, cross, z.a))
 
 
 def ucm(z: Polar) -> Gaussian:
@@ -53,7 +53,7 @@ def ucm(z: Polar) -> Gaussian:
     square, shrinkage = np.square(z.r), expm1(-2.0 * s)  # e^(-2 s) - 1
     radial = square * (expm1(s) + 0.5 * shrinkage) + 0.5 * v * (2.0 + shrinkage)
     cross = -0.5 * (square + v) * shrinkage
-    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
+    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
 
 
 def mucm(z: Polar) -> Gaussian:
@@ -62,7 +62,7 @@ def mucm(z: Polar) -> Gaussian:
     square, excess = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
     radial = exp(-s) * (square * excess + v * (1.0 + excess))
     cross = exp(-s) * (square + v) * sinh(s)
-    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotated(radial, cross, z.a))
+    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
 
 
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
@@ -83,7 +83,7 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     even = 0.5 * (square * expm1(s) + exp(s) * v)
     odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * reference.azimuth_variance)
     mean = position(exp(0.5 * s) * z.r, z.a)
-    return Gaussian(mean, rotated(even + odd, even - odd, reference.a))
+    return Gaussian(mean, rotate_covariance(even + odd, even - odd, reference.a))
 
 
 def position(r: Array, a: Array) -> Array:
@@ -92,7 +92,7 @@ def position(r: Array, a: Array) -> Array:
     return np.stack([r * c, r * s])
 
 
-def rotated(radial: Array | float, cross: Array | float, a: Array) -> Array:
+def rotate_covariance(radial: Array | float, cross: Array | float, a: Array) -> Array:
     """Return ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
     c, s = cos_sin(a)
     both = (cross - radial) * c * s

@@ -129,7 +129,7 @@ def condition(
     joint = []
     for panel in panels:
         reachable = origins(panel.x)
-        predicted = sum(_pushed(old, panel.x, transition, reachable) for old in prior)
+        predicted = sum(_push_forward(old, panel.x, transition, reachable) for old in prior)
         joint.append(panel._replace(density=likelihood(panel.x) * predicted * panel.density))
     # Step 2: divide by the mass of all panels.
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -137,13 +137,13 @@ def condition(
         return tuple(p._replace(density=p.density / mass, evidence=mass) for p in joint)
 
 
-def _pushed(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
+def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
     """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x, x_new) * panel.density)
     # Step 1: weights of the panel's nodes for the integral over the origins only.
     n = len(panel.x)
-    start, end = (_within(panel, edge) for edge in origins)
+    start, end = (_place_in(panel, edge) for edge in origins)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
@@ -196,11 +196,11 @@ def _up_to(panel: Panel, x: Array, values: Array) -> Array:
     """Return the integral (M,) of values (n, M) at a panel's nodes up to x (M,)."""
     if panel.is_point:
         return np.where(panel.low < x, values[0], 0.0)
-    weights = weights_up_to(_within(panel, x), len(panel.x))
+    weights = weights_up_to(_place_in(panel, x), len(panel.x))
     return np.where(panel.half > 0.0, panel.half * dot(weights, values.T), 0.0)
 
 
-def _within(panel: Panel, x: Array) -> Array:
+def _place_in(panel: Panel, x: Array) -> Array:
     """Return the place of x in a panel, from -1 to 1; its nearer end outside, NaN without width."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)

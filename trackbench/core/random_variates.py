@@ -49,7 +49,7 @@ class NoiseGenerator(Generator):
         out = np.empty(4 * quads)
         for start in range(0, quads, _QUADS):
             end = min(start + _QUADS, quads)
-            _hadamard(self._looked_up(halved_normals(), end - start), out[4 * start : 4 * end])
+            _hadamard(self._look_up(halved_normals(), end - start), out[4 * start : 4 * end])
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
@@ -61,14 +61,14 @@ class NoiseGenerator(Generator):
         for start in range(0, count, step):
             # Sum ``whole`` exponentials for each of the next ``length`` variates.
             length = min(step, count - start)
-            drawn = self._looked_up(exponentials(), -(-whole * length // 4))
+            drawn = self._look_up(exponentials(), -(-whole * length // 4))
             piece = drawn[:length]
             for i in range(1, whole):
                 piece += drawn[i * length : (i + 1) * length]
             out[start : start + length] = piece
         return out.reshape(_shape(size))[()]
 
-    def _looked_up(self, table: Singles, words: int) -> Singles:
+    def _look_up(self, table: Singles, words: int) -> Singles:
         """Return four entries of the table for each word."""
         index = self.bit_generator.random_raw(words).view(np.uint16)
         drawn: Singles = table.take(index, mode="clip")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from trackbench.core.arrays import Array, frozen
+from trackbench.core.arrays import Array, freeze
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation import calibration, predictive_scores
 from trackbench.evaluation.error_series import StepSums
@@ -118,4 +118,4 @@ def simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simul
     """Return the block's data; cached, because every filter of a block sees the same, and read-only."""
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
-    return frozen(scenario.simulate(rng, width))
+    return freeze(scenario.simulate(rng, width))

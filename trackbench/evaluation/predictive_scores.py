@@ -23,7 +23,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, frozen
+from trackbench.core.arrays import Array, Mask, freeze
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
@@ -81,7 +81,7 @@ class PredictionScorer:
         self._held = held_out(measurements, hold_out) if hold_out else None
         self.visible = measurements
         if self._held is not None:
-            self.visible = frozen(np.where(self._held, np.nan, measurements))
+            self.visible = freeze(np.where(self._held, np.nan, measurements))
         self._rows: dict[str, list[Array]] = {}
         self._past = np.full((LAGS, *measurements[:, 0].shape), np.nan)
 
@@ -102,7 +102,7 @@ class PredictionScorer:
         if "score" in self._wanted:
             self._note(self._scores(told.after, _measured(z)))
         if "prediction" in self._wanted:
-            nothing = frozen(np.full_like(z, np.nan))
+            nothing = freeze(np.full_like(z, np.nan))
             _, found = self._aside(told, nothing)
             self._predicted(predicted_innovation(self._model, found, z, told.k))
         if self._held is not None:
@@ -147,7 +147,7 @@ class PredictionScorer:
         if has_likelihood(self._tracker):
             scores = {_SCORE: np.full(len(measured), np.nan)}
             if measured.any():
-                scores = self._scores(self._aside(told, frozen(z))[0], measured)
+                scores = self._scores(self._aside(told, freeze(z))[0], measured)
             self._note({f"held_{_SCORE}": scores[_SCORE]})
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core import memoize
-from trackbench.core.arrays import Array, Seal, frozen
+from trackbench.core.arrays import Array, Seal, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import aside_stream, block_stream
 from trackbench.evaluation.block import BlockTask
@@ -46,7 +46,7 @@ def run_filter_cached(task: BlockTask, covariances: int) -> FilterOutput:
 
     And for those of other filters that have it as their reference.
     """
-    return frozen(run_filter(task, task.data, covariances))
+    return freeze(run_filter(task, task.data, covariances))
 
 
 @explain_read_only_errors()
@@ -56,7 +56,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     Only the filter is timed. Covariances are kept of the first runs only. Raises ValueError if the
     filter writes to what it is given, or gives back what is no estimate.
     """
-    tracker, model = task.filter, frozen(task.assumed_scenario.model)
+    tracker, model = task.filter, freeze(task.assumed_scenario.model)
     rng, aside = block_stream(task.seed, task.index), aside_stream(task.seed, task.index)
     telling = PredictionScorer(
         tracker, model, data.measurements, task.predictive_metrics, task.hold_out, aside
@@ -102,7 +102,7 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
     """Return the prior of the filter's state, which may have extra components."""
     if len(model.motion.components) <= len(data.truth):
         return data.prior
-    return frozen(augment_prior(data.prior, extra_std(model.motion)))
+    return freeze(augment_prior(data.prior, extra_std(model.motion)))
 
 
 class _Recorder:

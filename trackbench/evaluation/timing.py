@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, frozen
+from trackbench.core.arrays import Array, freeze
 from trackbench.core.counting import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate
@@ -88,7 +88,7 @@ class _Sample:
     """A filter at some steps of its block, to be taken again and again."""
 
     def __init__(self, task: BlockTask) -> None:
-        self._task, self._model = task, frozen(task.assumed_scenario.model)
+        self._task, self._model = task, freeze(task.assumed_scenario.model)
         self._data, self._steps = task.data, task.scenario.steps[1:].tolist()
         self._operations = operations(task)
         kept, each = self._passed()
@@ -183,7 +183,7 @@ def _shares(counts: Array, T: int) -> Array:
 
 def operations(task: BlockTask) -> Array:
     """Return likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
-    tracker, model = task.filter, frozen(task.assumed_scenario.model)
+    tracker, model = task.filter, freeze(task.assumed_scenario.model)
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
     rng, found = block_stream(task.seed, 0), []
     state = tracker.init(model, prior_of(data, model), rng)

@@ -112,12 +112,12 @@ def augmented_step(
     n_x = state.mean.shape[0]
     transition = assumed.transition(model, state.mean, k)
     R = assumed.measurement(model, transition.mean, k).cov
-    augmented = _augmented(state, transition.cov, R)
+    augmented = _augment(state, transition.cov, R)
     points = rule.points(augmented.mean, augmented.cov)
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
     # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
     predicted = assumed.transition(model, x, k).mean + v
-    return _conditioned(model, points, predicted, points.moments(predicted), z, k, n, None)
+    return _condition(model, points, predicted, points.moments(predicted), z, k, n, None)
 
 
 def point_prediction(
@@ -147,7 +147,7 @@ def _additive_update(
     points = rule.points(predicted.mean, predicted.cov)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
-    return _conditioned(model, points, points.x, predicted, z, k, None, R)
+    return _condition(model, points, points.x, predicted, z, k, None, R)
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
@@ -156,7 +156,7 @@ def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) ->
     return _additive_update(model, per_run_moments(predicted), z, k, MODEL_NOISE, cubature)[1]
 
 
-def _conditioned(
+def _condition(
     model: Model,
     points: SigmaPoints,
     x: Array,
@@ -195,7 +195,7 @@ def _conditioned(
     return Gaussian(mean, predicted.cov - linalg.sandwich(K, S)), Innovation(nu, S)
 
 
-def _augmented(state: Gaussian, Q: Array, R: Array) -> Gaussian:
+def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
     n_x, n_v, n_n = state.mean.shape[0], Q.shape[0], R.shape[0]
     n, batch = n_x + n_v + n_n, state.mean.shape[1:]
     mean = np.zeros((n, *batch))

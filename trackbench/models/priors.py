@@ -86,12 +86,12 @@ class TwoPoint(Symmetric):
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return states (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
         one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
-        return self._states(position(*one), position(*two), rng)
+        return self._make_states(position(*one), position(*two), rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """Return states (4, M, N) from `positions`, and their log-weights (M, N)."""
         p1, p2, log_w = self.positions(rng, N)
-        return self._states(p1, p2, rng), log_w
+        return self._make_states(p1, p2, rng), log_w
 
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
         """Return draws (2, M, N) of the positions at both scans, and log-weights (M, N)."""
@@ -121,7 +121,7 @@ class TwoPoint(Symmetric):
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
 
-    def _states(self, p1: Array, p2: Array, rng: Streams) -> Array:
+    def _make_states(self, p1: Array, p2: Array, rng: Streams) -> Array:
         """Return states at the second of two positions, with the noise of the velocity."""
         # v = (p2 - p1) / T + N(0, q T / 3)
         noise = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)

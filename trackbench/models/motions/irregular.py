@@ -21,13 +21,13 @@ class Irregular:
     first: int
     intervals: Array
 
-    def over(self, k: int) -> SampledMotion:
+    def motion_at(self, k: int) -> SampledMotion:
         """Return the motion from step k - 1 to step k."""
         return self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
 
     def transition(self, x: Array, k: int) -> Distribution:
         """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
-        return self.over(k).transition(x, k)
+        return self.motion_at(k).transition(x, k)
 
     @property
     def jacobian(self) -> Callable[[Array, int], Array]:
@@ -58,10 +58,10 @@ class Irregular:
 
     @cached_property
     def _one(self) -> SampledMotion:
-        return self.over(self.first)
+        return self.motion_at(self.first)
 
     def _jacobian(self, x: Array, k: int) -> Array:
-        return self.over(k).jacobian(x, k)  # type: ignore[attr-defined]
+        return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:

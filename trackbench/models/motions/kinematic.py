@@ -197,13 +197,13 @@ class Singer(PerAxis):
         fading = [1.0]
         for n in range(1, _TERMS):
             fading.append(fading[-1] * -1.0 / (n * self.tau))
-        speed = _integrated(fading)
-        g = _integrated(speed), speed, fading
+        speed = _integrate(fading)
+        g = _integrate(speed), speed, fading
         # Step 2: evaluate F and integrate the products of g.
-        values = [_at(p, h) for p in g]
+        values = [_evaluate(p, h) for p in g]
         F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
         density = 2.0 * self.sigma * self.sigma / self.tau
-        Q = [[density * _at(_integrated(_product(a, b)), h) for b in g] for a in g]
+        Q = [[density * _evaluate(_integrate(_multiply(a, b)), h) for b in g] for a in g]
         return F, np.array(Q)
 
     @property
@@ -212,12 +212,12 @@ class Singer(PerAxis):
         return self.sigma
 
 
-def _integrated(p: list[float]) -> list[float]:
+def _integrate(p: list[float]) -> list[float]:
     """Return coefficients of a polynomial's integral from zero."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 
-def _product(a: list[float], b: list[float]) -> list[float]:
+def _multiply(a: list[float], b: list[float]) -> list[float]:
     out = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
@@ -225,7 +225,7 @@ def _product(a: list[float], b: list[float]) -> list[float]:
     return out
 
 
-def _at(p: list[float], h: float) -> float:
+def _evaluate(p: list[float], h: float) -> float:
     value = 0.0
     for c in reversed(p):
         value = value * h + c
