@@ -94,10 +94,14 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
 def stratified(w: Array, rng: Streams, size: int) -> Index:
     """Count offspring by one uniform u_j per stratum, at (j + u_j) / size."""
     u = rng.random((len(w), size))
+    # Step 1: count the draws up to each cumulative weight; only that of its own stratum is uncertain.
     position = size * _cumulative(w)
     stratum = np.minimum(position.astype(np.intp), size - 1)
     inside = np.take_along_axis(u, stratum, axis=-1) <= position - stratum
-    return _counts(stratum + inside, size)
+    below = np.minimum(stratum + inside, size).astype(np.intp)
+    below[:, -1] = size
+    # Step 2: the differences are the offspring.
+    return np.diff(below, axis=-1, prepend=0)
 
 
 def multinomial(w: Array, rng: Streams, size: int) -> Index:
@@ -135,13 +139,6 @@ def _cumulative(w: Array) -> Array:
         N = w.shape[-1]
         cdf[diverged] = np.arange(1, N + 1) / N
     return cdf
-
-
-def _counts(edges: Array, size: int) -> Index:
-    """Return counts from the number of draws at or below each cumulative weight (M, N)."""
-    below = np.minimum(edges, size).astype(np.intp)
-    below[:, -1] = size
-    return np.diff(below, axis=-1, prepend=0)
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
