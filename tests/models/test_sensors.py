@@ -178,7 +178,7 @@ def test_every_kind_is_tried_here() -> None:
     [
         ({"bias": (1.0,)}, "bias has 1 numbers for range, azimuth"),
         ({"at": (1.0, 2.0, 3.0)}, "at has 3 numbers for 2 axes"),
-        ({"at": (1.0, 2.0), "platform": PATH}, "stands at a place or moves"),
+        ({"at": (1.0, 2.0), "platform": PATH}, "has a position `at` or a `platform`"),
     ],
 )
 def test_mistakes(keys: dict[str, Any], what: str) -> None:
