@@ -42,7 +42,7 @@ _BASES: dict[Group, str] = {
     "scenarios": "trackbench.scenarios.base.Scenario",
     "targets": "trackbench.scenarios.targets.base.Target",
     "motions": "trackbench.models.base.Motion",
-    "sensors": "trackbench.models.sensors.base.Measuring",
+    "sensors": "trackbench.models.sensors.base.SensorBase",
     "starts": "trackbench.scenarios.starts.base.Start",
     "figures": "trackbench.report.kinds.FigureKind",
     "tables": "trackbench.report.kinds.TableKind",

@@ -5,8 +5,10 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
-from trackbench.core import _elementary_tables, elementary
+from trackbench.core import _elementary_kernels, elementary
+from trackbench.core.elementary import chi_square_cdf, normal_cdf, normal_density
 
 TINY, HUGE = np.finfo(float).tiny, np.finfo(float).max
 AWKWARD = np.array([0.0, -0.0, 1.0, -1.0, 5e-324, TINY, HUGE, np.inf, -np.inf, np.nan])
@@ -103,23 +105,48 @@ def test_shapes_and_numbers_and_results_in_place(rng: np.random.Generator) -> No
 
 def test_tables_are_rounded_correctly() -> None:
     """Against Decimal's own exp and ln, whose error is below its last digit."""
-    at_edge, inverse = _elementary_tables.logarithms()
+    at_edge, inverse = _elementary_kernels.logarithms()
     with localcontext() as context:
         context.prec = 60
         for j in (1, 777, 8191, 16_383):
-            exact = (Decimal(2).ln() * j / _elementary_tables.POWERS).exp()
-            assert _elementary_tables.powers_of_two()[j] == float(exact)
+            exact = (Decimal(2).ln() * j / _elementary_kernels.POWERS).exp()
+            assert _elementary_kernels.powers_of_two()[j] == float(exact)
         for j in (0, 1, 4095, 4096, 4097, 8191):
             edge = Decimal(
                 3,
-            ) / 4 + Decimal(j) / (2 * _elementary_tables.LOGS)
-            if j > _elementary_tables.LOGS // 2:
-                edge = 1 + Decimal(j - _elementary_tables.LOGS // 2) / _elementary_tables.LOGS
+            ) / 4 + Decimal(j) / (2 * _elementary_kernels.LOGS)
+            if j > _elementary_kernels.LOGS // 2:
+                edge = 1 + Decimal(j - _elementary_kernels.LOGS // 2) / _elementary_kernels.LOGS
             assert at_edge[j] == float(edge.ln())
             assert inverse[j] == 1.0 / float(edge)
-    cosines, sines = _elementary_tables.circle()
-    quarter = _elementary_tables.TURNS // 4
+    cosines, sines = _elementary_kernels.circle()
+    quarter = _elementary_kernels.TURNS // 4
     assert (cosines[0], sines[quarter], sines[2 * quarter]) == (1.0, 1.0, 0.0)
     np.testing.assert_array_equal(np.roll(sines, -quarter), cosines)
     np.testing.assert_allclose(sines**2 + cosines**2, 1.0, rtol=3e-16)
-    assert _elementary_tables.arctangents()[-1] == math.pi / 4
+    assert _elementary_kernels.arctangents()[-1] == math.pi / 4
+
+
+def test_the_normal_distribution_function() -> None:
+    z = np.linspace(-10.0, 10.0, 4001)
+    np.testing.assert_allclose(normal_cdf(z), norm.cdf(z), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(normal_density(z), norm.pdf(z), rtol=1e-13, atol=1e-300)
+
+
+@pytest.mark.parametrize("n", range(1, 10))
+def test_the_chi_square_distribution_function(n: int) -> None:
+    x = np.concatenate([np.linspace(0.0, 80.0, 801), [1e3, 1e6, np.inf]])
+    np.testing.assert_allclose(chi_square_cdf(x, n), chi2.cdf(x, n), rtol=0, atol=1e-14)
+
+
+def test_the_ends_and_what_is_no_number() -> None:
+    found = normal_cdf([-np.inf, 0.0, np.inf, np.nan])
+    np.testing.assert_allclose(found, [0.0, 0.5, 1.0, np.nan], atol=1e-15)
+    assert np.isnan(chi_square_cdf([np.nan], 3)).all()
+
+
+def test_a_value_is_the_same_beside_any_others() -> None:
+    """The series ends where no term matters to anyone."""
+    z = np.random.default_rng(1).normal(size=50)
+    alone = np.array([normal_cdf(np.array([value]))[0] for value in z])
+    assert np.array_equal(normal_cdf(np.append(z, 8.4))[:-1], alone)

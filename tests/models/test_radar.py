@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from trackbench.core.conversions import position
+from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.angular_base import wrap_angle
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import TwoPoint
 
 SENSOR = RangeAzimuth(sigma_range=0.2, sigma_azimuth_mrad=2.0)
 

@@ -70,7 +70,7 @@ def test_observed_has_the_moments_of_the_measurement(sensor: Any) -> None:
     x = np.repeat(states(1), runs, axis=1)
     rng = RunStreams(1, range(runs))
     n_z = len(sensor.components)
-    z = sensor.observed(x, 3, rng.standard_normal((n_z, runs)), rng)
+    z = sensor.measure(x, 3, rng.standard_normal((n_z, runs)), rng)
     seen = sensor.measurement(x, 3)
     nu = sensor.innovation(z, seen.mean)
     R = seen.cov if seen.cov.ndim == 2 else seen.cov[..., 0]
@@ -178,7 +178,7 @@ def test_every_kind_is_tried_here() -> None:
     [
         ({"bias": (1.0,)}, "bias has 1 numbers for range, azimuth"),
         ({"at": (1.0, 2.0, 3.0)}, "at has 3 numbers for 2 axes"),
-        ({"at": (1.0, 2.0), "platform": PATH}, "stands at a place or moves"),
+        ({"at": (1.0, 2.0), "platform": PATH}, "has a position `at` or a `platform`"),
     ],
 )
 def test_mistakes(keys: dict[str, Any], what: str) -> None:

@@ -10,7 +10,6 @@ import yaml
 
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.core.geodesy import Geodetic, east_north_up
 from trackbench.errors import UserError
 
 T = np.array([0.0, 1.0, 1.7, 4.2, 4.3, 9.0, 9.5, 12.25, 13.0, 20.0, 20.1, 21.0])
@@ -252,36 +251,6 @@ def test_metrics_are_over_the_steps_that_have_a_truth(tmp_path: Path) -> None:
     square = (error**2).sum(axis=0)
     assert values["rmse_position"] == pytest.approx(np.sqrt(square.mean()), rel=1e-6)
     assert values["peak_position"] == pytest.approx(np.sqrt(square.max()), rel=1e-6)
-
-
-def test_places_on_the_earth() -> None:
-    """Against radii of curvature near the origin, and one scalar program far from it."""
-    a, f = 6378137.0, 1 / 298.257223563
-    e2 = f * (2 - f)
-    lat, lon = math.radians(50.8), math.radians(-1.1)
-    w = math.sqrt(1 - e2 * math.sin(lat) ** 2)
-    meridian, across = a * (1 - e2) / w**3, a / w
-    step = 1e-6
-    places = Geodetic(*(np.array(p) for p in ([lat + step, lat], [lon, lon + step], [0.0, 0.0])))
-    east, north, up = east_north_up(places, Geodetic(lat, lon, 0.0))
-    np.testing.assert_allclose(north, [meridian * step, 0.0], atol=1e-5)
-    np.testing.assert_allclose(east, [0.0, across * math.cos(lat) * step], atol=1e-5)
-    np.testing.assert_allclose(up, 0.0, atol=1e-5)
-
-    def cartesian(p: float, q: float, h: float) -> tuple[float, float, float]:
-        n = a / math.sqrt(1 - e2 * math.sin(p) ** 2)
-        flat = (n + h) * math.cos(p)
-        return flat * math.cos(q), flat * math.sin(q), (n * (1 - e2) + h) * math.sin(p)
-
-    far = lat + 0.02, lon - 0.03, 900.0
-    d = [u - v for u, v in zip(cartesian(*far), cartesian(lat, lon, 50.0), strict=True)]
-    expected = (
-        -math.sin(lon) * d[0] + math.cos(lon) * d[1],
-        -math.sin(lat) * (math.cos(lon) * d[0] + math.sin(lon) * d[1]) + math.cos(lat) * d[2],
-        math.cos(lat) * (math.cos(lon) * d[0] + math.sin(lon) * d[1]) + math.sin(lat) * d[2],
-    )
-    found = east_north_up(Geodetic(*(np.array([v]) for v in far)), Geodetic(lat, lon, 50.0))
-    np.testing.assert_allclose(found[:, 0], expected, rtol=1e-9)
 
 
 def test_latitude_speed_and_course_stand_for_positions_and_velocities(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Floor 0: arrays in, arrays out. Component axes first, batch axes last; numpy and scipy only."""
+"""Numerical kernels: arrays in, arrays out, component axes first and batch axes last."""

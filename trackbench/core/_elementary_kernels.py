@@ -1,17 +1,24 @@
-"""Kernels of the elementary functions on a piece of contiguous float64 that fits the cache.
+"""Kernels and tables of the elementary functions; `elementary` is the module to call.
 
-See `elementary`, which is what to call. Each kernel writes its result into ``out``, which may be its
-argument; the lines are one elementwise operation each, since every one is a pass over memory.
+A kernel takes a contiguous float64 piece that fits the cache and writes to ``out``, which may be its
+argument. A line is one elementwise operation, because each is a pass over memory. The tables come
+from integer arithmetic alone, so every machine computes the same entries. In that arithmetic the
+integer ``v 2^_BITS`` stands for a number v. Entries are rounded correctly (up to ties).
 """
 
 from functools import cache
+from itertools import pairwise
+from math import isqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core import _elementary_tables
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, fixed
 
+POWERS, LOGS, TURNS, SLOPES = 1 << 14, 1 << 13, 1 << 11, 1 << 8
+"""Entries per octave of 2^x, per octave of log, per turn of sin and cos, per unit of arctan."""
+_BITS = 160
+_ONE = 1 << _BITS
 _ROUND = 1.5 * 2.0**52  # x + _ROUND has round(x) in its last bits
 _LOWEST, _HIGHEST = -708.0, 709.7  # arguments of exp that give normal numbers
 _SMALLEST, _LARGEST = float(np.finfo(float).tiny), float(np.finfo(float).max)
@@ -37,24 +44,22 @@ class Constants(NamedTuple):
 @cache
 def constants() -> Constants:
     """Return the constants, computed at the first call like the tables."""
-    log_2 = _elementary_tables.log_2_bits() / (1 << 160)
-    step = log_2 / _elementary_tables.POWERS  # of the exponent from one entry to the next
-    width = 1.0 / _elementary_tables.LOGS
-    (turn,) = _elementary_tables.parts(_elementary_tables.pi_bits(), 1, [])[:1]
+    log_2 = (_log_ratio(4, 3) + _log_ratio(3, 2)) / _ONE
+    step = log_2 / POWERS  # of the exponent from one entry to the next
+    width = 1.0 / LOGS
+    (pi,) = parts(pi_bits(), 1, [])
     return Constants(
-        per_power=_elementary_tables.POWERS / log_2,
-        # e^r - 1 = r + r^2 / 2 + r^3 / 6 on |r| <= step / 2, economised (Chebyshev) to a square.
+        per_power=POWERS / log_2,
+        # e^r - 1 = r + r^2 / 2 + r^3 / 6 on |r| <= step / 2, economized (Chebyshev) to a square.
         step=step * (1.0 + step * step / 32.0),
         step_squared=0.5 * step * step,
         log_2=log_2,
-        # -1/2 + r/3 - r^2/4 on 0 <= r <= width, economised to a line.
+        # -1/2 + r/3 - r^2/4 on 0 <= r <= width, economized to a line.
         log_linear=1.0 / 3.0 - width / 4.0,
         log_square=-0.5 + width * width / 32.0,
-        per_turn=_elementary_tables.TURNS / (2.0 * turn),
-        turn=_elementary_tables.parts(
-            2 * _elementary_tables.pi_bits(), _elementary_tables.TURNS, [21, 21]
-        ),
-        pi=turn,
+        per_turn=TURNS / (2.0 * pi),
+        turn=parts(2 * pi_bits(), TURNS, [21, 21]),
+        pi=pi,
     )
 
 
@@ -70,22 +75,21 @@ def exp(x: Array, out: Array) -> None:
 
 def exp_of_moderate(x: Array, out: Array) -> None:
     """Write ``e^x``: ``x = (n + f) step``, a tabulated power of two times a series."""
-    known = constants()
-    f = x * known.per_power
+    const = constants()
+    # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2.
+    f = x * const.per_power
     rounded = f + _ROUND
     series = rounded - _ROUND
     f -= series
-    np.multiply(f, known.step_squared, out=series)
-    series += known.step
+    # Step 2: e^(f step) by the economized square.
+    np.multiply(f, const.step_squared, out=series)
+    series += const.step
     series *= f
     series += 1.0
+    # Step 3: the low bits of n select 2^(j / POWERS); its high bits go into the exponent.
     n = rounded.view(np.int64)
-    _elementary_tables.powers_of_two().take(
-        n & (_elementary_tables.POWERS - 1), out=out, mode="clip"
-    )
-    n >>= (
-        _elementary_tables.POWERS.bit_length() - 1
-    )  # whole powers of two, and bits that are shifted out
+    powers_of_two().take(n & (POWERS - 1), out=out, mode="clip")
+    n >>= POWERS.bit_length() - 1
     n <<= _MANTISSA
     scaled = out.view(np.int64)
     scaled += n
@@ -97,6 +101,7 @@ def log(x: Array, out: Array) -> None:
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
         _log_of_normal(x, out)
         return
+    # Scale subnormal numbers up by 2^52; let 1 stand for zeros, infinities and NaN.
     normal = (x >= _SMALLEST) & (x <= _LARGEST)
     scaled = np.where(normal, x, 1.0)
     tiny = (x > 0.0) & (x < _SMALLEST)
@@ -109,57 +114,64 @@ def log(x: Array, out: Array) -> None:
 
 def _log_of_normal(x: Array, out: Array) -> None:
     """Write log x: ``x = 2^e m``, m in 3/4 to 3/2, and ``m = c (1 + r)``, c its cell's edge."""
-    known = constants()
-    at_edge, inverse = _elementary_tables.logarithms()
-    cell = _MANTISSA + 1 - _elementary_tables.LOGS.bit_length()  # bits of a mantissa within a cell
+    const = constants()
+    at_edge, inverse = logarithms()
+    cell = _MANTISSA + 1 - LOGS.bit_length()  # bits of a mantissa within a cell
+    # Step 1: read exponent e, cell and mantissa m from the bits of x.
     bits = x.view(np.int64)
     e = bits - 0x3FE8000000000000  # the bits of 3/4
     index = e >> cell
-    index &= _elementary_tables.LOGS - 1
+    index &= LOGS - 1
     e &= -1 << _MANTISSA
     m = bits - e
     edge = (m >> cell) << cell
-    r = m.view(float) - edge.view(float)  # exact
+    # Step 2: r = (m - c) / c; the difference is exact.
+    r = m.view(float) - edge.view(float)
     r *= inverse.take(index)
-    series = known.log_linear * r
-    series += known.log_square
+    # Step 3: log(1 + r) = r - r^2 / 2 + r^3 / 3 - r^4 / 4, economized.
+    series = const.log_linear * r
+    series += const.log_square
     series *= r
     series *= r
     series += r
+    # Step 4: log x = e log 2 + (log c + log(1 + r)).
     at_edge.take(index, out=r, mode="clip")
     series += r
-    np.multiply(e, known.log_2 * 2.0**-_MANTISSA, out=out)
+    np.multiply(e, const.log_2 * 2.0**-_MANTISSA, out=out)
     out += series
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
     """Write cosine and sine: ``a = n turn + r``, r reduced in three parts (Cody & Waite 1980)."""
-    known = constants()
+    const = constants()
     if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
         with np.errstate(invalid="ignore"):  # of an infinite angle
-            a = np.fmod(a, 2.0 * known.pi)
-    rounded = a * known.per_turn
+            a = np.fmod(a, 2.0 * const.pi)
+    # Step 1: find the nearest tabulated angle n turn and the rest r.
+    rounded = a * const.per_turn
     rounded += _ROUND
-    index = rounded.view(np.int64) & (_elementary_tables.TURNS - 1)
+    index = rounded.view(np.int64) & (TURNS - 1)
     rounded -= _ROUND
-    r = a - rounded * known.turn[0]
-    for part in known.turn[1:]:
+    r = a - rounded * const.turn[0]
+    for part in const.turn[1:]:
         r -= rounded * part
+    # Step 2: cos r - 1 and sin r by their series.
     square = r * r
-    little = square * (1.0 / 24.0)  # cos r - 1
-    little -= 0.5
-    little *= square
+    cos_less_one = square * (1.0 / 24.0)
+    cos_less_one -= 0.5
+    cos_less_one *= square
     sine = square * (1.0 / 120.0)
     sine -= 1.0 / 6.0
     sine *= square
     sine *= r
     sine += r
-    cosines, sines = _elementary_tables.circle()
+    # Step 3: rotate: cos(A + r) = C + (C (cos r - 1) - S sin r), sin(A + r) likewise.
+    cosines, sines = circle()
     C, S = cosines.take(index), sines.take(index)
-    np.multiply(C, little, out=c)
+    np.multiply(C, cos_less_one, out=c)
     c -= S * sine
     c += C
-    np.multiply(S, little, out=s)
+    np.multiply(S, cos_less_one, out=s)
     s += C * sine
     s += S
 
@@ -173,8 +185,9 @@ def arctan2(y: Array, x: Array, out: Array) -> None:
             _arctan_of_narrow(t, out)
             return
         _arctan2_anywhere(y, x, out)
+        # Use the series for narrow angles here as well: a value must not depend on its neighbors.
         narrow = (np.abs(t) <= _NARROW) & (x > 0.0)
-        if narrow.any():  # a value does not depend on those beside it
+        if narrow.any():
             near = np.empty_like(t)
             _arctan_of_narrow(t, near)
             np.copyto(out, near, where=narrow)
@@ -196,18 +209,134 @@ def _arctan_of_narrow(t: Array, out: Array) -> None:
 
 def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
     """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it."""
-    known = constants()
+    const = constants()
+    # Step 1: t = small / large in the first octant, c the nearest tabulated slope.
     ax, ay = np.abs(x), np.abs(y)
     large, small = np.maximum(ax, ay), np.minimum(ax, ay)
-    rounded = small / large * _elementary_tables.SLOPES + _ROUND
-    index = rounded.view(np.int64) & (2 * _elementary_tables.SLOPES - 1)
-    slope = (rounded - _ROUND) * (1.0 / _elementary_tables.SLOPES)
+    rounded = small / large * SLOPES + _ROUND
+    index = rounded.view(np.int64) & (2 * SLOPES - 1)
+    slope = (rounded - _ROUND) * (1.0 / SLOPES)
+    # Step 2: arctan c from the table, the rest by r - r^3 / 3 + r^5 / 5.
     r = (small - slope * large) / (large + slope * small)
     square = r * r
-    out[:] = _elementary_tables.arctangents().take(index, mode="clip") + (
+    out[:] = arctangents().take(index, mode="clip") + (
         r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0)
     )
     out[large == 0.0] = 0.0
-    np.copyto(out, 0.5 * known.pi - out, where=ay > ax)
-    np.copyto(out, known.pi - out, where=x < 0.0)
+    # Step 3: reflect into the octant of (x, y).
+    np.copyto(out, 0.5 * const.pi - out, where=ay > ax)
+    np.copyto(out, const.pi - out, where=x < 0.0)
     np.copysign(out, y, out=out)
+
+
+@cache
+def powers_of_two() -> Array:
+    """Return ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
+    step = 2 << _BITS
+    for _ in range(POWERS.bit_length() - 1):
+        step = isqrt(step << _BITS)
+    entries, power = [], _ONE
+    for _ in range(POWERS):
+        entries.append(power)
+        power = power * step >> _BITS
+    return _round_entries(entries)
+
+
+@cache
+def logarithms() -> tuple[Array, Array]:
+    """Return ``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
+
+    Half of the cells lie below one; the cells above it are twice as wide, as floats are.
+    """
+    below = [3 * LOGS // 2 + j for j in range(LOGS // 2 + 1)]  # numerators over 2 LOGS, up to one
+    above = [LOGS + j for j in range(LOGS // 2)]  # numerators over LOGS
+    # Sum the logarithms of neighbors' ratios, up and down from log 1 = 0.
+    up = [0]
+    for a, b in pairwise(above):
+        up.append(up[-1] + _log_ratio(b, a))
+    down = [0]
+    for b, a in pairwise(reversed(below)):
+        down.append(down[-1] - _log_ratio(b, a))
+    edges = np.array([n / (2 * LOGS) for n in below[:-1]] + [n / LOGS for n in above])
+    return _round_entries([*down[:0:-1], *up]), fixed(1.0 / edges)
+
+
+@cache
+def circle() -> tuple[Array, Array]:
+    """Return the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
+    # Step 1: rotate by one entry at a time through a quarter of the circle.
+    angle = 2 * pi_bits() // TURNS
+    step_c, step_s = _series(angle, 0), _series(angle, 1)
+    cosines, sines, c, s = [], [], _ONE, 0
+    for _ in range(TURNS // 4 + 1):
+        cosines.append(c)
+        sines.append(s)
+        c, s = (c * step_c - s * step_s) >> _BITS, (s * step_c + c * step_s) >> _BITS
+    # Step 2: make the wave from its first octant by symmetry.
+    quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
+    half = quarter[:-1] + quarter[:0:-1]
+    wave = _round_entries(half + [-s for s in half])
+    return fixed(np.roll(wave, -TURNS // 4)), wave
+
+
+@cache
+def arctangents() -> Array:
+    """Return ``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
+    entries = [0]
+    for j in range(SLOPES):  # arctan b - arctan a = arctan((b - a) / (1 + a b))
+        entries.append(entries[-1] + _arctan(SLOPES, SLOPES * SLOPES + j * (j + 1)))
+    return _round_entries(entries)
+
+
+@cache
+def pi_bits() -> int:
+    """Return ``pi 2^160`` (Machin 1706)."""
+    return 4 * (4 * _arctan(1, 5) - _arctan(1, 239))
+
+
+def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
+    """Return ``bits / divisor`` as a sum of floats of so many bits each, and one more for the rest."""
+    rest, out = bits // divisor, []
+    for width in widths:
+        drop = max(rest.bit_length() - width, 0)
+        head = rest >> drop << drop
+        out.append(head / _ONE)
+        rest -= head
+    return [*out, rest / _ONE]
+
+
+def _log_ratio(b: int, a: int) -> int:
+    """Return ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
+    term = ((b - a) << _BITS) // (b + a)
+    square, total, n = term * term >> _BITS, 0, 1
+    while term:
+        total += term // n
+        term, n = term * square >> _BITS, n + 2
+    return 2 * total
+
+
+def _arctan(b: int, a: int) -> int:
+    """Return ``arctan(b / a)``."""
+    term = (b << _BITS) // a
+    square, total, n, sign = term * term >> _BITS, 0, 1, 1
+    while term:
+        total += sign * (term // n)
+        term, n, sign = term * square >> _BITS, n + 2, -sign
+    return total
+
+
+def _series(angle: int, first: int) -> int:
+    """Return the cosine (first = 0) or sine (1) of a small angle."""
+    term = angle if first else _ONE
+    square, total, n = angle * angle >> _BITS, 0, first
+    while term:
+        total += term
+        term = -(term * square >> _BITS) // ((n + 1) * (n + 2))
+        n += 2
+        if term == -1:
+            break
+    return total
+
+
+def _round_entries(entries: list[int]) -> Array:
+    return fixed(np.array([entry / _ONE for entry in entries]))

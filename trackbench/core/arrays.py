@@ -1,4 +1,4 @@
-"""The two array types of the package, and what a batch axis is.
+"""The array types of the package, its convention for batch axes, and read-only memory.
 
 A state is ``(n_x, *batch)``, a covariance ``(n_x, n_x, *batch)``; ``batch`` is ``(M,)`` for M runs
 and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is a line of code.
@@ -33,13 +33,13 @@ def with_axes_of(like: Array, a: Array) -> Array:
 
 
 def fixed(a: A) -> A:
-    """Return the array in memory that cannot be made writable, to be kept and handed out again.
+    """Return the array in memory that cannot be made writable, for results that are shared.
 
     numpy refuses ``setflags(write=True)`` for an array over `bytes`, for its base and for its views.
     """
     if isinstance(_owner(a), bytes):
         return a
-    a.flags.writeable = False  # for whoever keeps the old one
+    a.flags.writeable = False  # the caller may keep the old array
     if type(a) is not np.ndarray or a.dtype.hasobject:
         return a
     order: Literal["C", "F"] = "F" if a.flags.fnc else "C"
@@ -57,16 +57,17 @@ def _owner(a: Any) -> Any:
 def freeze(whole: T) -> T:
     """Return ``whole`` with every array in its collections and attributes `fixed`.
 
-    Tuples are made anew; lists, dictionaries and objects keep their identity.
+    Tuples are rebuilt; lists, dictionaries and objects keep their identity.
     """
     return _freeze(whole, {})
 
 
 def _freeze(whole: Any, done: dict[int, Any]) -> Any:
-    """Return ``done`` has each part that is begun, by its identity: parts may refer to each other."""
+    """Return ``whole`` with `fixed` arrays; ``done`` maps identities to (original, result)."""
     if id(whole) in done:
         return done[id(whole)][1]
-    done[id(whole)] = whole, whole  # the first keeps the identity from being used again
+    # Enter the object before its parts, which may refer to it. The reference keeps its identity valid.
+    done[id(whole)] = whole, whole
     if isinstance(whole, np.ndarray):
         done[id(whole)] = whole, fixed(whole)
     elif isinstance(whole, tuple):
@@ -76,17 +77,15 @@ def _freeze(whole: Any, done: dict[int, Any]) -> Any:
     else:
         for name, part in _parts_of(whole):
             replacement = _freeze(part, done)
-            if replacement is not part:
-                _replace(whole, name, replacement)
+            if replacement is part:
+                continue
+            if isinstance(whole, list | dict):
+                whole[name] = replacement
+            else:
+                # Frozen dataclasses accept this. An object that refuses keeps its read-only old array.
+                with suppress(AttributeError):
+                    object.__setattr__(whole, name, replacement)
     return done[id(whole)][1]
-
-
-def _replace(whole: Any, name: Any, part: Any) -> None:
-    if isinstance(whole, list | dict):
-        whole[name] = part
-    else:
-        with suppress(AttributeError):  # where the class allows none, the old one is read-only
-            object.__setattr__(whole, name, part)  # of frozen dataclasses, too
 
 
 def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
@@ -104,33 +103,33 @@ def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
 class Seal:
     """Copies of the memory of all `fixed` arrays in some objects, to find and undo changes.
 
-    numpy never writes there; a library that takes the memory's address can. The attributes of the
-    package's own objects are kept as well: ``object.__setattr__`` replaces those of a frozen dataclass.
+    numpy never writes there, but a library that takes the memory's address can. The attributes of the
+    package's own objects are copied too: ``object.__setattr__`` can replace those of a frozen dataclass.
     """
 
     def __init__(self, *wholes: Any) -> None:
-        self._kept: dict[int, tuple[bytes, bytearray]] = {}
+        self._memory: dict[int, tuple[bytes, bytearray]] = {}
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
-        waiting, seen = [*wholes], set[int]()
+        waiting, visited = [*wholes], set[int]()
         while waiting:
             part = waiting.pop()
             owner = _owner(part)
             if isinstance(owner, bytes):
-                self._kept[id(owner)] = owner, bytearray(owner)
-            elif id(part) not in seen:
-                seen.add(id(part))
+                self._memory[id(owner)] = owner, bytearray(owner)
+            elif id(part) not in visited:
+                visited.add(id(part))
                 if type(part).__module__.startswith("trackbench.") and hasattr(part, "__dict__"):
                     self._attributes.append((vars(part), dict(vars(part))))
                 waiting += [inner for _, inner in _parts_of(part)]
 
     def mend(self) -> bool:
         """Write back what was changed; return whether anything was."""
-        changed = [(memory, copy) for memory, copy in self._kept.values() if memory != copy]
+        changed = [(memory, copy) for memory, copy in self._memory.values() if memory != copy]
         for memory, copy in changed:
             ctypes.memmove(np.frombuffer(memory, np.uint8).ctypes.data, bytes(copy), len(copy))
         replaced = False
         for attributes, old in self._attributes:
             replaced |= any(attributes.get(name) is not value for name, value in old.items())
-            attributes.clear()  # what was cached meanwhile as well: nobody can tell whose it is
+            attributes.clear()  # drops values cached since then, whose origin is unknown
             attributes.update(old)
         return bool(changed) or replaced

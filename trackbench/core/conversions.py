@@ -1,8 +1,8 @@
-"""Polar measurements as Cartesian ones: four conversions with their covariances.
+"""Coordinate conversions: polar measurements to Cartesian ones, latitude and longitude to a plane.
 
-Every covariance is ``R_r u u' + R_c w w'`` with u along an azimuth and w across it. With s the
-azimuth's variance, the differences of exponentials of s go through expm1 and sinh: written out, they
-lose every digit at s = 4e-6.
+The covariance of each polar conversion is ``R_r u u' + R_c w w'``, u along an azimuth, w across it.
+With s the azimuth's variance, differences of exponentials of s are computed by expm1 and sinh: written
+out, they would lose every digit at s = 4e-6.
 """
 
 from typing import Literal, NamedTuple
@@ -14,6 +14,12 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin, exp, expm1, sinh
 
 Conversion = Literal["ccm", "ucm", "mucm", "ducm"]
+
+SEMI_MAJOR_AXIS = 6378137.0
+"""m; of WGS 84 (NGA.STND.0036, table 3.1)"""
+FLATTENING = 1.0 / 298.257223563
+"""of the same ellipsoid"""
+_ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
 
 
 class Polar(NamedTuple):
@@ -44,17 +50,17 @@ def ucm(z: Polar) -> Gaussian:
     The covariance is that of the error given the measurement.
     """
     s, v = z.azimuth_variance, z.range_variance
-    square, lost = np.square(z.r), expm1(-2.0 * s)
-    radial = square * (expm1(s) + 0.5 * lost) + 0.5 * v * (2.0 + lost)
-    cross = -0.5 * (square + v) * lost
+    square, shrinkage = np.square(z.r), expm1(-2.0 * s)  # e^(-2 s) - 1
+    radial = square * (expm1(s) + 0.5 * shrinkage) + 0.5 * v * (2.0 + shrinkage)
+    cross = -0.5 * (square + v) * shrinkage
     return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
 
 
 def mucm(z: Polar) -> Gaussian:
     """Return the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
     s, v = z.azimuth_variance, z.range_variance
-    square, more = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
-    radial = exp(-s) * (square * more + v * (1.0 + more))
+    square, excess = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
+    radial = exp(-s) * (square * excess + v * (1.0 + excess))
     cross = exp(-s) * (square + v) * sinh(s)
     return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
 
@@ -62,17 +68,22 @@ def mucm(z: Polar) -> Gaussian:
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     """Return the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
 
-    The mean of `ucm`, with the error's covariance averaged over the prediction, which does not know
-    the measurement's error; over the measurement where that knows the azimuth no worse.
+    The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
+    the measurement's error, or over the measurement where its azimuth is at least as certain.
     """
     s, v = z.azimuth_variance, z.range_variance
-    where = z if predicted is None else _more_certain(predicted, z)
-    square = np.square(where.r) + where.range_variance
+    # Step 1: choose per run what the covariance is averaged over.
+    reference = z
+    if predicted is not None:
+        use_prediction = np.asarray(predicted.azimuth_variance < np.asarray(z.azimuth_variance))
+        pairs = zip(predicted, z, strict=True)
+        reference = Polar(*(np.where(use_prediction, p, m) for p, m in pairs))
+    # Step 2: E[r^2] and its parts: the mean of both directions, and half of their difference.
+    square = np.square(reference.r) + reference.range_variance
     even = 0.5 * (square * expm1(s) + exp(s) * v)
-    odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * where.azimuth_variance)
-    return Gaussian(
-        position(exp(0.5 * s) * z.r, z.a), rotate_covariance(even + odd, even - odd, where.a)
-    )
+    odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * reference.azimuth_variance)
+    mean = position(exp(0.5 * s) * z.r, z.a)
+    return Gaussian(mean, rotate_covariance(even + odd, even - odd, reference.a))
 
 
 def position(r: Array, a: Array) -> Array:
@@ -90,6 +101,28 @@ def rotate_covariance(radial: Array | float, cross: Array | float, a: Array) -> 
     )
 
 
-def _more_certain(predicted: Polar, z: Polar) -> Polar:
-    sure = np.asarray(predicted.azimuth_variance < np.asarray(z.azimuth_variance))
-    return Polar(*(np.where(sure, p, m) for p, m in zip(predicted, z, strict=True)))
+class Geodetic(NamedTuple):
+    """Latitude and longitude, rad, and height above the ellipsoid, m; numbers or arrays of one shape."""
+
+    latitude: Array
+    longitude: Array
+    height: Array
+
+
+def earth_centered(place: Geodetic) -> Array:
+    """Return Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
+    (c, s), (cos_lon, sin_lon) = cos_sin(place.latitude), cos_sin(place.longitude)
+    radius = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)  # of curvature
+    to_axis = (radius + place.height) * c
+    up = (radius * (1.0 - _ECCENTRICITY_SQUARED) + place.height) * s
+    return np.stack([to_axis * cos_lon, to_axis * sin_lon, up])
+
+
+def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
+    """Return positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
+    at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
+    dx, dy, dz = earth_centered(places) - earth_centered(at)
+    (c, s), (cos_lon, sin_lon) = cos_sin(at.latitude), cos_sin(at.longitude)
+    # Turn about the Earth's axis into the origin's meridian, then tilt by its latitude.
+    outward = cos_lon * dx + sin_lon * dy
+    return np.stack([cos_lon * dy - sin_lon * dx, c * dz - s * outward, c * outward + s * dz])

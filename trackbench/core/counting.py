@@ -15,7 +15,7 @@ _counts: list[Counter[Operation]] = []
 
 @contextmanager
 def counting() -> Iterator[Counter[Operation]]:
-    """Count the operations that the kernels note meanwhile."""
+    """Count the operations that the kernels note inside this context."""
     counts: Counter[Operation] = Counter()
     _counts.append(counts)
     try:
@@ -25,6 +25,6 @@ def counting() -> Iterator[Counter[Operation]]:
 
 
 def note(operation: Operation, of: Array, components: int) -> None:
-    """Note an operation on each element of ``of`` (*components axes*, *batch), if anybody counts."""
+    """Note one operation per batch element of ``of``, which has so many component axes."""
     for counts in _counts:
         counts[operation] += prod(of.shape[components:])

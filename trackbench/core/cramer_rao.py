@@ -9,11 +9,24 @@ from trackbench.core.arrays import Array
 
 
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
-    """Lower bounds (n, n, T + 1) on the mean squared error matrix at the start and at each step.
+    """Return lower bounds on the mean squared error matrix of a linear motion with Gaussian noise.
 
-    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]`` for a linear motion with Gaussian noise (their
-    eq. 21 with D11 = F' Q^-1 F; this form stands a singular Q). ``initial`` (n, n) is the bound before
-    the first step, ``information`` yields E[H' R^-1 H] (n, n) of each step.
+    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, which is their eq. 21 with D11 = F' Q^-1 F in a
+    form that also accepts a singular Q.
+
+    Parameters
+    ----------
+    initial : (n, n)
+        Bound before the first step, J_0^-1.
+    F, Q : (n, n)
+        Transition matrix and noise covariance.
+    information : iterable of (n, n)
+        E[H' R^-1 H] of each of the T steps.
+
+    Returns
+    -------
+    (n, n, T + 1)
+        Bounds J_k^-1, the initial one first.
     """
     bounds = [initial]
     for gained in information:
@@ -26,6 +39,7 @@ def largest_deviation(cov: Array) -> float:
     """Return the largest standard deviation in any direction of a covariance (n, n); in 3D a bound."""
     if len(cov) != 2:
         return float(np.sqrt(np.diagonal(cov).sum()))
+    # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
     half = 0.5 * (cov[0, 0] - cov[1, 1])
     spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
     return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))

@@ -1,6 +1,6 @@
-"""Distributions that know how to sample, their density and their first two moments.
+"""Distributions: samples, densities and the first two moments.
 
-One statement of a model (``p(x_k | x_{k-1})`` as a distribution) serves the simulation, the particle
+One statement of a model, ``p(x_k | x_{k-1})`` as a distribution, serves the simulation, the particle
 filters, the proposals and the Kalman moments.
 """
 
@@ -22,7 +22,7 @@ _SQRT_2 = 1.4142135623730951
 
 
 class Distribution(Protocol):
-    """A density over vectors ``(n, *batch)``."""
+    """A density over vectors ``(n, *batch)``, as motions, sensors and starts return it."""
 
     @property
     def mean(self) -> Array:
@@ -34,7 +34,7 @@ class Distribution(Protocol):
 
     @property
     def loc(self) -> Array:
-        """Return the value without its noise (n, *batch); differs from the mean if the noise has one."""
+        """Return the value without its noise (n, *batch): the mean, if the noise has mean zero."""
 
     @property
     def mode(self) -> Array:
@@ -49,38 +49,30 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Covering(Protocol):
-    """A distribution whose tails matter, with draws that cover them."""
+    """A distribution with draws that cover its tails."""
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """Return N draws (n, M, N) and their log-weights (M, N)."""
 
 
 def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
-    """Return N draws (n, M, N) for a cloud and their log-weights (M, N).
-
-    From what covers the prior's tails, if it has that; else its own samples.
-    """
+    """Return N draws (n, M, N) and their log-weights (M, N), by ``prior.cover`` if it has one."""
     if isinstance(prior, Covering):
         return prior.cover(rng, N)
     x = prior.sample(rng, N)
     return x, np.zeros(x.shape[1:])
 
 
-class _HasMean(Protocol):
-    @property
-    def mean(self) -> Array: ...
-
-
 class Symmetric:
-    """A distribution about its mean, where its density is highest, as is its value without noise."""
+    """Base of distributions whose mode, and value without noise, is the mean."""
 
     @property
-    def loc(self: _HasMean) -> Array:
+    def loc(self: Distribution) -> Array:
         """Return the mean."""
         return self.mean
 
     @property
-    def mode(self: _HasMean) -> Array:
+    def mode(self: Distribution) -> Array:
         """Return the mean."""
         return self.mean
 
@@ -113,25 +105,27 @@ class Gaussian(Symmetric):
 
 
 def per_run_moments(of: Distribution) -> Gaussian:
-    """Return the moments, with a covariance (n, n, M) for each run: read-only, if they share one."""
+    """Return the moments with a covariance per run (n, n, M), which is read-only if runs share one."""
     n, runs = of.mean.shape
     return Gaussian(of.mean, np.broadcast_to(with_trailing(of.cov, 1, leading=2), (n, n, runs)))
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
     """Return the log-density of N(0, cov) at e (n, *batch); ``root`` is the Cholesky factor if known."""
+    # Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e.
     L = linalg.cholesky(cov) if root is None else root
-    halves = linalg.whiten(_SQRT_2 * L, e)
-    total = halves[0]  # of squares, e' P^-1 e / 2
-    total *= total
-    for row in halves[1:]:
+    rows = linalg.whiten(_SQRT_2 * L, e)
+    exponent = rows[0]
+    exponent *= exponent
+    for row in rows[1:]:
         row *= row
-        total += row
+        exponent += row
+    # Step 2: sqrt(det P) is the product of the diagonal of L.
     scale = L[0, 0]
     for i in range(1, len(e)):
         scale = scale * L[i, i]
     log_scale = elementary.log(scale) + 0.5 * len(e) * LOG_2PI
-    return np.subtract(-log_scale, total, out=total)
+    return np.subtract(-log_scale, exponent, out=exponent)
 
 
 @dataclass(frozen=True)
@@ -143,12 +137,12 @@ class Gamma:
 
     @property
     def expectation(self) -> float:
-        """shape / rate."""
+        """Return shape / rate."""
         return self.shape / self.rate
 
     @property
     def variance(self) -> float:
-        """shape / rate^2."""
+        """Return shape / rate^2."""
         return self.shape / (self.rate * self.rate)
 
     @property
@@ -163,27 +157,29 @@ class Gamma:
         return x
 
     def density(self, v: Array) -> Array:
-        """Return the density at v: zero for v <= 0, or its formula continued there if ``smooth``."""
+        """Return the density at v; for v <= 0 zero, or its formula's value if ``smooth``."""
         base = v if self.smooth else np.maximum(v, 0.0)
-        tilted = base * -self.rate
-        tilted += self._log_norm
-        tilted = elementary.exp(tilted, out=tilted)
-        tilted *= elementary.power(base, self.shape - 1.0)
-        return tilted
+        # p(v) = exp(log_norm - rate v) v^(shape - 1)
+        density = base * -self.rate
+        density += self._log_norm
+        density = elementary.exp(density, out=density)
+        density *= elementary.power(base, self.shape - 1.0)
+        return density
 
     @property
     def smooth(self) -> bool:
-        """Return whether the density's formula continues smoothly below zero: an integer shape."""
+        """Return whether the density's formula is smooth across zero: the shape is an integer."""
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:
         """Return the log-density at v, -inf for v <= 0."""
-        inside = np.maximum(v, _SMALLEST)
-        inside = elementary.log(inside, out=inside)
-        inside *= self.shape - 1.0
-        inside -= self.rate * v
-        inside += self._log_norm
-        return np.where(v <= 0.0, -np.inf, inside)
+        # log p(v) = (shape - 1) log v - rate v + log_norm
+        log_p = np.maximum(v, _SMALLEST)
+        log_p = elementary.log(log_p, out=log_p)
+        log_p *= self.shape - 1.0
+        log_p -= self.rate * v
+        log_p += self._log_norm
+        return np.where(v <= 0.0, -np.inf, log_p)
 
     @cached_property
     def _log_norm(self) -> float:
@@ -200,12 +196,12 @@ class Shifted:
 
     @property
     def mean(self) -> Array:
-        """Return ``loc`` plus the noise's mean."""
+        """Return ``loc`` plus the mean of the noise."""
         return self.loc + self.noise.expectation
 
     @property
     def mode(self) -> Array:
-        """Return ``loc`` plus the noise's most probable value."""
+        """Return ``loc`` plus the mode of the noise."""
         return self.loc + self.noise.peak
 
     @property
@@ -221,11 +217,11 @@ class Shifted:
         return x
 
     def prob(self, x: Array) -> Array:
-        """Return the noise's density at ``x - loc``, continued below zero if smooth."""
+        """Return the density at x; below ``loc`` as `Gamma.density`."""
         return self.noise.density(x[0] - self.loc[0])
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log-density of the noise at ``x - loc``."""
+        """Return the log-density at x, -inf below ``loc``."""
         return self.noise.log_density(x[0] - self.loc[0])
 
 
@@ -237,9 +233,8 @@ class PointMass(Symmetric):
 
     @property
     def cov(self) -> Array:
-        """Return the zero (n, n)."""
-        n = self.mean.shape[0]
-        return np.zeros((n, n))
+        """Return zeros (n, n)."""
+        return np.zeros((len(self.mean),) * 2)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Return the value, repeated along the trailing axes."""
@@ -247,7 +242,7 @@ class PointMass(Symmetric):
         return np.broadcast_to(with_trailing(self.mean, len(shape) - 1), shape).copy()
 
     def log_prob(self, x: Array) -> Array:
-        """Return the zero at the value and -inf elsewhere."""
+        """Return zero at the value and -inf elsewhere."""
         return np.where((x == self.mean).all(axis=0), 0.0, -np.inf)
 
 
@@ -256,14 +251,15 @@ _EDGE = 2.0**-52
 
 
 def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
-    """Return the draws x (M, N), ascending, and log-weights (M, N) under which they are N(0, 1).
+    """Draw x (M, N), ascending, with log-weights (M, N) that make them N(0, 1).
 
-    Importance sampling from a logistic of twice the deviation, a draw from each of N strata of equal
-    probability. Beyond four deviations are 800 times as many draws as N(0, 1) has, within one 0.6 times
-    as many; the mean weight is 1, and none is above 1.76.
+    The draws come from a logistic of twice the normal's standard deviation, which has 800 times as many
+    draws beyond four deviations and .6 times as many within one. Weights are at most 1.76, 1 on average.
     """
+    # Step 1: one uniform in each of N strata of equal probability.
     u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
     np.clip(u, _EDGE, 1.0 - _EDGE, out=u)
+    # Step 2: x is the logistic quantile of u; the weight is the ratio of the densities at x.
     log_u, log_rest = log(u), log(1.0 - u)
     x = _SCALE * (log_u - log_rest)
     return x, float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest

@@ -1,15 +1,15 @@
-"""Input estimation: how an unmodelled acceleration shows in the innovations of a quiescent filter.
+"""Input estimation: the effect of an unmodeled acceleration on the innovations of a quiescent filter.
 
-One constant input u per axis that sets in after step t, for every t of a window at once (Bogler 1987;
-Park, Seo & Lee 1995). If it did, the filter's error is ``M(t) u`` plus what it would have been::
+One constant input u per axis sets in after step t, for every t of a window at once (Bogler 1987; Park,
+Seo & Lee 1995). The filter's error is then ``M(t) u`` plus the error without an input::
 
     M^- = F M + g,   psi = H M^-,   L^-1 += psi^2 / S,   d += psi nu / S,   M = M^- - K psi
 
-and ``u = L d`` with variance L; ``zeta = sum over axes d^2 L`` is chi-square of as many degrees of
-freedom as there are axes if there is no input.
+and ``u = L d`` with variance L. Without an input, ``zeta = sum over axes d^2 L`` is chi-square with as
+many degrees of freedom as there are axes.
 
-Axes: state component (2), axis of the plane, onset in the window (W), run (M). The middle one has
-length one where the axes share their covariance.
+Array axes: state component (2), axis of the plane (A), onset in the window (W), run (M). A is one where
+the axes share their covariance.
 """
 
 from typing import NamedTuple
@@ -23,10 +23,11 @@ from trackbench.core.sums import total
 
 
 class Hypotheses(NamedTuple):
-    """``response`` M (2, A, W, M), ``information`` L^-1 (A, W, M) and ``score`` d (2, W, M).
+    """Hypotheses of an input's onset after each step of a window.
 
-    Slot ``t % W`` belongs to the onset after step t. ``since`` (M,) is the step of each run's last
-    restart, before which there is no onset; -1 until the first step tells where the runs began.
+    ``response`` M (2, A, W, M), ``information`` L^-1 (A, W, M), ``score`` d (2, W, M). Slot ``t % W``
+    belongs to the onset after step t. ``since`` (M,) is the step of each run's last restart, the
+    earliest possible onset; it is -1 before the first step.
     """
 
     response: Array
@@ -42,15 +43,39 @@ class Hypotheses(NamedTuple):
     def update(
         self, k: int, F: Array, g: Array, posterior: Gaussian, innovation: Innovation, R: Array
     ) -> "Hypotheses":
-        """Return the after step k of the quiescent filter, whose posterior and innovation are given."""
+        """Return the hypotheses after step k of the quiescent filter.
+
+        Parameters
+        ----------
+        k : int
+            Step.
+        F : (2, 2)
+            Transition matrix of one axis.
+        g : (2,)
+            Effect of a unit input on position and velocity within one step.
+        posterior : Gaussian
+            The quiescent filter's posterior, covariance (2, 2, A, M).
+        innovation : Innovation
+            Its innovation nu (1, 2, M) with S (1, 1, A, M); NaN if a run has no measurement.
+        R : (1, 1)
+            Measurement noise of one axis.
+
+        Returns
+        -------
+        Hypotheses
+            Response, information and score after the measurement.
+        """
+        # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_, g_ = F[:, :, None, None, None], g[:, None, None, None]
         response = F_[:, 0] * self.response[0] + F_[:, 1] * self.response[1] + g_
         psi, S, nu = response[0], innovation.S[0, 0], innovation.nu[0]
-        gain, precision = posterior.cov[:, 0] / R[0, 0], 1.0 / S  # K = P H' / R of the posterior
+        # Step 2: K = P H' / R of the posterior; a missing measurement has no gain and no information.
+        gain, precision = posterior.cov[:, 0] / R[0, 0], 1.0 / S
         missing = np.isnan(nu)
-        if missing.any():  # a missing measurement has no gain and says nothing
-            there = ~missing.any(axis=0)
-            gain, precision, nu = (np.where(there, a, 0.0) for a in (gain, precision, nu))
+        if missing.any():
+            measured = ~missing.any(axis=0)
+            gain, precision, nu = (np.where(measured, a, 0.0) for a in (gain, precision, nu))
+        # Step 3: L^-1 += psi^2 / S, d += psi nu / S, M = M^- - K psi.
         weight = precision[:, None] * psi
         return Hypotheses(
             response - gain[:, :, None] * psi,
@@ -64,13 +89,13 @@ class Hypotheses(NamedTuple):
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
     def add_onset(self, k: int) -> "Hypotheses":
-        """Replace the oldest onset by the onset after step k; writes into arrays just made."""
+        """Replace the oldest onset by the onset after step k; the arrays are changed in place."""
         for array in (self.response, self.information, self.score):
             array[..., k % self.width, :] = 0.0
         return self
 
     def reset(self, where: Mask, k: int) -> "Hypotheses":
-        """Clear the chosen runs, whose filters restart at step k."""
+        """Clear the chosen runs (M,), whose filters restart at step k."""
         if not where.any():
             return self
         return Hypotheses(
@@ -87,12 +112,12 @@ class Hypotheses(NamedTuple):
         return total(np.square(self.score) * L, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
-        """Return the step t (M,) whose onset stands in each run's slot, seen from step k."""
+        """Return the step t (M,) of the onset in each run's slot (M,), at step k."""
         age = (k - 1 - slot) % self.width + 1
         return np.maximum(k - age, self.since)
 
     def slot_of(self, age: int, k: int) -> Index:
-        """Return the slot (M,) of the onset so many steps before k, or since the restart."""
+        """Return the slot (M,) of the onset so many steps before k, or at the restart if later."""
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":
@@ -102,7 +127,7 @@ class Hypotheses(NamedTuple):
 
 
 class Input(NamedTuple):
-    """M (2, A, m), u (2, m) and its variance L (A, m) of m runs."""
+    """Response M (2, A, m), input u (2, m) and its variance L (A, m) of m runs."""
 
     response: Array
     u: Array
@@ -115,15 +140,12 @@ class Input(NamedTuple):
 
     def augment(self, state: Gaussian) -> Gaussian:
         """Return ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``: the input is a component."""
-        moved, (M, u, L) = self.correct(state), self
-        ML = np.broadcast_to(M * L, moved.cov[:, 0].shape)
-        cov = np.concatenate(
-            [
-                np.concatenate([moved.cov, ML[:, None]], axis=1),
-                np.concatenate([ML, np.broadcast_to(L, ML[0].shape)[None]])[None],
-            ]
-        )
-        return Gaussian(np.concatenate([moved.mean, u[None]]), cov)
+        corrected, (M, u, L) = self.correct(state), self
+        ML = np.broadcast_to(M * L, corrected.cov[:, 0].shape)
+        upper = np.concatenate([corrected.cov, ML[:, None]], axis=1)
+        lower = np.concatenate([ML, np.broadcast_to(L, ML[0].shape)[None]])[None]
+        mean = np.concatenate([corrected.mean, u[None]])
+        return Gaussian(mean, np.concatenate([upper, lower]))
 
 
 def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:

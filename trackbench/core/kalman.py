@@ -1,7 +1,7 @@
 """The Kalman filter's two equations, batched: predict, and update in Joseph's form.
 
-A component of a measurement that is NaN is missing: its run is updated with the others, and predicted
-over where there are none.
+NaN marks a missing component of a measurement. The update uses the remaining components; a run without
+any keeps its prediction.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -22,13 +22,13 @@ class Innovation(NamedTuple):
     nu: Array
     S: Array
     volume_ratio: Array | float = 1.0
-    """by how much volumes of measurements grow (*batch) where ``nu`` is of converted ones"""
+    """volume of converted measurements per volume of measurements (*batch), if ``nu`` is converted"""
 
     @property
     def nis(self) -> Array:
-        """Return the normalised innovation squared, nu' S^-1 nu (*batch); expected n_z.
+        """Return the normalized innovation squared, nu' S^-1 nu (*batch), with mean n_z.
 
-        Of the components that were measured; NaN where nothing was.
+        It uses the measured components, and is NaN if all are missing.
         """
         missing = np.isnan(self.nu)
         if not missing.any():
@@ -37,9 +37,10 @@ class Innovation(NamedTuple):
         return np.where(missing.all(axis=0), np.nan, nis)
 
     def nis_and_scale(self) -> tuple[Array, Array]:
-        """Return NIS (*batch) and the square root of det S, from one factor."""
+        """Return NIS (*batch) and the square root of det S, from one Cholesky factor."""
         L, missing = linalg.cholesky(self.S), np.isnan(self.nu)
         rows = linalg.whiten(L, np.where(missing, 0.0, self.nu) if missing.any() else self.nu)
+        # NIS is the sum of squares of L^-1 nu; sqrt(det S) is the product of the diagonal of L.
         nis, scale = rows[0] * rows[0], L[0, 0]
         for i in range(1, len(rows)):
             nis, scale = nis + rows[i] * rows[i], scale * L[i, i]
@@ -47,9 +48,9 @@ class Innovation(NamedTuple):
 
     @property
     def log_likelihood(self) -> Array:
-        """Return log N(nu; 0, S) (*batch) of what was measured, as a density of the measurement itself.
+        """Return log N(nu; 0, S) (*batch), the log-density of the measurement before any conversion.
 
-        NaN where nothing was measured.
+        It uses the measured components, and is NaN if all are missing.
         """
         missing = np.isnan(self.nu)
         if not missing.any():
@@ -61,13 +62,25 @@ class Innovation(NamedTuple):
 
 
 Updated: TypeAlias = tuple[Gaussian, Innovation]
-"""A posterior, and the innovation that it was conditioned on."""
+"""A posterior and the innovation of its update."""
 
 
 def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> Gaussian:
-    """Return ``N(F m, F P F' + Q)``; ``mean`` replaces F m for a nonlinear motion.
+    """Return the prediction ``N(F m, F P F' + Q)``.
 
-    F and Q are (n, n) or (n, n, *batch).
+    Parameters
+    ----------
+    state : Gaussian
+        Posterior of the step before: m (n, *batch), P (n, n[, *batch]).
+    F, Q : (n, n[, *batch])
+        Transition matrix (or Jacobian) and covariance of the process noise.
+    mean : (n, *batch), optional
+        Predicted mean of a nonlinear motion, in place of F m.
+
+    Returns
+    -------
+    Gaussian
+        Prediction.
     """
     predicted = linalg.matvec(F, state.mean) if mean is None else mean
     return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
@@ -75,23 +88,38 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
 
 @once
 def _predicted_cov(F: Array, P: Array, Q: Array) -> Array:
-    """Return ``F P F' + Q``."""
     FPF = linalg.sandwich(F, P)
     return FPF + with_axes_of(FPF, Q)
 
 
 def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
-    """Condition on the innovation ``nu = z - h(m)`` (n_z, *batch) of ``z = H x + N(0, R)``.
+    """Condition on the innovation ``nu = z - h(m)`` of a measurement ``z = H x + N(0, R)``.
 
-    ``K = P H' S^-1``; the covariance in Joseph's form ``(I - K H) P (I - K H)' + K R K'``, which
-    stays symmetric positive definite for any gain. A missing component (NaN) is one that sees nothing
-    of the state, with an error of its own.
+    ``S = H P H' + R``, ``K = P H' S^-1``, mean ``m + K nu``; the covariance in Joseph's form
+    ``(I - K H) P (I - K H)' + K R K'`` stays symmetric positive definite for any gain.
+
+    Parameters
+    ----------
+    predicted : Gaussian
+        Prediction: m (n, *batch), P (n, n[, *batch]).
+    nu : (n_z, *batch)
+        Innovation, NaN where a component is missing.
+    H : (n_z, n[, *batch])
+        Measurement matrix, or Jacobian at m.
+    R : (n_z, n_z[, *batch])
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    Updated
+        Posterior, and the innovation with S.
     """
-    unknown = np.isnan(nu)
-    if not unknown.any():
+    nan = np.isnan(nu)
+    if not nan.any():
         S, K = gain(predicted.cov, H, R)
         return _with_gain(predicted, nu, K, H, R), Innovation(nu, S)
-    missing = unknown & np.isfinite(predicted.mean).all(axis=0)
+    # A component is missing if it is NaN for another reason than a diverged prediction.
+    missing = nan & np.isfinite(predicted.mean).all(axis=0)
     H, R = drop_missing(H, R, missing)
     S, K = gain(predicted.cov, H, R)
     posterior = _with_gain(predicted, np.where(missing, 0.0, nu), K, H, R)
@@ -99,9 +127,10 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 
 
 def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
-    """Return H without the rows, R without the rows and columns, of what is missing (n_z, *batch).
+    """Return H without the rows, R without the rows and columns, of missing components (n_z, *batch).
 
-    Matrices that are alike in all runs stay one matrix.
+    The shapes stay as they are: a row of H becomes zero. Constant matrices stay constant if the same
+    components are missing in all runs.
     """
     pattern = missing.reshape(len(missing), -1)
     if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
@@ -111,9 +140,9 @@ def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
 
 
 def drop_missing_cov(R: Array, missing: Mask) -> Array:
-    """Return R without the rows and columns of what is missing (n_z, *batch).
+    """Return R without the rows and columns of missing components (n_z, *batch).
 
-    A missing component has a variance of one, whatever its unit: nothing comes of it.
+    They become those of a unit matrix: the variance has no effect, because H is zero there.
     """
     batch = missing.ndim - 1
     either = missing[:, None] | missing[None]
@@ -124,15 +153,16 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask) -> Array:
     """Return log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov)
+    # Each missing component has entered with the density of N(0, 1) at zero.
     value += 0.5 * LOG_2PI * missing.sum(axis=0)
     return value
 
 
 def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
-    """Return ``m + K nu`` with the covariance for any gain K; missing nu changes nothing."""
-    unknown = np.isnan(nu)
-    if unknown.any():
-        missing = unknown.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
+    """Return the update by any gain K; a run with a missing component keeps its prediction."""
+    nan = np.isnan(nu)
+    if nan.any():
+        missing = nan.any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
         nu = np.where(missing, 0.0, nu)
     return _with_gain(predicted, nu, K, H, R)

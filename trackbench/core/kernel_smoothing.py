@@ -1,7 +1,7 @@
-"""Kernels that turn a resampled cloud into draws from a continuous density.
+"""Kernel smoothing: make resampled particles draws from a continuous density.
 
-Musso, Oudjane & Le Gland (2001), section 12.2: whiten by the cloud's covariance, add ``h`` times a draw
-from the kernel, with the bandwidth that is optimal for a Gaussian target.
+Musso, Oudjane & Le Gland (2001), section 12.2: add ``h`` times a draw from the kernel, scaled by the
+particles' covariance; the bandwidth h is optimal for a Gaussian target.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ Kernel = Literal["epanechnikov", "gaussian"]
 
 
 class Mode(NamedTuple):
-    """A mode of a cloud: its particles (M, N) and share of the weight (M,) if not all; cov (n, n, M)."""
+    """A mode: its particles (M, N) and their share of the weight (M,), None for all; cov (n, n, M)."""
 
     members: Mask | None
     share: Array | None
@@ -42,7 +42,7 @@ def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
 
 
 def _unit_ball(n: int) -> float:
-    """Return the volume of the ball of radius one in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    """Return the volume of the unit ball in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
     return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
 
 
@@ -50,12 +50,12 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
     """Return draws (n, *batch) from the standard kernel.
 
     An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
-    dimensions (each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1);
-    the other four enter through their squared norm only, twice a Gamma(2) variate.
+    dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
     """
     e = rng.standard_normal(shape)
     if kernel == "gaussian":
         return e
+    # The squared norm of the four dropped coordinates is chi-square: twice a Gamma(2) variate.
     square: Array = rng.standard_gamma(2, shape[1:])
     square *= 2.0
     for row in e:
@@ -65,9 +65,9 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
 
 
 def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
-    """Return ``x + scale h A e`` for particles x (n, M, N); ``A A'`` is their covariance.
+    """Return ``x + scale h A e`` for particles x (n, M, N) with covariance ``A A'`` (n, n, M).
 
-    A cloud without spread in some direction (its covariance is singular) is left as it is.
+    A run whose covariance is singular keeps its particles.
     """
     return jitter_modes(x, [Mode(None, None, cov)], kernel, rng, scale)
 
@@ -75,24 +75,21 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 def jitter_modes(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
-    """Return `jitter` for one or several modes, each with its own number and spread."""
+    """Apply `jitter` to the particles of each mode, with the mode's own bandwidth and covariance."""
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
-        move = linalg.lower_product(
-            scale * _bandwidth_of(mode, n, N, kernel) * _spread(mode.cov), e
-        )
+        # Step 1: the bandwidth h for the mode's number of particles.
+        if mode.share is None:
+            h = _bandwidth_of_all(n, N, kernel)
+        else:
+            h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+        # Step 2: move the mode's particles by scale h A e.
+        move = linalg.lower_product(scale * h * _spread(mode.cov), e)
         moved = move if mode.members is None else np.where(mode.members, move, 0.0)
         moved += x
         x = moved
     return x
-
-
-def _bandwidth_of(mode: Mode, n: int, N: int, kernel: Kernel) -> Array:
-    """Return the bandwidth for a mode's number of particles, () or (M,)."""
-    if mode.share is None:
-        return _bandwidth_of_all(n, N, kernel)
-    return bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
 
 
 @lru_cache
@@ -101,6 +98,6 @@ def _bandwidth_of_all(n: int, N: int, kernel: Kernel) -> Array:
 
 
 def _spread(cov: Array) -> Array:
-    """Return the Cholesky's factor (n, n, M), zero where there is none."""
+    """Return the Cholesky factor (n, n, M), zero for a singular covariance."""
     A = linalg.cholesky(cov)
     return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)

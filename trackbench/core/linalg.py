@@ -2,8 +2,8 @@
 
 Matrices are ``(n, m)`` (constant) or ``(n, m, *batch)``, vectors ``(n, *batch)``. Sums run over the few
 components in Python and over the batch in numpy. A constant matrix is applied without its zeros and
-ones, so ``F x`` of a constant-velocity model is two multiply-adds. Nothing goes to BLAS or LAPACK: their
-last bits depend on the processor, on the number of threads and on how many runs stand side by side.
+ones, so ``F x`` of a constant-velocity model is two multiply-adds. BLAS and LAPACK are avoided: their
+last bits depend on the processor, the number of threads and the number of runs in a batch.
 """
 
 from math import nan, sqrt
@@ -24,7 +24,7 @@ def matvec(A: Array, x: Array) -> Array:
 
 
 def lower_product(L: Array, x: Array) -> Array:
-    """Return ``L x`` for a lower triangle per run L (n, n, M) and its whole cloud x (n, M, N)."""
+    """Return ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)
@@ -82,11 +82,10 @@ def diagonal(A: Array) -> Array:
 
 @once
 def cholesky(P: Array) -> Array:
-    """Lower L with ``L L' = P``; a batch member that is not positive definite becomes NaN.
+    """Return lower L with ``L L' = P``; a batch member that is not positive definite becomes NaN.
 
-    A component that is known exactly (its variance is zero) gets a column of zeros. Cholesky's
-    rounding error is invariant under diagonal scaling, so metres beside metres per second need no
-    scaling of their own.
+    A component with variance zero gets a column of zeros. The rounding error is invariant under
+    diagonal scaling, so meters beside meters per second need no scaling.
     """
     n = P.shape[0]
     if n == 1:
@@ -97,10 +96,9 @@ def cholesky(P: Array) -> Array:
 
 @once
 def root(P: Array) -> Array:
-    """Lower L with ``L L' = P`` of a covariance that may be singular, as ``q G G'`` is.
+    """Return lower L with ``L L' = P`` of a covariance that may be singular, as ``q G G'`` is.
 
-    For drawing and for sigma points: a direction without spread gets none. What has to be inverted
-    needs `cholesky`.
+    It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
     """
     L = cholesky(P)
     return L if np.isfinite(L).all() else _factor(P, _SINGULAR)
@@ -114,38 +112,44 @@ def _factor(P: Array, tolerance: float) -> Array:
     L = np.zeros_like(P)
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(n):
-            column = [_less(P[i, j], [L[i, m] * L[j, m] for m in range(j)]) for i in range(j, n)]
+            # Step 1: the pivot and the column below it, less the columns before.
+            column = [P[i, j] for i in range(j, n)]
+            if j:
+                products = ([L[i, m] * L[j, m] for m in range(j)] for i in range(j, n))
+                column = [a - _sum_of(terms) for a, terms in zip(column, products, strict=True)]
             pivot = column[0]
-            least = tolerance * P[j, j] if tolerance else 0.0
-            positive = pivot > least
+            # Step 2: divide by the pivot's root.
             L[j, j] = np.sqrt(pivot)
             for i in range(j + 1, n):
                 L[i, j] = column[i - j] / L[j, j]
+            # Step 3: a column of zeros where there is no variance, NaN where P is not definite.
+            least = tolerance * P[j, j] if tolerance else 0.0
+            positive = pivot > least
             if not positive.all():
-                known = (P[j, j] == 0.0) | (np.abs(pivot) < least)
-                L[j:, j][:, known] = 0.0
-                L[j:, j][:, ~(positive | known)] = np.nan
+                zero = (P[j, j] == 0.0) | (np.abs(pivot) < least)
+                L[j:, j][:, zero] = 0.0
+                L[j:, j][:, ~(positive | zero)] = np.nan
     return L
 
 
 def _factor_of_one(P: Array, tolerance: float) -> Array:
-    """Return the factor of a constant matrix, computed in Python's floats in a tenth of the time."""
+    """Return the factor of a constant matrix by Python floats, ten times as fast as by arrays."""
     rows, n = P.tolist(), len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        pivot = _rest_of_one(rows[j][j], L[j], L[j], j)
+        pivot = _minus_products(rows[j][j], L[j], L[j], j)
         least = tolerance * rows[j][j]
         if pivot > least:
             L[j][j] = sqrt(pivot)
             for i in range(j + 1, n):
-                L[i][j] = _rest_of_one(rows[i][j], L[i], L[j], j) / L[j][j]
+                L[i][j] = _minus_products(rows[i][j], L[i], L[j], j) / L[j][j]
         elif not (rows[j][j] == 0.0 or abs(pivot) < least):
             for i in range(j, n):
                 L[i][j] = nan
     return np.array(L)
 
 
-def _rest_of_one(value: float, a: list[float], b: list[float], n: int) -> float:
+def _minus_products(value: float, a: list[float], b: list[float], n: int) -> float:
     """Return ``value`` minus the first n products, in order (`sum` differs from Python 3.12 on)."""
     for i in range(n):
         value -= a[i] * b[i]
@@ -163,7 +167,7 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
-    """Return the rows of `solve_lower`, new arrays each."""
+    """Return the rows of ``L^-1 b`` as new arrays."""
     rows: list[Array] = []
     for i in range(L.shape[0]):
         rest = b[i]
@@ -182,7 +186,7 @@ def inverse(S: Array) -> Array:
         return _inverse_of_two(S)
     n = S.shape[0]
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
-    # L[:, :, None] lets every column of the identity be one more batch axis of the solve.
+    # S^-1 = L^-T L^-1; by L[:, :, None] the columns of the identity are one more batch axis.
     L = cholesky(S)
     L_inverse = solve_lower(L[:, :, None], np.broadcast_to(eye, S.shape))
     return matmul(transpose(L_inverse), L_inverse)
@@ -190,6 +194,7 @@ def inverse(S: Array) -> Array:
 
 def _inverse_of_two(S: Array) -> Array:
     """Invert by Schur's complement of the first variance, which keeps more digits."""
+    # d = 1 / (c - b^2 / a), off-diagonal -d b / a, first entry 1 / a + d (b / a)^2
     a, b = S[0, 0], S[1, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = b / a
@@ -209,14 +214,15 @@ def mahalanobis(e: Array, P: Array) -> Array:
 def _constant_product(A: Array, B: Array) -> Array:
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A.tolist()):
-        total = out[i, ...]
+        target = out[i, ...]
+        # Skip the zeros of the constant matrix and the products with one.
         terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
         if len(terms) < 2:
-            total[...] = terms[0] if terms else 0.0
+            target[...] = terms[0] if terms else 0.0
             continue
-        np.add(terms[0], terms[1], out=total)
+        np.add(terms[0], terms[1], out=target)
         for term in terms[2:]:
-            total += term
+            target += term
     return out
 
 
@@ -225,7 +231,3 @@ def _sum_of(terms: list[Array]) -> Array:
     for term in terms[1:]:
         total = total + term
     return total
-
-
-def _less(a: Array, terms: list[Array]) -> Array:
-    return a - _sum_of(terms) if terms else a

@@ -1,4 +1,4 @@
-"""Functions of matrices that compute what does not depend on the data once for all runs."""
+"""Cache for functions of matrices: what does not depend on the data is computed once for all runs."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -10,20 +10,19 @@ from trackbench.core.arrays import Array, fixed
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_REMEMBERED = 4096  # results per function, a few hundred bytes each: two tracks of 1700 steps
-_memories: list[dict[Any, Any]] = []
+_LIMIT = 4096  # results per function, a few hundred bytes each: two tracks of 1700 steps
+_caches: list[dict[Any, Any]] = []
 
 
 def once(function: F) -> F:
-    """Remember the new arrays that a function made of constant matrices; with a batch axis it is called.
+    """Cache the results of a function of constant matrices; call it if a matrix has a batch axis.
 
-    The blocks of a batch, the points of a grid and the steps of a filter that has come to its steady
-    state then share one covariance recursion. Results are read-only, and depend on the arguments'
-    values only: a matrix is always handed on in C order.
+    The blocks of a batch, the points of a grid and the steps of a filter in its steady state then share
+    one covariance recursion. Results are read-only. They depend on the arguments' values only, because
+    the function always receives matrices in C order.
     """
-
-    memory: dict[Any, Any] = {}
-    _memories.append(memory)
+    cache: dict[Any, Any] = {}
+    _caches.append(cache)
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
@@ -31,24 +30,24 @@ def once(function: F) -> F:
             if A.ndim > 2:
                 return function(*matrices)
         key = tuple([(A.dtype.char, A.shape, A.tobytes()) for A in matrices])
-        found = memory.get(key)
-        if found is None:
-            made = function(*map(np.ascontiguousarray, matrices))
-            found = tuple(map(fixed, made)) if isinstance(made, tuple) else fixed(made)
-            if len(memory) >= _REMEMBERED:
-                del memory[next(iter(memory))]  # the oldest
-            memory[key] = found
-        return found
+        result = cache.get(key)
+        if result is None:
+            computed = function(*map(np.ascontiguousarray, matrices))
+            result = tuple(map(fixed, computed)) if isinstance(computed, tuple) else fixed(computed)
+            if len(cache) >= _LIMIT:
+                del cache[next(iter(cache))]  # the oldest
+            cache[key] = result
+        return result
 
     return cast(F, call)
 
 
 def cached_results() -> list[Any]:
-    """Return all results in memory."""
-    return [made for memory in _memories for made in memory.values()]
+    """Return all cached results."""
+    return [result for cache in _caches for result in cache.values()]
 
 
 def clear_caches() -> None:
-    """Empty all memories, for measuring what a new process does."""
-    for memory in _memories:
-        memory.clear()
+    """Empty all caches, to measure what a new process does."""
+    for cache in _caches:
+        cache.clear()

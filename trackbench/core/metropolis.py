@@ -1,4 +1,4 @@
-"""Metropolis-Hastings moves of a resampled cloud, so that copies part.
+"""The Metropolis criterion, and Metropolis-Hastings moves that separate copies after resampling.
 
 Gilks & Berzuini 2001; van der Merwe et al. 2000, the MCMC step.
 """
@@ -7,9 +7,30 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trackbench.core.arrays import Array
-from trackbench.core.differential_evolution import metropolis
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.random_streams import Streams
+
+
+def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
+    """Accept every gain, and a loss with probability ``exp(gain / temperature)``.
+
+    Parameters
+    ----------
+    gain : (M, N)
+        Increase of the log-density.
+    temperature : float
+        At 0 no loss is accepted.
+    rng : Streams
+
+    Returns
+    -------
+    (M, N)
+        Which moves are accepted.
+    """
+    # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
+    loss: Array = rng.standard_gamma(1, gain.shape)
+    loss *= -temperature
+    return np.asarray(gain > loss)
 
 
 def independence_moves(
@@ -19,17 +40,33 @@ def independence_moves(
     steps: int,
     rng: Streams,
 ) -> Array:
-    """Return ``x`` (n, M, N) after so many steps with proposals that do not depend on it.
+    """Move particles by steps of an independence chain (Tierney 1994).
 
-    ``log_ratio`` (M, N) is the logarithm of target over proposal density, up to a constant of each
-    particle: a draw is accepted with the quotient of its ratio and that of x (Tierney 1994, independence
-    chains). What has no density under the target is left by the first draw that has one, never entered.
+    A proposal is accepted with the quotient of its ratio and that of x. A particle without density
+    under the target moves to the first proposal that has one; a proposal without density is rejected.
+
+    Parameters
+    ----------
+    x : (n, M, N)
+        Particles.
+    draw : callable
+        Proposals (n, M, N), drawn independently of x.
+    log_ratio : callable
+        Log of target over proposal density (M, N) at particles, up to a constant of each particle.
+    steps : int
+        Number of moves.
+    rng : Streams
+
+    Returns
+    -------
+    (n, M, N)
+        Moved particles.
     """
-    found = log_ratio(x)
+    current = log_ratio(x)
     for _ in range(steps):
         trial = draw(rng)
-        drawn = log_ratio(trial)
+        proposed = log_ratio(trial)
         with np.errstate(invalid="ignore"):
-            take = metropolis(drawn - found, 1.0, rng)
-        x, found = np.where(take, trial, x), np.where(take, drawn, found)
+            accept = metropolis(proposed - current, 1.0, rng)
+        x, current = np.where(accept, trial, x), np.where(accept, proposed, current)
     return x

@@ -16,10 +16,25 @@ Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def predict_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
-    """Return model weights (r, M) one step on, and the mixing weights (r, r, M): [i, j] of i given j."""
+    """Predict the model probabilities and compute the mixing probabilities.
+
+    Parameters
+    ----------
+    weights : (r, M)
+        Probabilities mu_i of the r models.
+    transition : (r, r)
+        Probabilities p_ij of a switch from model i to model j.
+
+    Returns
+    -------
+    after : (r, M)
+        Predicted probabilities, ``c_j = sum_i p_ij mu_i``.
+    mixing : (r, r, M)
+        ``mu_{i|j} = p_ij mu_i / c_j`` at [i, j]; the identity where c_j is zero.
+    """
     joint = transition[:, :, None] * weights[:, None]
     after = total(joint, axis=0)
-    # A model that cannot be reached mixes nothing; its own estimate goes on.
+    # A model that cannot be reached continues from its own estimate.
     reachable = after > 0.0
     mixing = joint / np.where(reachable, after, 1.0)
     stay = np.eye(len(weights))[:, :, None]
@@ -27,10 +42,19 @@ def predict_weights(weights: Array, transition: Array) -> tuple[Array, Array]:
 
 
 def update_weights(predicted: Array, nis: Array, scale: Array) -> Array:
-    """Return weights (r, M) after Gaussian likelihoods ``exp(-nis / 2) / scale`` (r, M).
+    """Return model probabilities after Gaussian likelihoods ``exp(-nis / 2) / scale``.
 
-    The prediction where all are zero.
+    Parameters
+    ----------
+    predicted, nis, scale : (r, M)
+        Predicted probabilities, NIS, and the square root of det S, of each model.
+
+    Returns
+    -------
+    (r, M)
+        Probabilities; the prediction for a run without any positive probability.
     """
+    # Subtract the least NIS of the possible models, so that one likelihood does not underflow.
     least = np.where(predicted > 0.0, nis, np.inf).min(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         w = predicted / scale * elementary.exp(-0.5 * (nis - least))
@@ -48,7 +72,22 @@ def log_mixture(weights: Array, log_densities: Array) -> Array:
 
 
 def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
-    """Return the mean (n, M) and covariance (n, n, M) of the mixture with weights (r, M)."""
+    """Return the moments of a mixture of Gaussians.
+
+    ``m = sum_j w_j m_j`` and ``P = sum_j w_j (P_j + (m_j - m) (m_j - m)')``.
+
+    Parameters
+    ----------
+    states : sequence of Gaussian
+        r states, means (n, M), covariances (n, n[, M]).
+    weights : (r, M)
+        Their weights.
+
+    Returns
+    -------
+    Gaussian
+        Mean (n, M) and covariance (n, n, M).
+    """
     terms = list(zip(weights, states, strict=True))
     mean = np.asarray(sum(w * s.mean for w, s in terms))
     cov = np.zeros((len(mean), *mean.shape))
@@ -59,21 +98,23 @@ def combine(states: Sequence[Gaussian], weights: Array) -> Gaussian:
 
 
 def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
-    """Return a state (n, M) as one of another model's components, to mix with it.
+    """Return a state (n, M) in the components of another model's state, to mix with it.
 
-    What it does not have comes from the other's own mean and covariance (unbiased: Yuan, Bar-Shalom et
-    al. 2012), or is zero, which draws it to zero; what the other does not have is left out.
+    Components that only the other model has come from its mean and covariance if ``unbiased`` (Yuan,
+    Bar-Shalom et al. 2012), and else are zero. Components that only this state has are dropped.
     """
-    here, there = shared
+    source, target = shared
     m, runs = len(like.mean), state.mean.shape[1]
-    if here == there == tuple(range(m)):
+    if source == target == tuple(range(m)):
         return state if len(state.mean) == m else Gaussian(state.mean[:m], state.cov[:m, :m])
+    # Step 1: copy the shared components.
     mean, cov = np.zeros((m, runs)), np.zeros((m, m, runs))
-    own = with_trailing(state.cov, 1, leading=2)
-    mean[list(there)] = state.mean[list(here)]
-    cov[np.ix_(there, there)] = own[np.ix_(here, here)]
+    mean[list(target)] = state.mean[list(source)]
+    state_cov = with_trailing(state.cov, 1, leading=2)
+    cov[np.ix_(target, target)] = state_cov[np.ix_(source, source)]
+    # Step 2: fill the others from the other model.
     if unbiased:
-        rest = [i for i in range(m) if i not in there]
+        rest = [i for i in range(m) if i not in target]
         mean[rest] = like.mean[rest]
         cov[np.ix_(rest, rest)] = with_trailing(like.cov, 1, leading=2)[np.ix_(rest, rest)]
     return Gaussian(mean, cov)

@@ -1,6 +1,6 @@
-"""Weighted particle clouds: log-weights, their normalisation, moments.
+"""Weighted particles: normalization of log-weights, moments, effective sample size.
 
-A cloud is x (n, M, N) with log-weights (M, N): N particles in each of M runs.
+A particle set is x (n, M, N) with log-weights (M, N): N particles in each of M runs.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ _SHORT = 64  # particles in a row; below it a transposed copy is worth its cost
 
 
 class Particles(NamedTuple):
-    """A cloud x (n, M, N) with normalised weights w (M, N)."""
+    """Particles x (n, M, N) with normalized weights w (M, N)."""
 
     x: Array
     w: Array
@@ -34,14 +34,16 @@ class Particles(NamedTuple):
         return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Return weighted means (M,) of functions g of the cloud, each (M, N)."""
+        """Return weighted means (M,) of functions g (M, N) of the particles."""
         return {name: dot(self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
         """Return weighted mean and covariance, computed about the mean to keep digits."""
-        products = self.x * self.w  # written over: memory at hand is fast
+        # Step 1: m = sum_i w_i x_i.
+        products = self.x * self.w
         mean = total(products)
         e = self.x - mean[..., None]
+        # Step 2: P = sum_i w_i e_i e_i', row by row up to the diagonal; products is reused as memory.
         n, weighted = len(e), np.empty_like(self.x[0])
         cov = np.empty((n, n, *mean.shape[1:]))
         for i in range(n):
@@ -59,12 +61,12 @@ class Mass(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Return the logarithm of the sum (M,), -inf of a dead run."""
+        """Return the logarithm of the sum (M,), -inf of a run with weight collapse."""
         return self.top + elementary.log(self.scale)
 
 
 class Weights(NamedTuple):
-    """Normalised weights w (M, N), which runs had none above zero, dead (M,), and their sum before."""
+    """Normalized weights w (M, N), the runs (M,) whose weights were all zero, and the sum before."""
 
     w: Array
     collapsed: Mask
@@ -74,8 +76,8 @@ class Weights(NamedTuple):
 class Evidence(NamedTuple):
     """Estimate of a measurement's likelihood from a particle set's unnormalized weights.
 
-    ``carried`` are the N particles' log-weights (M, N) before the update, up to a constant, or 0.0 for
-    equal ones; ``scale`` (M,) is a factor that the new weights omit.
+    ``carried`` (M, N) are the N particles' log-weights before the update, up to a constant; 0.0 stands
+    for equal ones. ``scale`` (M,) is a factor that the new weights omit.
     """
 
     mass: Mass
@@ -99,9 +101,9 @@ def equal_weights(runs: int, N: int) -> Array:
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
-    """Return a log-likelihood as a program with another arithmetic would have seen it.
+    """Return a log-likelihood as a program with another arithmetic computes it.
 
-    ``log``: as it is. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
+    ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
     the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
     """
     if reading == "naive":
@@ -112,22 +114,25 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
 
 
 def normalize(log_w: Array) -> Weights:
-    """Return weights from log-weights (M, N), by max-subtraction.
+    """Return normalized weights from log-weights (M, N).
 
-    A run whose log-weights are all -inf gets uniform weights and is marked dead. A run with a NaN or
-    +inf among them becomes NaN as a whole: it has left the numbers, and its estimate must say so.
+    A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
+    or +inf among them becomes NaN as a whole, which marks it as diverged.
     """
+    # Step 1: find each run's largest log-weight, and the runs without any weight.
     top = shift = _row_maxima(log_w)
-    dead = top == -np.inf
-    if dead.any():
-        log_w, shift = np.where(dead[:, None], 0.0, log_w), np.where(dead, 0.0, top)
+    collapsed = top == -np.inf
+    if collapsed.any():
+        log_w, shift = np.where(collapsed[:, None], 0.0, log_w), np.where(collapsed, 0.0, top)
+    # Step 2: exp(log w - max), clipped where exp underflows.
     shifted = log_w - shift[:, None]
     np.maximum(shifted, CLIP, out=shifted)
     w = elementary.exp_of_moderate(shifted)
     w -= _clipped()  # zero where the exponent was clipped; lost in rounding everywhere else
+    # Step 3: divide by the sum.
     scale = total(w)
     w *= 1.0 / scale[:, None]
-    return Weights(w, dead, Mass(top, scale))
+    return Weights(w, collapsed, Mass(top, scale))
 
 
 @cache
@@ -148,14 +153,6 @@ def effective_sample_size(w: Array) -> Array:
     return np.asarray(1.0 / dot(w, w))
 
 
-def effective_share(w: Array) -> Array:
-    """Return the effective sample size (M,) as a share of the N particles."""
-    return effective_sample_size(w) / w.shape[-1]
-
-
 def distinct_share(x: Array) -> Array:
-    """Share (M,) of N values x (M, N) that are no copy of their neighbour.
-
-    As a share of distinct values it needs copies side by side, as resampling leaves them.
-    """
+    """Return the share (M,) of distinct values in x (M, N), whose copies stand side by side."""
     return np.asarray((1 + (x[:, 1:] != x[:, :-1]).sum(axis=-1)) / x.shape[-1])

@@ -1,17 +1,12 @@
-"""Posterior distributions of the state, evaluated at the truth: place of the truth in them, and CRPS.
+"""Posterior distributions of the state, evaluated at the truth: calibration and CRPS.
 
 A posterior of one step and M runs is a Gaussian, a set of weighted particles, or a density on a line.
-Each gives for the truth x (n, M), or for the first components of its own state,
+The truth x is (n, M) and may have only the first components of the posterior's state.
 
-``below(x)``       the probability below each component (n, M), its probability integral transform;
-``within(x)``      the probability (M,) of states nearer to the mean than x in Mahalanobis distance;
-``log_excess(x)``  log NEES (M,) less its mean if x is one more draw, for particles;
-``crps(x)``        the continuous ranked probability score (n, M), in the components' units.
-
-If the truth is a draw from the posterior, the first two are uniform on (0, 1), whatever the posterior
-(Rosenblatt 1952; Talts et al. 2018, theorem 1). For N equal particles they are ranks r / N, uniform on
-N + 1 places, and `uniform` returns the middle of a place: no random number is needed. Ranks by weight
-are uniform only as the effective sample size grows.
+If the truth is a draw from the posterior, `below` and `within` are uniform on (0, 1) (Rosenblatt 1952;
+Talts et al. 2018, theorem 1). For N equal particles they are ranks r / N, uniform on N + 1 places, and
+`uniform` returns the middle of a place. Ranks by weight are uniform only as the effective sample size
+grows.
 """
 
 from dataclasses import dataclass
@@ -22,34 +17,33 @@ import numpy as np
 from trackbench.core import linalg, quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.elementary import log
-from trackbench.core.normal_chi2 import chi_square_cdf, normal_cdf, normal_density
+from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
 from trackbench.core.particles import Particles
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
-_LEAST = 1e-15  # of a squared distance, and of what is left of a covariance: below it is rounding
+_LEAST = 1e-15  # lower bound on a squared distance and on a remaining variance: below is rounding
 
 
 class Posterior(Protocol):
-    """A distribution of the state that is asked at the truth x (n, M)."""
+    """A distribution of the state, evaluated at the truth x (n, M)."""
 
     def below(self, x: Array) -> Array:
-        """Return the probability (n, M) below each component of x."""
+        """Return the probability (n, M) below each component of x (probability integral transform)."""
 
     def within(self, x: Array) -> Array:
-        """Return the probability (M,) of states nearer to the mean than x."""
+        """Return the probability (M,) of states nearer to the mean than x in Mahalanobis distance."""
 
     def crps(self, x: Array) -> Array:
-        """Return the continuous ranked probability score (n, M) of each component."""
+        """Return the continuous ranked probability score (n, M), in the components' units."""
 
     def log_excess(self, x: Array) -> Array | None:
-        """Return log NEES (M,) less its mean if x is one more draw; None: that of Gaussian errors."""
+        """Return log NEES (M,) less its mean if x is one more draw; None if errors are Gaussian."""
         return None
 
     @property
     def places(self) -> int:
-        """Number N + 1 of the places that a rank among N particles has; 0 for a density."""
+        """Return the number N + 1 of places that a rank among N particles has; 0 for a density."""
         return 0
 
     def uniform(self, probability: Array) -> Array:
@@ -61,7 +55,7 @@ class Posterior(Protocol):
 
 @dataclass(frozen=True)
 class NormalPosterior(Posterior):
-    """N(mean, cov): mean (n, M), cov (n, n) or (n, n, M). A singular one is sure of its mean."""
+    """N(mean, cov): mean (n, M), cov (n, n) or (n, n, M), which may be singular."""
 
     state: Gaussian
 
@@ -90,20 +84,21 @@ class NormalPosterior(Posterior):
 
 @dataclass(frozen=True)
 class ParticlePosterior(Posterior):
-    """A weighted cloud x (n, M, N), w (M, N)."""
+    """Weighted particles x (n, M, N), w (M, N)."""
 
     particles: Particles
 
     def below(self, x: Array) -> Array:
         """Return the weight of the particles below, and half of that at x."""
-        cloud, at = self._beside(x)
-        return _known(dot(self.particles.w, (cloud < at) + 0.5 * (cloud == at)), x)
+        particles, at = self.particles.x[: len(x)], x[..., None]
+        return _probability(dot(self.particles.w, (particles < at) + 0.5 * (particles == at)), x)
 
     def within(self, x: Array) -> Array:
         """Return the weight of the particles nearer than x, each by the moments of all others and x."""
-        own, each = self._distances(x)
-        weight = dot(self.particles.w, (each < own[:, None]).astype(float))
-        return _known(np.where(own == np.inf, 1.0, weight), own)  # beyond a cloud without spread
+        of_x, of_each = self._distances(x)
+        weight = dot(self.particles.w, (of_each < of_x[:, None]).astype(float))
+        # An infinite distance is that of an x outside particles without spread.
+        return _probability(np.where(of_x == np.inf, 1.0, weight), of_x)
 
     def log_excess(self, x: Array) -> Array:
         """Return log NEES of x less the particles' mean, each by the moments of all others and x.
@@ -111,51 +106,51 @@ class ParticlePosterior(Posterior):
         For equal draws from a Gaussian that mean is ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``,
         since the NEES is (N + 1) times a ratio of chi-squares of n and N - n (Hotelling 1931).
         """
-        own, each = self._distances(x)
-        return np.where(own == np.inf, own, log(own) - dot(self.particles.w, log(each)))
+        of_x, of_each = self._distances(x)
+        excess = log(of_x) - dot(self.particles.w, log(of_each))
+        return np.where(of_x == np.inf, of_x, excess)
 
     def _distances(self, x: Array) -> tuple[Array, Array]:
         """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
 
-        So x and N equal particles that are draws from one distribution are exchangeable.
+        If x and N equal particles are draws from one distribution, these are exchangeable.
         """
-        cloud, _ = self._beside(x)
+        x_i = self.particles.x[: len(x)]
         w, N = self.particles.w, self.places - 1
-        found = Particles(cloud, w).moments()
-        off = x - found.mean
-        own = distance(off, found.cov)
-        with np.errstate(all="ignore"):  # a covariance without spread: then own is infinite
-            # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' own moments.
-            L = linalg.cholesky(found.cov)
-            e = linalg.solve_lower(L[..., None], cloud - found.mean[..., None])
-            d = linalg.solve_lower(L, off)[..., None]
+        state = Particles(x_i, w).moments()
+        m, P = state.mean, state.cov
+        error = x - m
+        of_x = distance(error, P)
+        with np.errstate(all="ignore"):  # of_x is infinite where the covariance is singular
+            # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
+            L = linalg.cholesky(P)
+            e = linalg.solve_lower(L[..., None], x_i - m[..., None])
+            d = linalg.solve_lower(L, error)[..., None]
             q, c = total(e * e, axis=0), total(e * d, axis=0)
-            # Step 2: let x, of weight 1 / (N + 1), into mean and covariance (Sherman-Morrison).
-            pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + own[:, None])
-            # Step 3: take each particle, of its weight, out of them.
+            # Step 2: add x with weight 1 / (N + 1) to mean and covariance (Sherman-Morrison).
+            pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + of_x[:, None])
+            # Step 3: remove each particle with its weight from them.
             share = N / (N + 1.0)
             rest = share * (1.0 - share * w) - share * w * pooled
-            return own, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
+            return of_x, np.maximum(pooled, _LEAST) / np.maximum(rest, _LEAST)
 
     def crps(self, x: Array) -> Array:
-        """Return ``E|X - x| - E|X - X'| / 2`` of the cloud itself, X' another draw (the same, eq. 21).
+        """Return ``E|X - x| - E|X - X'| / 2``, X and X' particles (Gneiting & Raftery 2007, eq. 21).
 
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
-        (Ferro 2014). The second term is the integral of ``F (1 - F)``, F the weight up to each particle
-        in order.
+        (Ferro 2014).
         """
-        cloud, at = self._beside(x)
-        order = np.argsort(cloud, axis=-1, kind="stable")
-        ordered = np.take_along_axis(cloud, order, axis=-1)
-        weights = np.take_along_axis(np.broadcast_to(self.particles.w, cloud.shape), order, axis=-1)
-        up_to = np.add.accumulate(weights, axis=-1)[..., :-1]
+        particles, at = self.particles.x[: len(x)], x[..., None]
+        # Step 1: sort the particles of each component, with their weights.
+        order = np.argsort(particles, axis=-1, kind="stable")
+        ordered = np.take_along_axis(particles, order, axis=-1)
+        w = np.broadcast_to(self.particles.w, particles.shape)
+        weights = np.take_along_axis(w, order, axis=-1)
+        # Step 2: E|X - X'| / 2 is the integral of F (1 - F), F the weight up to each particle.
+        F = np.add.accumulate(weights, axis=-1)[..., :-1]
         gaps = ordered[..., 1:] - ordered[..., :-1]
-        return np.asarray(
-            dot(self.particles.w, np.abs(cloud - at)) - dot(up_to * (1.0 - up_to), gaps)
-        )
-
-    def _beside(self, x: Array) -> tuple[Array, Array]:
-        return self.particles.x[: len(x)], x[..., None]
+        half_spread = dot(F * (1.0 - F), gaps)
+        return np.asarray(dot(self.particles.w, np.abs(particles - at)) - half_spread)
 
     @property
     def places(self) -> int:
@@ -182,19 +177,19 @@ class LinePosterior(Posterior):
 
     def crps(self, x: Array) -> Array:
         """Return ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
-        far = quadrature.distance_from(self.panels, x[0])
-        return (far - quadrature.half_distance_within(self.panels))[None]
+        to_x = quadrature.distance_from(self.panels, x[0])
+        return (to_x - quadrature.half_distance_within(self.panels))[None]
 
 
 def distance(e: Array, P: Array) -> Array:
-    """Return ``e' P^-1 e`` (*batch); infinite where P leaves no room for an error that is known."""
-    found = linalg.mahalanobis(e, P)
-    known = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
-    return np.where(np.isnan(found) & known, np.inf, found)
+    """Return ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
+    squared = linalg.mahalanobis(e, P)
+    finite = np.isfinite(e).all(axis=0) & np.isfinite(P).all(axis=(0, 1))
+    return np.where(np.isnan(squared) & finite, np.inf, squared)
 
 
-def _known(weight: Array, of: Array) -> Array:
-    """Return a weight up to one, which all sum to but for rounding; NaN where that which it is of is."""
+def _probability(weight: Array, of: Array) -> Array:
+    """Return a sum of weights, at most one despite rounding; NaN where ``of`` is."""
     return np.where(np.isnan(of), np.nan, np.minimum(weight, 1.0))
 
 

@@ -1,10 +1,10 @@
-"""The exact posterior of a scalar state by quadrature: the floor no filter can beat.
+"""The exact posterior of a scalar state by quadrature: a lower bound on the error of every filter.
 
-The posterior density is kept at Gauss-Legendre nodes of a few panels, laid anew at every step over
-the only intervals where it can have mass: those the measurement allows, cut to the support of the
-prediction. A noise that cannot be negative makes the integrand of the Chapman-Kolmogorov equation
-(hdepf paper, eq. 3) stop at an edge inside a panel; it is integrated up to that edge by the
-interpolating polynomial, so that the rule converges as fast as for a smooth integrand.
+The density is stored at Gauss-Legendre nodes of a few panels. At every step new panels cover the
+intervals that the measurement allows, cut to the support of the prediction. If the noise is positive,
+the integrand of the Chapman-Kolmogorov equation (hdepf paper, eq. 3) stops at an edge inside a panel.
+The interpolating polynomial is then integrated up to that edge, so the rule converges as fast as for a
+smooth integrand.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ Interval = tuple[Array, Array]
 class Panel(NamedTuple):
     """A density (n, M) at n Gauss-Legendre nodes x (n, M) between low and high (M,).
 
-    ``evidence`` (M,) is the density of what all panels were conditioned on last.
+    ``evidence`` (M,) is the predictive density of the last measurement, over all panels.
     """
 
     low: Array
@@ -44,7 +44,7 @@ class Panel(NamedTuple):
 
     @property
     def is_point(self) -> bool:
-        """Return whether this is all mass at one known value."""
+        """Return whether all mass is at one value: a panel of one node without width."""
         return len(self.x) == 1
 
     @property
@@ -73,17 +73,17 @@ def moments(posterior: Posterior) -> Gaussian:
 
 
 def hull(posterior: Posterior) -> Interval:
-    """Return the smallest interval (M,), (M,) that holds every panel that is not empty."""
-    there = [(panel.half > 0.0) | panel.is_point for panel in posterior]
-    low = [np.where(m, p.low, np.inf) for m, p in zip(there, posterior, strict=True)]
-    high = [np.where(m, p.high, -np.inf) for m, p in zip(there, posterior, strict=True)]
+    """Return the smallest interval (M,), (M,) that contains every nonempty panel."""
+    nonempty = [(panel.half > 0.0) | panel.is_point for panel in posterior]
+    low = [np.where(m, p.low, np.inf) for m, p in zip(nonempty, posterior, strict=True)]
+    high = [np.where(m, p.high, -np.inf) for m, p in zip(nonempty, posterior, strict=True)]
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
     """Return panels of n nodes over each interval cut to the support, with density one.
 
-    A panel that is empty for some runs has no width there; one empty for all is left out.
+    A panel that is empty in some runs has width zero there; one that is empty in all is left out.
     """
     panels = []
     for low, high in intervals:
@@ -94,7 +94,7 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
             panels.append(Panel(a, b, x, np.ones_like(x)))
     if panels:
         return tuple(panels)
-    low, high = support  # no run can explain its measurement: nothing will have mass
+    low, high = support  # the measurements of all runs are impossible: a panel without mass
     return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)
 
 
@@ -105,17 +105,33 @@ def condition(
     origins: Callable[[Array], Interval],
     likelihood: Callable[[Array], Array],
 ) -> Posterior:
-    """Return the posterior on new panels: likelihood times the prior pushed through the transition.
+    """Return the posterior on new panels, ``p(z | x') int p(x' | x) p(x) dx / p(z)``.
 
-    ``transition(x, x_new)`` is p(x_new | x) for x (n, 1, M) and x_new (J, M), as a formula that goes
-    on smoothly beyond ``origins(x_new)``, the interval of x from which x_new can be reached;
-    ``likelihood(x_new)`` is p(z | x_new) for x_new (J, M). A run without mass becomes NaN.
+    Parameters
+    ----------
+    prior : Posterior
+        Posterior of the step before.
+    panels : Posterior
+        New panels, from `nodes_between`.
+    transition : callable
+        p(x' | x) for x (n, 1, M) and x' (J, M), by a formula that is smooth beyond ``origins(x')``.
+    origins : callable
+        Interval of x from which x' (J, M) can be reached.
+    likelihood : callable
+        p(z | x') for x' (J, M).
+
+    Returns
+    -------
+    Posterior
+        Panels with normalized densities, NaN in a run without mass, and p(z) as evidence.
     """
+    # Step 1: predict at the new nodes and multiply by the likelihood.
     joint = []
     for panel in panels:
-        reach = origins(panel.x)
-        density = sum(_push_forward(old, panel.x, transition, reach) for old in prior)
-        joint.append(panel._replace(density=likelihood(panel.x) * density * panel.density))
+        reachable = origins(panel.x)
+        predicted = sum(_push_forward(old, panel.x, transition, reachable) for old in prior)
+        joint.append(panel._replace(density=likelihood(panel.x) * predicted * panel.density))
+    # Step 2: divide by the mass of all panels.
     with np.errstate(invalid="ignore", divide="ignore"):
         mass = np.asarray(sum(total(panel.mass, axis=0) for panel in joint))
         return tuple(p._replace(density=p.density / mass, evidence=mass) for p in joint)
@@ -125,14 +141,16 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
     """Return the integral of the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x, x_new) * panel.density)
+    # Step 1: weights of the panel's nodes for the integral over the origins only.
     n = len(panel.x)
     start, end = (_place_in(panel, edge) for edge in origins)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
-    integral, some = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
-    for i in range(0, len(x_new), some):
-        piece = slice(i, i + some)
+    # Step 2: sum weight times density times transition, for as many new nodes as fit the cache.
+    integral, size = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
+    for i in range(0, len(x_new), size):
+        piece = slice(i, i + size)
         kernel = transition(panel.x[:, None], x_new[piece])  # nodes first: a sum of whole rows
         kernel *= panel.density[:, None]
         kernel *= np.moveaxis(weights[piece], -1, 0)
@@ -146,32 +164,31 @@ def mass_below(posterior: Posterior, x: Array) -> Array:
 
 
 def distance_from(posterior: Posterior, x: Array) -> Array:
-    """Return ``E|X - x|`` (M,) for x (M,)."""
-    return np.asarray(sum(_distance_in(panel, x) for panel in posterior))
+    """Return ``E|X - x|`` (M,) for x (M,): E[X - x] less twice its part below x."""
+    terms = []
+    for panel in posterior:
+        e = panel.x - x
+        below = _up_to(panel, x, panel.density * e)
+        terms.append(total(panel.mass * e, axis=0) - 2.0 * below)
+    return np.asarray(sum(terms))
 
 
 def half_distance_within(posterior: Posterior) -> Array:
-    """Return ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap.
-
-    In one panel of mass m the integral of ``F (m - F)``, F what is below; of two that of their means.
-    """
-    own = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
-    across = [abs(m * t - n * s) for i, (m, s) in enumerate(own) for n, t in own[:i]]
+    """Return ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
+    # Two draws from different panels differ by the difference of the panels' means.
+    parts = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
+    across = [abs(m * t - n * s) for i, (m, s) in enumerate(parts) for n, t in parts[:i]]
     return np.asarray(sum(_half_distance_in(panel) for panel in posterior) + sum(across))
 
 
-def _distance_in(panel: Panel, x: Array) -> Array:
-    e = panel.x - x
-    return total(panel.mass * e, axis=0) - 2.0 * _up_to(panel, x, panel.density * e)
-
-
 def _half_distance_in(panel: Panel) -> Array:
+    """Return the integral of ``F (m - F)`` over a panel of mass m, F the mass below."""
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
-    each = np.ascontiguousarray(panel.density.T)[None]
-    below = panel.half * product(each, weights_up_to(_rule(n).nodes, n).T)[0].T
-    integrand = below * (total(panel.mass, axis=0) - below)
+    densities = np.ascontiguousarray(panel.density.T)[None]
+    F = panel.half * product(densities, weights_up_to(_rule(n).nodes, n).T)[0].T
+    integrand = F * (total(panel.mass, axis=0) - F)
     return np.asarray(panel.half * total(_rule(n).weights[:, None] * integrand, axis=0))
 
 
@@ -210,12 +227,13 @@ class _Rule(NamedTuple):
 
 @lru_cache
 def _rule(n: int) -> _Rule:
-    # Newton's method from Tricomi's first guess; P_n and its slope by their recurrences.
+    # Step 1: roots of P_n by Newton's method from Tricomi's first guess.
     nodes = -cos_sin(np.pi * (np.arange(n) + 0.75) / (n + 0.5))[0]
     for _ in range(8):
         P = legendre.legvander(nodes, n)
         slope = n * (P[:, -2] - nodes * P[:, -1]) / (1.0 - nodes * nodes)
         nodes = nodes - P[:, -1] / slope
+    # Step 2: make the nodes symmetric; w_i = 2 / ((1 - x_i^2) P_n'(x_i)^2).
     nodes = 0.5 * (nodes - nodes[::-1])
     weights = 2.0 / ((1.0 - nodes * nodes) * np.square(slope))
     return _Rule(nodes, weights, 0.5 * weights * legendre.legvander(nodes, n - 1).T)

@@ -1,14 +1,13 @@
 """Random numbers: one stream per run for the data, one per block of runs for a filter's noise.
 
-The data of run m depend on ``(seed, m)`` only, so every filter, batch size and worker count sees the
-same truth and measurements. Filter noise depends on ``(seed, block)``: one SFC64 stream for the whole
-block, because a stream per run costs as much to create (10 us) as half a run of ten particles. Both
-are made of raw words (`noise`), data in full float64, a block's noise by tables: numpy's own methods
-for other than uniform variates take the C library's functions, whose last bit is not the same
-everywhere.
+The data of run m depend on ``(seed, m)`` only, so truth and measurements are equal for every filter,
+batch size and number of workers. Filter noise depends on ``(seed, block)``: one SFC64 stream serves a
+block, because a stream costs as much to create (10 us) as half a run of ten particles. Both are made
+from raw words (`random_variates`), because numpy's normals and gammas use the C library, whose last bit
+depends on the machine.
 
-Runs and blocks of negative number are for training: -1 is the first of them. Their streams are of
-another kind, so that no filter can be judged on what it was tuned on, however many runs there are.
+Runs and blocks with negative numbers are for training; -1 is the first. Their streams are of another
+kind, so a filter is never evaluated on the data that it was tuned on.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -29,17 +28,22 @@ _CHUNK = 256  # variates drawn per run at a time; part of the definition of a ru
 
 
 class RunStreams:
-    """M independent streams read side by side: ``size`` is ``(*draws, M)``, column m from run m.
+    """M independent streams read side by side, for the data of M runs.
 
-    Each run's stream is consumed in chunks of a fixed length per kind of variate, so column m does
-    not depend on which other runs stand beside it.
+    Each run's stream is consumed in chunks of a fixed length per kind of variate, so column m does not
+    depend on the other runs. Every method takes ``size = (*draws, M)`` and draws column m from run m.
+
+    Parameters
+    ----------
+    seed : int
+    runs : sequence of int
+        Numbers of the M runs, negative for training.
     """
 
     def __init__(self, seed: int, runs: Sequence[int]) -> None:
         self.runs = tuple(runs)
-        self._generators = [
-            Generator(SFC64(_sequence(seed, run, _DATA, _TRAINING_DATA))) for run in runs
-        ]
+        sequences = (_sequence(seed, run, _DATA, _TRAINING_DATA) for run in runs)
+        self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
@@ -55,7 +59,7 @@ class RunStreams:
         return self._take(("uniform", 0.0), lambda: self._columns(lambda g: g.random(_CHUNK)), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Return Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         if is_erlang(shape):
             return erlang(self.random((int(shape), *size)))
         return self._take(
@@ -75,63 +79,74 @@ class RunStreams:
         runs = len(self._generators)
         if size[-1] != runs:
             raise ValueError(f"the last axis of {size} must be the {runs} runs")
-        wanted = prod(size[:-1])
+        count = prod(size[:-1])
+        # Use the rest of the last chunk first, and keep the rest of this one.
         rows = self._waiting.get(kind, np.empty((0, runs)))
-        while len(rows) < wanted:
+        while len(rows) < count:
             rows = np.concatenate([rows, more()])
-        self._waiting[kind] = rows[wanted:]
-        return rows[:wanted].reshape(size)
+        self._waiting[kind] = rows[count:]
+        return rows[:count].reshape(size)
 
 
 class SomeRuns:
-    """Streams of chosen runs of a block at one step, for draws that not every run makes.
+    """Streams of chosen runs of a block at one step, for draws that only some runs make.
 
-    ``size`` is ``(*draws, runs, N)``; each run's row comes from a stream of its own under the block's,
-    so that it does not depend on which other runs draw, and the block's own stream goes on untouched.
+    ``size`` is ``(*draws, runs, N)``. Each run has a substream of the block's, so its draws do not
+    depend on the other runs, and the block's stream is unchanged.
     """
 
     def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
         seed = block.bit_generator.seed_seq
         assert isinstance(seed, SeedSequence)
-        self._generators = [
-            NoiseGenerator(
-                SFC64(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, step, int(run))))
-            )
-            for run in runs
-        ]
+        keys = ((*seed.spawn_key, step, int(run)) for run in runs)
+        sequences = (SeedSequence(seed.entropy, spawn_key=key) for key in keys)
+        self._generators = [NoiseGenerator(SFC64(sequence)) for sequence in sequences]
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         """Return N(0, 1) variates."""
-        return self._each(lambda g, shape: g.standard_normal(shape), size)
+        return self._stack(lambda g, row: g.standard_normal(row), size)
 
     def random(self, size: tuple[int, ...]) -> Array:
         """Return uniform variates in [0, 1)."""
-        return self._each(lambda g, shape: g.random(shape), size)
+        return self._stack(lambda g, row: g.random(row), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
         """Return Gamma(shape, rate 1) variates."""
-        return self._each(lambda g, each: g.standard_gamma(shape, each), size)
+        return self._stack(lambda g, row: g.standard_gamma(shape, row), size)
 
-    def _each(
+    def _stack(
         self, draw: Callable[[Generator, tuple[int, ...]], Array], size: tuple[int, ...]
     ) -> Array:
         if size[-2] != len(self._generators):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")
-        each = (*size[:-2], size[-1])
-        return np.stack([draw(g, each) for g in self._generators], axis=-2)
+        row = (*size[:-2], size[-1])
+        return np.stack([draw(g, row) for g in self._generators], axis=-2)
 
 
 Streams: TypeAlias = Generator | RunStreams | SomeRuns
-"""What a distribution samples from: a block's generator or the runs' own streams."""
+"""Source of random numbers: a block's generator or the streams of runs."""
 
 
 def block_stream(seed: int, block: int) -> Generator:
-    """Yield the stream of a filter's noise in one block, the same for every filter of that width."""
+    """Return the stream of a filter's noise in one block, equal for all filters.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the experiment.
+    block : int
+        Number of the block, negative for training.
+
+    Returns
+    -------
+    Generator
+        SFC64 stream with portable normals and Erlang variates.
+    """
     return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
 
 
 def aside_stream(seed: int, block: int) -> Generator:
-    """Yield the stream of steps that a filter is asked to take and that are not its own."""
+    """Return the stream for extra steps, such as one-step predictions, beside the filter's own."""
     return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 

@@ -1,12 +1,11 @@
-"""Normal and gamma variates from raw words: the same on every machine, and fast for a filter's noise.
+"""Normal and gamma variates from raw words: equal on every machine, and fast for a filter's noise.
 
-Noise of a block comes from tables of 2^16 quantiles, looked up by 16 bits at a time. Four such draws,
-added and subtracted (a Hadamard matrix over two), are four normals: uncorrelated, each a sum of four
-entries, so with 24 bits of choice. Their variance and kurtosis are exact; probabilities beyond four
-standard deviations are right to 1e-3, beyond five to 1e-2, and none is beyond 8.8. A gamma variate of a
-small whole shape is a sum of exponentials, right to 1 % where a probability is above 1e-4. That is
-enough for the noise of a Monte Carlo filter, whose own error is of the order of 1/sqrt(N). Truth and
-measurements are drawn in full float64 (`box_muller`, `erlang`).
+Noise of a block comes from tables of 2^16 quantiles, looked up by 16 bits at a time. Sums and
+differences of four such draws (a Hadamard matrix over two) are four uncorrelated normals. Their variance
+and kurtosis are exact; probabilities beyond four standard deviations are right to 1e-3, beyond five to
+1e-2, and none is beyond 8.8. A gamma variate of a small whole shape is a sum of exponentials, right to
+1 % where a probability is above 1e-4. The error of a Monte Carlo filter is larger, of order 1/sqrt(N).
+Truth and measurements are drawn in full float64 (`box_muller`, `erlang`).
 """
 
 from functools import cache
@@ -27,45 +26,46 @@ Singles = NDArray[np.float32]
 ERLANG = 8
 """Largest whole shape of a gamma variate that is drawn as a sum of exponentials."""
 _CELLS = 1 << 16
-_QUADS = 4096  # words at a time: what is made of them stays in the cache
+_QUADS = 4096  # words at a time: their variates stay in the cache
 _OUTERMOST = 4.412675502108261  # quantile that gives the table the normal's kurtosis
-_GRAIN = 2.0**22  # of the entries, which a float32 holds
+_GRAIN = 2.0**22  # entries are multiples of 1 / _GRAIN, which float32 represents exactly
 
 
 class NoiseGenerator(Generator):
-    """numpy's generator with normals and Erlang variates of our own, from its raw words.
+    """numpy's generator with portable normals and Erlang variates, made from its raw words.
 
-    What comes out depends on the bit generator's state and the size only.
+    Results depend on the bit generator's state and the size only.
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.bit_generator,)
 
     def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Return N(0, 1) variates; numpy's own if they are of another type."""
+        """Return N(0, 1) variates; by numpy for another dtype or output array."""
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
         quads = -(-prod(shape) // 4)
         out = np.empty(4 * quads)
         for start in range(0, quads, _QUADS):
-            some = min(_QUADS, quads - start)
-            _hadamard(self._look_up(halved_normals(), some), out[4 * start : 4 * (start + some)])
+            end = min(start + _QUADS, quads)
+            _hadamard(self._look_up(halved_normals(), end - start), out[4 * start : 4 * end])
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Return Gamma(shape, rate 1) variates; numpy's own unless the shape is a small whole number."""
+        """Return Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
         whole, count = int(shape), prod(_shape(size))
         out, step = np.empty(count), 4 * _QUADS
         for start in range(0, count, step):
-            some = min(step, count - start)
-            drawn = self._look_up(exponentials(), -(-whole * some // 4))
-            piece = drawn[:some]
+            # Sum ``whole`` exponentials for each of the next ``length`` variates.
+            length = min(step, count - start)
+            drawn = self._look_up(exponentials(), -(-whole * length // 4))
+            piece = drawn[:length]
             for i in range(1, whole):
-                piece += drawn[i * some : (i + 1) * some]
-            out[start : start + some] = piece
+                piece += drawn[i * length : (i + 1) * length]
+            out[start : start + length] = piece
         return out.reshape(_shape(size))[()]
 
     def _look_up(self, table: Singles, words: int) -> Singles:
@@ -82,6 +82,7 @@ def is_erlang(shape: Any) -> bool:
 
 def box_muller(words: Words) -> Array:
     """Return N(0, 1) variates (n, M) from 64-bit words (n, M), n even (Box & Muller 1958)."""
+    # r = sqrt(-2 log u1); r cos(2 pi u2) and r sin(2 pi u2) are independent normals.
     half = len(words) // 2
     r = np.sqrt(-2.0 * elementary.log(_open_unit(words[:half])))
     c, s = elementary.cos_sin(2.0 * np.pi * _open_unit(words[half:]))
@@ -98,14 +99,12 @@ def erlang(u: Array) -> Array:
 
 @cache
 def halved_normals() -> Singles:
-    """Return half of the normal's quantiles at the middles of 2^16 cells of equal probability.
-
-    The outermost is moved so that variance and kurtosis are the normal's. Rounded so coarsely that the
-    C library's last bit does not show.
-    """
+    """Return half of the normal's quantiles at the middles of 2^16 cells of equal probability."""
+    # Step 1: the positive quantiles; the outermost is moved to give the table the normal's kurtosis.
     quantile = NormalDist().inv_cdf
     z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
     z[-1] = _OUTERMOST
+    # Step 2: scale to variance one and halve; round away the last bits of the C library.
     z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 * _GRAIN)) / _GRAIN
     return _table(np.concatenate([-z[::-1], z]))
 
@@ -119,25 +118,26 @@ def exponentials() -> Singles:
 
 
 def _table(entries: Array) -> Singles:
-    """Return a table in float32, which takes half of the cache."""
+    """Return a table in float32, which takes half the cache of float64."""
     return fixed(entries.astype(np.float32))
 
 
 def _hadamard(t: Singles, out: Array) -> None:
-    """Write ``(1/2) H t`` of quarters of t; the table contains the half."""
+    """Write ``(1/2) H t`` of quarters of t; the table's entries are halved already."""
     a, b, c, d = t.reshape(4, -1)
     first, second, third, fourth = out.reshape(4, -1)
-    up, down = a + b, a - b
-    np.add(c, d, out=a)
-    np.subtract(c, d, out=b)
-    first[:] = np.add(up, a, out=c)  # in float32, and then to float64: faster than at once
-    second[:] = np.subtract(up, a, out=c)
-    third[:] = np.add(down, b, out=c)
-    fourth[:] = np.subtract(down, b, out=c)
+    # Step 1: a + b, a - b, and in the memory of a and b: c + d, c - d.
+    a_plus_b, a_minus_b = a + b, a - b
+    c_plus_d, c_minus_d = np.add(c, d, out=a), np.subtract(c, d, out=b)
+    # Step 2: add and subtract in float32, then copy to float64: faster than in one operation.
+    first[:] = np.add(a_plus_b, c_plus_d, out=c)
+    second[:] = np.subtract(a_plus_b, c_plus_d, out=c)
+    third[:] = np.add(a_minus_b, c_minus_d, out=c)
+    fourth[:] = np.subtract(a_minus_b, c_minus_d, out=c)
 
 
 def _open_unit(words: Words) -> Array:
-    """Return the numbers strictly between zero and one, on a lattice of 2^52."""
+    """Return numbers strictly between zero and one, on a lattice of 2^52."""
     return ((words >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
 
 

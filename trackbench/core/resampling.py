@@ -1,10 +1,8 @@
 """Resampling, for all runs at once, from counts of offspring.
 
-Every scheme turns weights (M, N) into offspring counts (M, N) with rows that sum to ``size``, the number
-of particles wanted (N, unless the cloud is to shrink or grow); the ancestors follow by ``repeat``.
-Nothing searches per run. A run with NaN weights gets the same offspring everywhere, so that it stays NaN
-and disturbs nobody.
-Douc, Cappe & Moulines (2005) compare the schemes.
+Every scheme turns weights (M, N) into offspring counts (M, N) whose rows sum to ``size``, the number of
+new particles; the ancestors follow by ``repeat``. A run with NaN weights is resampled with equal
+weights, so it stays NaN and leaves other runs unchanged. Douc, Cappe & Moulines (2005) compare schemes.
 """
 
 from collections.abc import Callable
@@ -27,17 +25,30 @@ Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 def ancestors(
     w: Array, rng: Streams, scheme: Scheme = "systematic", size: int | None = None
 ) -> Index:
-    """Return flat indices (M, size) of ancestors: row m refers to m N ... m N + N - 1.
+    """Draw the ancestors of resampled particles.
 
-    ``size`` is the number of offspring, N unless given.
+    Parameters
+    ----------
+    w : (M, N)
+        Normalized weights.
+    rng : Streams
+    scheme : {"systematic", "stratified", "residual", "multinomial"}
+        Resampling scheme.
+    size : int, optional
+        Number of new particles per run, by default N.
+
+    Returns
+    -------
+    (M, size)
+        Flat indices for `select`: row m refers to m N ... m N + N - 1.
     """
     runs, N = w.shape
     size = size or N
     if scheme == "systematic":
         edges = _systematic_edges(w, rng, size).ravel()
-        # The ancestor of offspring i is the number of edges up to i: faster than to repeat each.
-        passed = np.bincount(edges[:-1], minlength=runs * size)[: runs * size]
-        return np.cumsum(passed, out=passed).reshape(runs, size)
+        # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`.
+        steps = np.bincount(edges[:-1], minlength=runs * size)[: runs * size]
+        return np.cumsum(steps, out=steps).reshape(runs, size)
     counts = SCHEMES[scheme](w, rng, size)
     return np.repeat(np.arange(runs * N), counts.ravel()).reshape(runs, size)
 
@@ -49,29 +60,31 @@ def select(values: NDArray[D], index: Index) -> NDArray[D]:
 
 
 def systematic(w: Array, rng: Streams, size: int) -> Index:
-    """Return one uniform per run: offspring i is the number of j with C_{i-1} < (j + u) / size <= C_i.
-
-    That is ``floor(size C_i + 1 - u)`` less the same for i - 1, in fixed-point integers:
-    their cumulative sum over all runs laid end to end is one pass, four times as fast as float sums row
-    by row.
-    """
+    """Count offspring by one uniform u per run: the j with C_{i-1} < (j + u) / size <= C_i."""
     edges = _systematic_edges(w, rng, size).ravel()
     return np.diff(edges, prepend=0).reshape(w.shape)
 
 
 def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
-    """Return the offspring (M, N) up to each particle, of all runs laid end to end."""
+    """Return the number of offspring up to each particle (M, N), counted on from run to run.
+
+    Within a run it is ``floor(size C_i + 1 - u)``. One cumulative sum of fixed-point integers over all
+    runs is four times as fast as float sums row by row.
+    """
+    # Step 1: choose a fixed point such that the sum over all runs fits 63 bits.
     runs, N = w.shape
-    bits = min(_BITS, 63 - (runs * size).bit_length())  # the sum over all runs fits 63
+    bits = min(_BITS, 63 - (runs * size).bit_length())
     one = float(1 << bits)
     u = rng.random((runs, 1))
-    lost = ~np.isfinite(w[:, -1])
-    if lost.any():
-        w = np.where(lost[:, None], 1.0 / N, w)
+    diverged = ~np.isfinite(w[:, -1])
+    if diverged.any():
+        w = np.where(diverged[:, None], 1.0 / N, w)
+    # Step 2: sum size w over all runs; each run starts at m size + 1 - u.
     edges = np.cumsum((w * (size * one)).astype(np.int64)).reshape(runs, N)
     start = ((1.0 - u) * one).astype(np.int64)
-    start[1:] -= edges[:-1, -1:]  # what the rows before have summed to, rounding included
+    start[1:] -= edges[:-1, -1:]  # the sum of the rows before, rounding included
     start += np.arange(0, runs * size, size)[:, None] << bits
+    # Step 3: floor; the last edge of a run is exact.
     edges += start
     edges >>= bits
     edges[:, -1] = np.arange(size, runs * size + 1, size)
@@ -79,25 +92,31 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:
-    """Return one uniform per stratum ((j + u_j) / size)."""
+    """Count offspring by one uniform u_j per stratum, at (j + u_j) / size."""
     u = rng.random((len(w), size))
+    # Step 1: count the draws up to each cumulative weight; only that of its own stratum is uncertain.
     position = size * _cumulative(w)
     stratum = np.minimum(position.astype(np.intp), size - 1)
     inside = np.take_along_axis(u, stratum, axis=-1) <= position - stratum
-    return _counts(stratum + inside, size)
+    below = np.minimum(stratum + inside, size).astype(np.intp)
+    below[:, -1] = size
+    # Step 2: the differences are the offspring.
+    return np.diff(below, axis=-1, prepend=0)
 
 
 def multinomial(w: Array, rng: Streams, size: int) -> Index:
-    """Return ``size`` independent draws per run."""
+    """Count offspring by ``size`` independent draws per run."""
     shape = (len(w), size)
     return _tally(_cumulative(w), rng.random(shape), np.ones(shape, dtype=np.bool_))
 
 
 def residual(w: Array, rng: Streams, size: int) -> Index:
-    """Return ``floor(size w)`` copies for certain, the rest multinomial (Liu & Chen 1998)."""
+    """Count ``floor(size w)`` certain offspring, and the rest multinomial (Liu & Chen 1998)."""
+    # Step 1: the certain copies.
     runs, N = w.shape
     expected = size * np.where(np.isfinite(w), w, 1.0 / N)
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
+    # Step 2: draw the missing ones from the remaining weights.
     missing = size - certain.sum(axis=-1, keepdims=True)
     rest = np.maximum(expected - certain, 0.0) + 1e-300
     cdf = _cumulative(rest / total(rest)[:, None])
@@ -113,29 +132,22 @@ SCHEMES: dict[Scheme, Callable[[Array, Streams, int], Index]] = {
 
 
 def _cumulative(w: Array) -> Array:
-    """Return cumulative weights that end at one; uniform where a run's weights are not finite."""
+    """Return cumulative weights; equal steps where a run's weights are not finite."""
     cdf = np.cumsum(w, axis=-1)
-    lost = ~np.isfinite(cdf[:, -1])
-    if lost.any():
+    diverged = ~np.isfinite(cdf[:, -1])
+    if diverged.any():
         N = w.shape[-1]
-        cdf[lost] = np.arange(1, N + 1) / N
+        cdf[diverged] = np.arange(1, N + 1) / N
     return cdf
-
-
-def _counts(edges: Array, size: int) -> Index:
-    """Return counts from the number of draws at or below each cumulative weight (M, N)."""
-    below = np.minimum(edges, size).astype(np.intp)
-    below[:, -1] = size
-    return np.diff(below, axis=-1, prepend=0)
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
     """Count how many of the ``drawn`` draws u (M, size) select each particle."""
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]
-    # The runs' cumulative weights laid end to end are one sorted array: one search serves all.
+    # The cumulative weights of all runs, end to end, are one sorted array: search it once.
     edges = (np.minimum(cdf, 1.0) + row).ravel()
-    found = np.searchsorted(edges, (u + row)[drawn], side="left")
+    selected = np.searchsorted(edges, (u + row)[drawn], side="left")
     last = np.broadcast_to(row * N + N - 1, u.shape)[drawn]
-    found = np.minimum(found, last)
-    return np.bincount(found, minlength=runs * N).reshape(runs, N)
+    selected = np.minimum(selected, last)
+    return np.bincount(selected, minlength=runs * N).reshape(runs, N)

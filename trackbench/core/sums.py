@@ -1,8 +1,8 @@
-"""Sums in an order of our own, so that their last bit is the same on every machine and with every numpy.
+"""Sums in a fixed order, so that their last bit is equal on every machine and with every numpy.
 
-numpy and BLAS add the elements of a row in an order that follows the processor and the version. Here
-rows are added to each other, one after the other: nothing but elementwise sums. A long row is cut into
-blocks, which are such rows, and their sum into smaller ones.
+numpy and BLAS add the elements of a row in an order that depends on the processor and the version. Here
+rows are added to each other in order, by elementwise sums only. A long row is cut into blocks, which
+are added as rows, and their sum is cut again into smaller blocks.
 """
 
 from math import frexp, ldexp, prod
@@ -16,7 +16,7 @@ _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into 
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Sum over the first axis, or over the last, of any length."""
+    """Sum over the first or the last axis, of any length."""
     if axis == 0:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
@@ -35,26 +35,27 @@ def dot(a: Array, b: Array) -> Array:
 def product(A: Array, B: Array) -> Array:
     """Return ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), n <= 128, to some 45 bits.
 
-    Each factor is the sum of two with 23 bits (Ozaki et al. 2012). Their products are whole numbers that
-    a sum of 128 holds exactly, so that BLAS may add them in any order.
+    Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
+    exact, so BLAS may add them in any order.
     """
     B1, B2 = _halves(B)
     out = np.empty((*A.shape[:-1], B.shape[1]))
-    for rows, found in zip(A, out, strict=True):  # a piece that stays in the cache
+    # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for one row of A at a time in the cache.
+    for rows, target in zip(A, out, strict=True):
         A1, A2 = _halves(rows)
-        np.matmul(A1, B2, out=found)
-        found += A2 @ B1
-        found += A1 @ B1
+        np.matmul(A1, B2, out=target)
+        target += A2 @ B1
+        target += A1 @ B1
     return out
 
 
 def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Return the mean over the first axis or the last, which is not empty."""
+    """Return the mean over the first or the last axis, which must not be empty."""
     return total(a, axis) / a.shape[axis]
 
 
 def _by_blocks(rows: Array, block: int) -> Array:
-    """Return sums (r, block) over every so many elements of each of r rows."""
+    """Return the sums (r, block) of the blocks of each of r rows; the last block may be shorter."""
     n = rows.shape[1]
     whole = n - n % block
     sums = np.add.reduce(rows[:, :whole].reshape(len(rows), -1, block), axis=1)

@@ -1,11 +1,4 @@
-"""Moments of a function of a Gaussian by weighted points: unscented transform, Gauss-Hermite rule.
-
-The scaled unscented transform (Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3).
-
-``lambda = alpha^2 (n + kappa) - n``; points ``m`` and ``m +- sqrt((n + lambda) P)`` columns; weights
-``lambda / (n + lambda)`` for the centre (plus ``1 - alpha^2 + beta`` in the covariance) and
-``1 / (2 (n + lambda))`` for the others.
-"""
+"""Moments of a function of a Gaussian by weighted points: unscented transform, Gauss-Hermite rule."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,17 +22,36 @@ class PointRule(Protocol):
 
 @dataclass(frozen=True)
 class Unscented:
-    """The transform's three parameters."""
+    """Scaled unscented transform (Julier & Uhlmann 1997; van der Merwe et al. 2000, section 3).
+
+    With ``lambda = alpha^2 (n + kappa) - n`` the points are ``m`` and ``m +- `` the columns of
+    ``sqrt((n + lambda) P)``. Weights are ``lambda / (n + lambda)`` for the center, plus
+    ``1 - alpha^2 + beta`` in the covariance, and ``1 / (2 (n + lambda))`` for the others.
+    """
 
     alpha: float
     beta: float
     kappa: float
 
     def points(self, mean: Array, cov: Array) -> "SigmaPoints":
-        """Return sigma points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        """Return the 2 n + 1 sigma points of N(mean, cov).
+
+        Parameters
+        ----------
+        mean : (n, *batch)
+            Mean m.
+        cov : (n, n[, *batch])
+            Covariance P, which may be singular.
+
+        Returns
+        -------
+        SigmaPoints
+            Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,).
+        """
         n = mean.shape[0]
         spread = self.alpha * self.alpha * (n + self.kappa)  # n + lambda
-        centre = 1.0 - n / spread  # lambda / (n + lambda)
+        center = 1.0 - n / spread  # lambda / (n + lambda)
+        # Step 1: m, then m + columns of the root, then m - columns.
         columns = np.sqrt(spread) * linalg.transpose(linalg.root(cov))
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         x[:, 0] = mean
@@ -47,16 +59,17 @@ class Unscented:
             column = with_axes_of(mean, columns[i])
             x[:, 1 + i] = mean + column
             x[:, 1 + n + i] = mean - column
+        # Step 2: weights of the mean and of the covariance, which differ in the center.
         weights = np.full(2 * n + 1, 0.5 / spread)
         cov_weights = weights.copy()
-        weights[0] = centre
-        cov_weights[0] = centre + 1.0 - self.alpha * self.alpha + self.beta
+        weights[0] = center
+        cov_weights[0] = center + 1.0 - self.alpha * self.alpha + self.beta
         return SigmaPoints(x, weights, cov_weights)
 
 
 @dataclass(frozen=True)
 class GaussHermite:
-    """The product rule with ``order`` points along each axis: exact to degree 2 order - 1 in each.
+    """Product rule with ``order`` points along each axis, exact to degree 2 order - 1 in each.
 
     Ito & Xiong 2000; Abramowitz & Stegun, 25.4.46, for the weight exp(-x^2 / 2).
     """
@@ -71,42 +84,38 @@ class GaussHermite:
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
     def points(self, mean: Array, cov: Array) -> "SigmaPoints":
-        """order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+        """Return order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
         grid = list(product(self.nodes, repeat=len(mean)))
         root = linalg.root(cov)
         unit = np.array([[x for x, _ in point] for point in grid])
+        # x_i = m + L e_i, and a weight is the product of the axes' weights.
         steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]
         weights = np.array([prod(w for _, w in point) for point in grid])
         return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
 
 
 def _hermite(n: int, x: float) -> float:
-    """Return he_n(x), by its recursion."""
-    before, now = 0.0, 1.0
+    """Return He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
+    previous, current = 0.0, 1.0
     for k in range(n):
-        before, now = now, x * now - k * before
-    return now
+        previous, current = current, x * current - k * previous
+    return current
 
 
 def _hermite_roots(n: int) -> list[float]:
-    """Return roots of He_n, by bisection between those of He_{n-1}."""
+    """Return the roots of He_n, by bisection between the roots of He_{n-1}."""
     if n == 0:
         return []
     edge = 2.0 * sqrt(n)
-    brackets = [-edge, *_hermite_roots(n - 1), edge]
-    return [_root_between(n, a, b) for a, b in pairwise(brackets)]
-
-
-def _root_between(n: int, low: float, high: float) -> float:
-    rising = _hermite(n, high) > 0.0
-    middle = 0.5 * (low + high)
-    while low < middle < high:
-        value = _hermite(n, middle)
-        if value == 0.0:
-            break
-        low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+    roots = []
+    for low, high in pairwise([-edge, *_hermite_roots(n - 1), edge]):
+        rising = _hermite(n, high) > 0.0
         middle = 0.5 * (low + high)
-    return middle
+        while low < middle < high and (value := _hermite(n, middle)) != 0.0:
+            low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+            middle = 0.5 * (low + high)
+        roots.append(middle)
+    return roots
 
 
 class SigmaPoints(NamedTuple):

@@ -25,8 +25,8 @@ from trackbench.evaluation.validate_output import (
 )
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import WrongReturnError
-from trackbench.models.augmented_prior import augment_prior
 from trackbench.models.base import Model, extra_std
+from trackbench.models.priors import augment_prior
 from trackbench.scenarios.base import Simulation
 
 

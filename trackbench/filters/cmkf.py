@@ -15,8 +15,8 @@ from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
+from trackbench.models.priors import Convertible, TwoPoint
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import Convertible, TwoPoint
 from trackbench.registry import register
 
 
@@ -61,7 +61,7 @@ class CMKF(GaussianFilter):
         posterior, innovation = kalman.update(predicted, nu, H, R)
         # The likelihood is one of (r, a): d(x, y) = b^2 r d(r, a) of a position at b r.
         x, y = converted.mean
-        return posterior, innovation._replace(stretch=(x * x + y * y) / sensor.reading(z).r)
+        return posterior, innovation._replace(volume_ratio=(x * x + y * y) / sensor.reading(z).r)
 
 
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:

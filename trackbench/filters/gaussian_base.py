@@ -20,7 +20,7 @@ from trackbench.models.gaussian_steps import (
     extended_step,
     idle_noise_mean,
 )
-from trackbench.models.two_point_prior import Convertible
+from trackbench.models.priors import Convertible
 from trackbench.registry import register
 
 

@@ -17,8 +17,8 @@ from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
 from trackbench.models.base import Model
 from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
+from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import TwoPoint, two_point_difference
 from trackbench.registry import register
 
 _NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component back

@@ -17,7 +17,8 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.differential_evolution import crossover, metropolis, mutate
+from trackbench.core.differential_evolution import crossover, mutate
+from trackbench.core.metropolis import metropolis
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean, total

@@ -22,8 +22,8 @@ from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.models.augmented_prior import augment_gaussian
 from trackbench.models.base import Model, Scene, extra_std
+from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
 
 _EKF = EKF()

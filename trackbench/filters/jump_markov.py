@@ -131,7 +131,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         spreads = _spreads(models, x, mode, w)
         x, mode = resampling.select(x, index), resampling.select(mode, index)
         for j, (rows, spread) in enumerate(zip(_rows_of(models), spreads, strict=True)):
-            kernels = [spread._replace(there=mode == j)]
+            kernels = [spread._replace(members=mode == j)]
             x[rows] = jitter_modes(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
         return PFState(
             particles=Particles(x, particles.equal_weights(*index.shape)),

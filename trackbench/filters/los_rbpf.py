@@ -25,10 +25,10 @@ from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.kinematic import Linear
+from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.angular_base import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
 
 _MODE_FLOOR = 0.25  # least share of the particles of either mode

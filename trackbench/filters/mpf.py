@@ -28,8 +28,8 @@ from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.linear import Linear
-from trackbench.models.two_point_prior import TwoPoint
+from trackbench.models.motions.kinematic import Linear
+from trackbench.models.priors import TwoPoint
 from trackbench.registry import register
 
 

@@ -57,7 +57,11 @@ class PFState(NamedTuple):
 
     def diagnostics(self) -> dict[str, Array]:
         """Return collapsed runs, the effective sample size as a share of N, and the extra ones."""
-        ess = {} if self.w is None else {"ess": particles.effective_share(self.w)}
+        ess = (
+            {}
+            if self.w is None
+            else {"ess": particles.effective_sample_size(self.w) / self.w.shape[-1]}
+        )
         return (
             {"collapsed_steps": self.collapsed.astype(float)} | ess | dict(self.extra_diagnostics)
         )

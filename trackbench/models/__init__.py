@@ -1,1 +1,1 @@
-"""Floor 1: motion and sensor models, and the Gaussian steps that need nothing but a model."""
+"""Motion and sensor models, priors, and Gaussian filter steps on any model."""

@@ -10,12 +10,12 @@ from trackbench.models.sensors.base import SensorBase
 
 @dataclass(frozen=True, kw_only=True)
 class Assume:
-    """Motion and sensor that a filter assumes; what is not given is as it is."""
+    """Motion and sensor of the filter model; a key that is not set takes the true one."""
 
     motion: Annotated[Motion | None, Registered("motions")] = None
     """motion: {kind: cv, q: 0.3}"""
     sensor: Annotated[SensorBase | tuple[SensorBase, ...] | None, Registered("sensors")] = None
-    """sensor, or as many as there are"""
+    """sensor, or a list with one for each true sensor"""
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""

@@ -1,8 +1,8 @@
 """Protocols of motion and sensor, and the model that a filter gets of both.
 
-A planar state begins ``(px, vx, py, vy)``, one in space ``(px, vx, py, vy, pz, vz)``, m and m/s; what a
-motion has beside them (accelerations, a turn rate) comes after. So every sensor, score and filter finds
-positions in the even and velocities in the odd places of what all motions of a target share.
+A planar state begins ``(px, vx, py, vy)``, one in space ``(px, vx, py, vy, pz, vz)``, m and m/s.
+Further components of a motion (accelerations, a turn rate) follow. Sensors, scores and filters therefore
+find positions at the even and velocities at the odd indices that all motions of a target share.
 """
 
 from abc import abstractmethod
@@ -21,26 +21,38 @@ AXES = ("x", "y", "z")
 
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
-    """Return components of position and velocity along so many axes."""
+    """Return the names of position and velocity along so many axes: px, vx, py, ..."""
     return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
 
 
 class SampledMotion(Protocol):
-    """p(x_k | x_{k-1}); ``components`` names the state's components, with units."""
+    """A motion over one sampling interval, p(x_k | x_{k-1})."""
 
     @property
     def components(self) -> tuple[str, ...]:
         """Return names of the state's components, in order."""
 
     def transition(self, x: Array, k: int) -> Distribution:
-        """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+        """Return the distribution of x_k given x_{k-1} = x.
+
+        Parameters
+        ----------
+        x : (n_x, *batch)
+            States at step k - 1.
+        k : int
+            Step of the result.
+
+        Returns
+        -------
+        Distribution
+            Mean (n_x, *batch), covariance (n_x, n_x[, *batch]).
+        """
 
 
 def extra_std(motion: SampledMotion) -> tuple[float, ...]:
-    """Return standard deviations, where nothing is known, of a motion's last components.
+    """Return initial standard deviations of the components beyond position and velocity.
 
-    Those are neither a position nor a velocity, and a target may not have them; a motion that has such
-    components says so by an attribute of this name.
+    A motion that has such components has an attribute of this name. They start from N(0, std^2).
     """
     return getattr(motion, "extra_std", ())
 
@@ -50,18 +62,44 @@ class Motion(Part):
 
     @abstractmethod
     def sampled(self, T: float, axes: int = 2) -> SampledMotion:
-        """Return the motion over T seconds along so many axes (a scalar one has none)."""
+        """Return the motion over one sampling interval.
+
+        Parameters
+        ----------
+        T : float
+            Length of the interval, s.
+        axes : int
+            Number of axes of the space; a scalar motion ignores it.
+
+        Returns
+        -------
+        SampledMotion
+            The motion, the same object for equal arguments if it is cached.
+        """
 
 
 class Sensor(Protocol):
-    """p(z_k | x_k), Gaussian in its own coordinates: a frozen dataclass of the group ``sensors``."""
+    """p(z_k | x_k), Gaussian in the sensor's coordinates; a dataclass of the group ``sensors``."""
 
     @property
     def components(self) -> tuple[str, ...]:
         """Return names of the measurement's components, in order."""
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of z_k given x_k = x (n_x, *batch)."""
+        """Return the distribution of z_k given x_k = x.
+
+        Parameters
+        ----------
+        x : (n_x, *batch)
+            States.
+        k : int
+            Step.
+
+        Returns
+        -------
+        Gaussian
+            Mean h(x) (n_z, *batch), covariance R (n_z, n_z[, *batch]).
+        """
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
@@ -82,7 +120,7 @@ class DifferentiableSensor(Sensor, Protocol):
 
 
 Differentiable: TypeAlias = tuple[DifferentiableMotion, DifferentiableSensor]
-"""A model of which both parts have a Jacobian, for a cast."""
+"""A model whose motion and sensor both have a Jacobian, for a cast."""
 
 
 @runtime_checkable
@@ -105,21 +143,21 @@ class GammaMotion(Protocol):
 
 @runtime_checkable
 class LocatingSensor(Protocol):
-    """A sensor of which one measurement tells the position."""
+    """A sensor whose single measurement gives a position."""
 
     axes: ClassVar[int]
-    """along so many axes"""
+    """number of axes of the position"""
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """Return the position (axes, M) that a measurement gives, and its covariance."""
+        """Return the position (axes, M) of a measurement z (n_z, M), and its covariance."""
 
 
 @runtime_checkable
 class NearSensor(Protocol):
-    """A sensor that tells how far states are from a measurement faster than where they are."""
+    """A sensor that computes innovations of particles faster than their predicted measurements."""
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """Return ``innovation(z, E[z_k | x_k = x])`` and its covariance, for particles x (n_x, M, N)."""
+        """Return ``innovation(z, E[z_k | x_k = x])`` (n_z, M, N) and R, for particles x (n_x, M, N)."""
 
 
 @cache
@@ -128,7 +166,7 @@ def _is_near(kind: type[object]) -> bool:
 
 
 class Model(NamedTuple):
-    """Model of a filter: motion and sensor."""
+    """Motion and sensor as a filter assumes them: p(x_k | x_{k-1}) and p(z_k | x_k)."""
 
     motion: SampledMotion
     sensor: Sensor
@@ -140,12 +178,12 @@ class Scene(Part):
     @property
     @abstractmethod
     def model(self) -> Model:
-        """Return the motion and sensor of the truth, which filters assume unless told otherwise."""
+        """Return the true motion and sensor, which are also the filter model by default."""
 
     @property
     @abstractmethod
     def steps(self) -> Index:
-        """Step numbers k (T + 1,), the prior's first."""
+        """Return step numbers k (T + 1,), starting with the step of the prior."""
 
     @property
     @abstractmethod
@@ -154,7 +192,7 @@ class Scene(Part):
 
     @property
     def prior_type(self) -> type[Distribution]:
-        """Return the class of the prior, for filters that ask it for more than moments."""
+        """Return the class of the prior, for filters that use more of it than moments."""
         return Gaussian
 
     @property
@@ -164,18 +202,20 @@ class Scene(Part):
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
-    """Return log p(z_k | x_k = x) for z (n_z, M) and x (n_x, M[, N]).
+    """Return log p(z_k | x_k = x) (M[, N]) for measurements z (n_z, M) and states x (n_x, M[, N]).
 
-    Of the components that were measured, if some are missing (NaN); zero where all are.
+    It uses the measured components, and is zero if all are missing (NaN).
     """
     note("likelihoods", x, components=1)
+    # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
     if x.ndim == 3 and _is_near(type(sensor)):
-        seen = cast(NearSensor, sensor).residual(z, x, k)
-        nu, R = seen.mean, seen.cov
+        residual = cast(NearSensor, sensor).residual(z, x, k)
+        nu, R = residual.mean, residual.cov
     else:
         predicted = sensor.measurement(x, k)
         R = predicted.cov
         nu = sensor.innovation(with_trailing(z, predicted.mean.ndim - 1), predicted.mean)
+    # Step 2: log N(nu; 0, R), without the missing components.
     missing = np.isnan(with_trailing(z, nu.ndim - 1))
     if not missing.any():
         return zero_mean_log_prob(nu, R)

@@ -1,6 +1,6 @@
-"""One step of the extended Kalman filter, and of those by weighted points, on any model.
+"""Steps of the extended Kalman filter and of sigma-point filters, on any model.
 
-The same steps serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
+They serve a filter of M runs (mean (n, M)) and a proposal per particle (mean (n, M, N)).
 """
 
 from typing import NamedTuple, cast
@@ -23,10 +23,10 @@ from trackbench.models.base import (
 
 
 class AssumedNoise(NamedTuple):
-    """The noise a Gaussian filter assumes: None takes the model's.
+    """Noise that a Gaussian filter assumes: variances Q and R of every component, None for the model's.
 
-    Q and R are variances on every component. ``noise_mean`` adds the mean of the process noise to
-    the prediction; without it a gamma-driven model is predicted 1.5 too low (a published reading).
+    ``noise_mean`` adds the mean of the process noise to the prediction. Without it the prediction of the
+    gamma-driven model is 1.5 too low, an interpretation of a paper.
     """
 
     Q: float | None = None
@@ -39,57 +39,59 @@ class AssumedNoise(NamedTuple):
         if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
             return exact
         mean = exact.mean if self.noise_mean else exact.loc
-        return Gaussian(mean, _either(self.Q, exact.cov))
+        return Gaussian(mean, _assumed_cov(self.Q, exact.cov))
 
     def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
         """Return the mean and covariance of z_k given x_k = x."""
         exact = model.sensor.measurement(x, k)
-        return exact if self.R is None else Gaussian(exact.mean, _either(self.R, exact.cov))
+        return exact if self.R is None else Gaussian(exact.mean, _assumed_cov(self.R, exact.cov))
 
 
 def idle_noise_mean(scene: Scene) -> dict[str, str]:
-    """Return the reason, by key, why ``noise_mean`` changes nothing, if it does not."""
+    """Return a reason by key if ``noise_mean`` has no effect: the process noise has mean zero."""
     if isinstance(scene.model.motion, NormalMotion):
-        return {"noise_mean": "as the process noise has no mean here"}
+        return {"noise_mean": "as the process noise has mean zero"}
     return {}
 
 
 MODEL_NOISE = AssumedNoise()
-"""The noise as it stands in the model."""
+"""The noise of the model."""
 
 
-def _either(variance: float | None, cov: Array) -> Array:
+def _assumed_cov(variance: float | None, cov: Array) -> Array:
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 
 def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Gaussian:
-    """Return the prediction of x_k, the motion linearised at the mean."""
-    # Cast, since to ask a Protocol at every step takes as long as the step.
+    """Return the prediction of x_k, with the motion linearized at the mean."""
+    # A cast, because isinstance of a Protocol at every step takes as long as the step.
     motion = cast(DifferentiableMotion, model.motion)
-    moved = assumed.transition(model, state.mean, k)
-    return kalman.predict(state, motion.jacobian(state.mean, k), moved.cov, moved.mean)
+    transition = assumed.transition(model, state.mean, k)
+    return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
 
 
 def extended_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
 ) -> Updated:
-    """Predict to k and update with z: first-order linearisation at the mean and at the prediction."""
+    """Predict to k and update with z (n_z, M), linearized at the mean and at the prediction."""
     sensor = cast(DifferentiableSensor, model.sensor)
     predicted = extended_prediction(model, state, k, assumed)
-    seen = assumed.measurement(model, predicted.mean, k)
-    nu = sensor.innovation(with_trailing(z, seen.mean.ndim - 1), seen.mean)
-    return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), seen.cov)
+    measurement = assumed.measurement(model, predicted.mean, k)
+    # nu = z - h(m^-)
+    nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
+    return kalman.update(predicted, nu, sensor.jacobian(predicted.mean, k), measurement.cov)
 
 
 def augmented_size(model: Model) -> int:
-    """Return the components of (x, v, n) that `augmented_step` draws sigma points of."""
+    """Return the number of components of the augmented state (x, v, n) of `augmented_step`."""
     return 2 * len(model.motion.components) + len(model.sensor.components)
 
 
 def spread_conflicts(
     alpha: float, kappa: float, model: Model, augmented: bool = True
 ) -> dict[str, str]:
-    """Return mistakes by key if the sigma points coincide: alpha^2 (n + kappa) must be positive."""
+    """Return errors by key if the sigma points coincide: alpha^2 (n + kappa) must be positive."""
+    # n + lambda = alpha^2 (n + kappa) scales the points: it must be positive and finite.
     n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:
         parts = ", of state, noise and measurement" if augmented else ""
@@ -104,26 +106,28 @@ def augmented_step(
 ) -> Updated:
     """Predict to k and update with z by one set of points of the augmented state (x, v, n).
 
-    The points go through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
+    The points pass through the motion and then the sensor (van der Merwe et al. 2000, section 3.2).
     """
+    # Step 1: points of state, process noise and measurement noise.
     n_x = state.mean.shape[0]
-    probe = assumed.transition(model, state.mean, k)
-    R = assumed.measurement(model, probe.mean, k).cov
-    augmented = _augment(state, probe.cov, R)
+    transition = assumed.transition(model, state.mean, k)
+    R = assumed.measurement(model, transition.mean, k).cov
+    augmented = _augment(state, transition.cov, R)
     points = rule.points(augmented.mean, augmented.cov)
     x, v, n = points.x[:n_x], points.x[n_x : 2 * n_x], points.x[2 * n_x :]
-    moved = assumed.transition(model, x, k).mean + v
-    return _condition(model, points, moved, points.moments(moved), z, k, n, None)
+    # Step 2: predict each point, f(x) + v; condition on z = h(f(x) + v) + n.
+    predicted = assumed.transition(model, x, k).mean + v
+    return _condition(model, points, predicted, points.moments(predicted), z, k, n, None)
 
 
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
-    """Return the prediction of x_k by points of the state, the noise's covariance added."""
+    """Return the prediction of x_k by points of the state, plus the covariance Q of the noise."""
     points = rule.points(state.mean, state.cov)
     Q = assumed.transition(model, state.mean, k).cov
-    moved = points.moments(assumed.transition(model, points.x, k).mean)
-    return Gaussian(moved.mean, moved.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
+    moments = points.moments(assumed.transition(model, points.x, k).mean)
+    return Gaussian(moments.mean, moments.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
 
 
 def additive_step(
@@ -131,7 +135,7 @@ def additive_step(
 ) -> Updated:
     """Predict to k by points of the state, and update with z by new points of the prediction.
 
-    The noise of either is added to the covariance (Arasaratnam & Haykin 2009, section 5).
+    The noise covariances are added to those of the points (Arasaratnam & Haykin 2009, section 5).
     """
     predicted = point_prediction(model, state, k, assumed, rule)
     return _additive_update(model, predicted, z, k, assumed, rule)
@@ -147,7 +151,7 @@ def _additive_update(
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Return z (n_z, M) minus its mean given N(mean, cov) of x_k, and its covariance, by cubature."""
+    """Return the innovation of z (n_z, M) and its covariance for N(mean, cov) of x_k, by cubature."""
     cubature = Unscented(1.0, 0.0, 0.0)
     return _additive_update(model, per_run_moments(predicted), z, k, MODEL_NOISE, cubature)[1]
 
@@ -162,26 +166,29 @@ def _condition(
     noise: Array | None,
     R: Array | None,
 ) -> Updated:
-    """Return the prediction given z: moments over points x of what the sensor makes of them.
+    """Return the prediction given z by the measurements of points x.
 
-    Its noise is in the points, or its covariance is added.
+    The measurement noise is either in the points, as ``noise``, or added as its covariance R.
     """
+    # Step 1: measurements of the points, relative to the first point, so that angles do not wrap.
     z_pred = model.sensor.measurement(x, k).mean
-    # Deviations from the first point keep angles away from the cut while they are averaged.
-    centre = z_pred[:, :1]
-    seen = model.sensor.innovation(z_pred, centre)
-    seen = seen if noise is None else seen + noise
-    z_mean = points.mean(seen)
-    dz, dx = seen - z_mean[:, None], x - predicted.mean[:, None]
+    center = z_pred[:, :1]
+    relative = model.sensor.innovation(z_pred, center)
+    relative = relative if noise is None else relative + noise
+    # Step 2: their mean, covariance S and covariance C with the state.
+    z_mean = points.mean(relative)
+    dz, dx = relative - z_mean[:, None], x - predicted.mean[:, None]
     S, C = points.cross(dz, dz), points.cross(dx, dz)
     S = S if R is None else S + R
+    # Step 3: the innovation; a missing component (NaN) loses its row and column of S and C.
     batch = predicted.mean.shape[1:]
     z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
-    nu = model.sensor.innovation(z, centre[:, 0] + z_mean)
+    nu = model.sensor.innovation(z, center[:, 0] + z_mean)
     missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
     if missing.any():
         rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
         C = linalg.transpose(rows)
+    # Step 4: K = C S^-1, m + K nu, P - K S K'.
     note("covariances", S, components=2)
     K = linalg.matmul(C, linalg.inverse(S))
     mean = predicted.mean + linalg.matvec(K, np.where(missing, 0.0, nu))
@@ -194,6 +201,7 @@ def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:
     mean = np.zeros((n, *batch))
     cov = np.zeros((n, n, *batch))
     mean[:n_x] = state.mean
+    # P = [P 0 0; 0 Q 0; 0 0 R]
     cov[:n_x, :n_x] = with_trailing(state.cov, len(batch), leading=2)
     cov[n_x : n_x + n_v, n_x : n_x + n_v] = with_trailing(Q, len(batch), leading=2)
     cov[n_x + n_v :, n_x + n_v :] = with_trailing(R, len(batch), leading=2)

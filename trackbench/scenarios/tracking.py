@@ -16,8 +16,7 @@ from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, R
 from trackbench.models.assumed_sensor import Assume
 from trackbench.models.base import Model, Motion, SampledMotion
 from trackbench.models.motions.irregular import Irregular
-from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack
 from trackbench.registry import register

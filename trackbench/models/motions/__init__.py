@@ -1,1 +1,1 @@
-"""Motions, one file each or a few alike: what `kind` of motion a target or a filter may have."""
+"""Motions of targets and of filter models, one file for each family."""

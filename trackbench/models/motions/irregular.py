@@ -1,4 +1,4 @@
-"""A motion over intervals that differ from step to step, as recorded data have them."""
+"""A motion over intervals that differ from step to step, as in recorded data."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from trackbench.models.base import Motion, SampledMotion, extra_std
 
 @dataclass(frozen=True, eq=False)
 class Irregular:
-    """At step k the motion over the interval before it, ``intervals[k - first]``, s.
+    """Motion whose step k covers the interval ``intervals[k - first]``, s.
 
-    It has a Jacobian, or is linear, where the motion itself is; but no T, nor one F of all steps.
+    It has a Jacobian if the motion has one. There is no T and no F, since they differ by step.
     """
 
     motion: Motion
@@ -31,19 +31,19 @@ class Irregular:
 
     @property
     def jacobian(self) -> Callable[[Array, int], Array]:
-        """Return d E[x_k] / d x_{k-1}, a function of x and k. AttributeError if the motion has none."""
+        """Return d E[x_k] / d x_{k-1} as a function of x and k; AttributeError if there is none."""
         self._one.jacobian  # type: ignore[attr-defined]  # noqa: B018
         return self._jacobian
 
     @property
     def linear(self) -> bool:
-        """Return the true. AttributeError if the motion is not linear."""
+        """Return True; AttributeError if the motion is not linear."""
         self._one.F  # type: ignore[attr-defined]  # noqa: B018
         return True
 
     @property
     def Q(self) -> Array:
-        """Return the noise covariance (n, n) of the first interval; singular if all are."""
+        """Return the noise covariance (n, n) of the first interval, which is singular if all are."""
         return self._one.Q  # type: ignore[attr-defined]
 
     @property
@@ -53,7 +53,7 @@ class Irregular:
 
     @property
     def extra_std(self) -> tuple[float, ...]:
-        """Return the see `trackbench.models.base.extra_std`."""
+        """Return initial standard deviations of further components, as `base.extra_std`."""
         return extra_std(self._one)
 
     @cached_property

@@ -1,7 +1,7 @@
-"""Linear motions along each axis by itself: the matrices F and Q from their few keys.
+"""Linear motions, and those along each axis by itself: matrices F and Q from a few keys.
 
-A planar state is (px, vx, py, vy), m and m/s; one with accelerations appends (ax, ay), m/s^2, so that
-its first four components are those of every other. Matrices are kept and read-only.
+A planar state is (px, vx, py, vy), m and m/s; one with accelerations appends (ax, ay), m/s^2. Matrices
+are cached and read-only.
 """
 
 from dataclasses import dataclass
@@ -12,14 +12,46 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
+from trackbench.core.distributions import Gaussian
 from trackbench.field_types import NonNegative, Positive
 from trackbench.models.base import AXES, Motion, position_velocity_names
-from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
 NoiseGain = Literal["standard", "printed"]
-_KEPT = 64  # matrices: a filter asks for them at every step
+_CACHED = 64  # motions, because a filter needs its matrices at every step
 _TERMS = 10  # of exp(-h / tau), h at most a 32nd of tau
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Linear motion x_k = F x_{k-1} + N(0, Q) over T seconds; F and Q (n, n)."""
+
+    T: float
+    F: Array
+    Q: Array
+    components: tuple[str, ...]
+    extra_std: tuple[float, ...] = ()
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return N(F x, Q)."""
+        return Gaussian(linalg.matvec(self.F, x), self.Q)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return F."""
+        return self.F
+
+    @property
+    def alike_axes(self) -> tuple[Array, Array]:
+        """Return F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy).
+
+        It raises AttributeError unless this is constant velocity with equal noise along x and y.
+        """
+        F, Q = np.array([[1.0, self.T], [0.0, 1.0]]), self.Q[:2, :2]
+        # Compare with the matrices of two equal axes.
+        planar = (np.kron(np.eye(2), block) for block in (F, Q))
+        if not all(map(np.array_equal, (self.F, self.Q), planar)):
+            raise AttributeError("this is not constant velocity with equal noise along x and y")
+        return F, Q
 
 
 class Axis(NamedTuple):
@@ -34,17 +66,19 @@ class PerAxis(Motion):
     """Base of the motions whose axes do not couple."""
 
     def axis(self, T: float) -> Axis:
-        """Return the F and Q of one axis over T seconds."""
+        """Return F and Q of one axis over T seconds."""
         raise NotImplementedError
 
-    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     @np.errstate(all="ignore")  # runs that leave the numbers are counted, not warned about
     def sampled(self, T: float, axes: int = 2) -> Linear:
-        """Return the motion along so many axes over T seconds; accelerations come after all else."""
+        """Return the motion along so many axes over T seconds, accelerations as last components."""
         axis = self.axis(T)
         n = len(axis.F)
+        # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
         order = [n * a + i for a in range(axes) for i in range(2)]
         order += [n * a + i for a in range(axes) for i in range(2, n)]
+        # The same block for each axis.
         both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
         F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
         extra = range(axes if n > 2 else 0)
@@ -53,7 +87,7 @@ class PerAxis(Motion):
 
     @property
     def acceleration_std(self) -> float:
-        """Return the deviation of an acceleration without measurement, m/s^2, if it has any."""
+        """Return the initial standard deviation of the acceleration, m/s^2, if it is a component."""
         return 0.0
 
 
@@ -69,13 +103,13 @@ class ConstantVelocity(PerAxis):
     q: NonNegative
     """variance of the disturbance per axis: (m/s^2)^2, or (m/s)^2 with the printed gain"""
     noise_gain: NoiseGain = "standard"
-    """how the disturbance enters: [T^2/2, T]' or the printed [T/2, 1]'"""
+    """gain G of the disturbance: [T^2/2, T]' or the printed [T/2, 1]'"""
     kind: Literal["cv"] = "cv"
     """constant velocity"""
 
-    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """Return the F and Q of one axis (position, velocity)."""
+        """Return F and ``Q = q G G'`` of one axis (position, velocity)."""
         G = np.array([T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
 
@@ -91,15 +125,15 @@ class ConstantAcceleration(PerAxis):
     q: NonNegative
     """variance of the acceleration's increment per axis, (m/s^2)^2"""
     noise_gain: NoiseGain = "standard"
-    """how the disturbance enters: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
+    """gain G of the disturbance: [T^2/2, T, 1]' or the printed [T^2/4, T/2, 1]'"""
     initial_std: NonNegative = 0.1
-    """standard deviation of the acceleration before any measurement, m/s^2, where none is known"""
+    """standard deviation of the acceleration before the first measurement, m/s^2"""
     kind: Literal["ca"] = "ca"
     """constant acceleration"""
 
-    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """Return the F and Q of one axis (position, velocity, acceleration)."""
+        """Return F and ``Q = q G G'`` of one axis (position, velocity, acceleration)."""
         standard = self.noise_gain == "standard"
         G = np.array([T * T / 2, T, 1.0] if standard else [T * T / 4, T / 2, 1.0])
         F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
@@ -119,9 +153,10 @@ class WhiteAcceleration(PerAxis):
     q: NonNegative
     """power spectral density of the acceleration per axis, m^2/s^3"""
 
-    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """Return the F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
+        """Return F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
+        # Q = q int_0^T [s 1]' [s 1] ds
         Q = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
         return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(Q))
 
@@ -139,29 +174,32 @@ class Singer(PerAxis):
     tau: Positive
     """time constant of the acceleration, s"""
 
-    @lru_cache(maxsize=_KEPT)  # noqa: B019 (a motion is a few numbers)
+    @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
-        """Return the F and Q of one axis (position, velocity, acceleration).
+        """Return F and Q of one axis (position, velocity, acceleration).
 
-        Over a short interval by their series, then doubled: the closed form loses its digits where T is
-        short beside tau.
+        The closed form would lose its digits for T much shorter than tau.
         """
+        # Step 1: F and Q of a short interval h by their series.
         halvings = 0
         h = T
         while h > self.tau / 32.0:
             h, halvings = 0.5 * h, halvings + 1
         F, Q = self._short(h)
+        # Step 2: double the interval: F(2 h) = F F, Q(2 h) = F Q F' + Q.
         for _ in range(halvings):
             F, Q = linalg.matmul(F, F), linalg.sandwich(F, Q) + Q
         return Axis(fixed(F), fixed(Q))
 
     def _short(self, h: float) -> tuple[Array, Array]:
         """Return F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) the effect of an acceleration."""
+        # Step 1: polynomials of the acceleration exp(-s / tau), its integral and double integral.
         fading = [1.0]
         for n in range(1, _TERMS):
             fading.append(fading[-1] * -1.0 / (n * self.tau))
         speed = _integrate(fading)
         g = _integrate(speed), speed, fading
+        # Step 2: evaluate F and integrate the products of g.
         values = [_evaluate(p, h) for p in g]
         F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
         density = 2.0 * self.sigma * self.sigma / self.tau
@@ -170,7 +208,7 @@ class Singer(PerAxis):
 
     @property
     def acceleration_std(self) -> float:
-        """Return the deviation of the motion's acceleration."""
+        """Return the stationary standard deviation of the acceleration."""
         return self.sigma
 
 

@@ -12,10 +12,10 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.quadrature import Interval
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion
-from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
 
-_TAIL = 1e-12  # probability of gamma noise beyond the support handed to the point-mass filter
+_TAIL = 1e-12  # probability of gamma noise beyond the support that the point-mass filter uses
 
 
 @register("motions", "sine-gamma")
@@ -72,7 +72,8 @@ class MerweMotion:
     extra_std: ClassVar[tuple[float, ...]] = ()
 
     def transition(self, x: Array, k: int) -> Shifted:
-        """Return the Gamma noise around ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
+        """Return Gamma noise plus ``1 + sin(w pi (k - lag)) + phi1 x`` for x (1, *batch)."""
+        # f(x) = 1 + sin(w pi s) + phi1 x
         drive = 1.0 + cos_sin(self.w * np.pi * (k - self.sine_lag))[1]
         return Shifted(self.noise, self.phi1 * x + drive)
 
@@ -84,15 +85,17 @@ class MerweMotion:
         """Return the interval of x_k for x_{k-1} between low and high (M,)."""
         from scipy.special import gammainccinv
 
-        # In whole parts of the scale: the library's last bit is not to show.
+        # Round the quantile up to eighths of the scale: the library's last bit has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
+        # The motion is monotone in x: the ends of the interval map to ends.
         ends = self.transition(low, k).loc, self.transition(high, k).loc
         return np.minimum(*ends), np.maximum(*ends) + longest
 
     def origins(self, x: Array, k: int) -> Interval:
-        """Return the interval of x_{k-1} from which x_k = x can be reached: the noise is positive."""
+        """Return the interval of x_{k-1} from which x_k = x can be reached with positive noise."""
         everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
         if self.phi1 == 0.0 or not self.noise.smooth:
             return everywhere
+        # v = x_k - f(0) - phi1 x_{k-1} > 0 bounds x_{k-1} on one side.
         edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
         return (everywhere[0], edge) if self.phi1 > 0.0 else (edge, everywhere[1])

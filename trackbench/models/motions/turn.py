@@ -1,4 +1,4 @@
-"""Coordinated turns of a planar target: at a known rate, and at one that is a component of the state."""
+"""Coordinated turns of a planar target: at a known rate, and at a rate in the state."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,8 +11,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion, position_velocity_names
-from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register
 
 _STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn
@@ -36,6 +35,7 @@ class CoordinatedTurn(Motion):
         w = np.deg2rad(self.turn_rate_deg_s)
         if abs(w * T) < _STRAIGHT:
             return straight
+        # Equations 11.7.1-4, with c = cos(w T) and s = sin(w T).
         c, s = cos_sin(w * T)
         F = np.array(
             [
@@ -51,7 +51,7 @@ class CoordinatedTurn(Motion):
 @register("motions", "ct-unknown")
 @dataclass(frozen=True, kw_only=True)
 class UnknownTurn(Motion):
-    """Turn at constant speed whose rate is estimated with the state and walks at random.
+    """Turn at constant speed, with a turn rate that is estimated and follows a random walk.
 
     Bar-Shalom, Li & Kirubarajan 2001, section 11.7.2. The state is (px, vx, py, vy, turn_rate), the rate
     in rad/s, positive from x to y.
@@ -62,7 +62,7 @@ class UnknownTurn(Motion):
     turn_walk_deg_s: Positive
     """standard deviation of the turn rate's change within one second, deg/s"""
     initial_std_deg_s: Positive = 3.0
-    """standard deviation of the turn rate at the start, deg/s, where none is known"""
+    """standard deviation of the turn rate before the first measurement, deg/s"""
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> "Turning":
@@ -70,6 +70,7 @@ class UnknownTurn(Motion):
         _check_planar(axes)
         walk = np.deg2rad(self.turn_walk_deg_s)
         Q = np.zeros((5, 5))
+        # Q = diag(Q of a random acceleration, walk^2 T)
         Q[:4, :4] = ConstantVelocity(q=self.q).sampled(T).Q
         Q[4, 4] = walk * walk * T
         return Turning(T, fixed(Q), (float(np.deg2rad(self.initial_std_deg_s)),))
@@ -90,6 +91,7 @@ class Turning:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (5, 5, *batch)."""
+        # Step 1: derivatives of f by position and velocity.
         _, vx, _, vy, w = x
         T, (along, across, c, s) = self.T, arc(w, self.T)
         F = np.zeros((5, *x.shape))
@@ -98,10 +100,11 @@ class Turning:
         F[2, 1], F[0, 3] = across, -across
         F[1, 1] = F[3, 3] = c
         F[3, 1], F[1, 3] = s, -s
-        # d/dw of T sin(u) / u and T (1 - cos u) / u, u = w T
+        # Step 2: derivatives of T sin(u) / u and T (1 - cos u) / u by w, u = w T.
         u = w * T
         d_along = T * T * _sinc_slope(u)
         d_across = T * (along - 0.5 * T * np.square(_sinc(0.5 * u)))
+        # Step 3: derivatives of f by w.
         F[0, 4] = d_along * vx - d_across * vy
         F[1, 4] = -T * (s * vx + c * vy)
         F[2, 4] = d_across * vx + d_along * vy
@@ -125,22 +128,24 @@ def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
     """Return ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
     u = w * T
     c, s = cos_sin(u)
+    # (1 - cos u) / w = T u (sin(u / 2) / (u / 2))^2 / 2, which keeps its digits near zero.
     half = _sinc(0.5 * u)
     return T * _sinc(u), 0.5 * T * u * half * half, c, s
 
 
 def _sinc(u: Array) -> Array:
     """Return ``sin(u) / u``."""
+    # sin(u) / u rounds to one near zero.
     at_zero = np.abs(u) < 1e-8
     return np.where(at_zero, 1.0, cos_sin(u)[1] / np.where(at_zero, 1.0, u))
 
 
 def _sinc_slope(u: Array) -> Array:
-    """Return the derivative of ``sin(u) / u``; by its series where the closed form loses its digits."""
-    near, square = np.abs(u) < 0.1, u * u
+    """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
+    near_zero, square = np.abs(u) < 0.1, u * u
     series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
-    apart = np.where(near, 1.0, u)
-    return np.where(near, series, (cos_sin(apart)[0] - _sinc(apart)) / apart)
+    large = np.where(near_zero, 1.0, u)
+    return np.where(near_zero, series, (cos_sin(large)[0] - _sinc(large)) / large)
 
 
 def _check_planar(axes: int) -> None:

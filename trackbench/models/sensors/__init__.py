@@ -1,1 +1,1 @@
-"""Sensors, one file each or a few alike."""
+"""Sensors, one file for each family."""

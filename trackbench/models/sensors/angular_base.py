@@ -1,4 +1,4 @@
-"""Base of sensors of directions and distances: platform, and angles that wrap."""
+"""Base of sensors of directions and ranges: position or platform, and angles that wrap."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from trackbench.models.sensors.base import SensorBase
 
 @dataclass(frozen=True, kw_only=True)
 class Platform:
-    """A path of the sensor's own: straight between waypoints, at rest before and after them."""
+    """Path of a moving sensor: straight between waypoints, at rest before and after them."""
 
     steps: tuple[Natural, ...]
     """numbers of the steps at which the waypoints are reached, in order"""
@@ -26,16 +26,18 @@ class Platform:
 
     def __post_init__(self) -> None:
         if not len(self.steps) == len(self.x) == len(self.y) > 0:
-            raise ValueError("steps, x and y have as many entries each, at least one")
+            raise ValueError("steps, x and y must have the same number of entries, at least one")
         if any(b <= a for a, b in pairwise(self.steps)):
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Return the position at step k, m."""
+        """Return the position at step k, m, by linear interpolation."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
+            # Before the first or after the last waypoint: at rest.
             end = min(n, len(self.steps) - 1)
             return self.x[end], self.y[end]
+        # Between two waypoints: interpolate.
         share = (k - self.steps[n - 1]) / (self.steps[n] - self.steps[n - 1])
         px, py = (a[n - 1] + share * (a[n] - a[n - 1]) for a in (self.x, self.y))
         return px, py
@@ -43,39 +45,39 @@ class Platform:
 
 @dataclass(frozen=True, kw_only=True)
 class AngularSensor(SensorBase):
-    """Base of the sensors that look from a place."""
+    """Base of the sensors that measure from a position of their own."""
 
     at: tuple[Finite, ...] = ()
-    """where the sensor stands, m; default: at the origin"""
+    """position of the sensor, m; default: the origin"""
     platform: Platform | None = None
-    """path of a sensor that moves, instead of a place"""
+    """path of a moving sensor, instead of a position"""
 
     angles: ClassVar[tuple[int, ...]]
-    """which components of the measurement are angles"""
+    """indices of the components that are angles"""
     axes: ClassVar[int] = 2
-    """axes of the space it looks into"""
+    """number of axes of the space"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.at and len(self.at) != self.axes:
             raise ValueError(f"at has {len(self.at)} numbers for {self.axes} axes")
         if self.at and self.platform is not None:
-            raise ValueError("a sensor stands at a place or moves on a path, not both")
+            raise ValueError("a sensor has a position `at` or a `platform`; remove one of them")
 
     @property
     def at_origin(self) -> bool:
-        """Return whether coordinates as seen from the sensor are the state's own."""
+        """Return whether the sensor stands at the origin of the state's coordinates."""
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
         """Return the position (*batch) per axis relative to the sensor, of states x (n, *batch)."""
-        seen = [x[2 * i] for i in range(self.axes)]
+        target = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
-            return seen
-        return [p - own for p, own in zip(seen, self._place(k), strict=True)]
+            return target
+        return [p - sensor for p, sensor in zip(target, self._place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
-        """Return positions (axes, M) as seen from the sensor, in the coordinates of the state."""
+        """Return positions (axes, M) relative to the sensor in the coordinates of the state."""
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self._place(k)), 1)
@@ -93,6 +95,7 @@ class AngularSensor(SensorBase):
 
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
     """Return range, cross and along coordinates of positions (M, N) about an azimuth (M,)."""
+    # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
     c, s = (wave[:, None] for wave in cos_sin(azimuth))
     along, across = c * px, c * py
     along += s * py
@@ -103,7 +106,8 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Return the angle in (-pi, pi]; nothing is computed if none is outside."""
+    """Return angles wrapped to (-pi, pi]."""
+    # Return early if every angle is inside already.
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
     return np.asarray(angle - 2.0 * np.pi * np.ceil(angle / (2.0 * np.pi) - 0.5))

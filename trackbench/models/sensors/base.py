@@ -15,7 +15,7 @@ from trackbench.extension_points import Part
 from trackbench.field_types import Count, Finite, Natural, OpenShare, Positive, Share
 from trackbench.models.base import LocatingSensor, NearSensor
 
-_STEP = 1e-6  # of a component, or of its unit if that is larger
+_STEP = 1e-6  # of central differences, relative to a component or to its unit if that is larger
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,30 +23,31 @@ class Outliers:
     """Errors that are larger than a filter assumes: now and then, or by a heavy tail."""
 
     share: Share = 0.0
-    """share of the measurements whose error is `times` as large"""
+    """share of the measurements with an error `times` as large"""
     times: Positive = 10.0
-    """how much larger their error is"""
+    """factor on their error"""
     degrees: Count | None = None
     """degrees of freedom of Student's t, in place of the normal distribution of the same scale"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorBase(Part):
-    """Base of every sensor. What stands here is true of the measurements; a filter knows none of it.
+    """Base of every sensor, with properties of the true measurements that filters do not model.
 
-    The error is ``bias + root(R) e``, e standard normal unless there are `outliers`.
+    The error is ``bias + root(R) e``, e standard normal unless there are `outliers`. A subclass is a
+    frozen dataclass with ``components`` and `measurement`; the other methods have defaults.
     """
 
     detection: OpenShare | Literal[1] = 1
-    """probability that a measurement is there at all"""
+    """probability of detection: a measurement is missing otherwise"""
     outliers: Outliers | None = None
-    """errors that are larger than the sensor's standard deviations say"""
+    """errors larger than the sensor's standard deviations"""
     bias: tuple[Finite, ...] = ()
     """constant error of each component, in SI units and radians; default: none"""
     period: Count = 1
-    """measures at every so many-th step"""
+    """number of steps from one measurement to the next"""
     offset: Natural = 0
-    """number of a step at which it measures"""
+    """number of a step with a measurement"""
 
     components: ClassVar[tuple[str, ...]]
     """names of the measurement's components"""
@@ -59,7 +60,7 @@ class SensorBase(Part):
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of z_k given x_k = x (n_x, *batch), as a filter assumes it."""
+        """Return N(h(x), R) of z_k given x_k = x without bias and outliers; see `Sensor.measurement`."""
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
@@ -69,12 +70,13 @@ class SensorBase(Part):
         """Return d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
         columns = []
         for i, value in enumerate(x):
+            # dz/dx_i = (z(x + h e_i) - z(x - h e_i)) / (2 h)
             h = _STEP * np.maximum(np.abs(value), 1.0)
             ahead, behind = x.copy(), x.copy()
             ahead[i] += h
             behind[i] -= h
-            seen = (self.measurement(there, k).mean for there in (ahead, behind))
-            columns.append(self.innovation(*seen) / (2.0 * h))
+            z_ahead, z_behind = (self.measurement(state, k).mean for state in (ahead, behind))
+            columns.append(self.innovation(z_ahead, z_behind) / (2.0 * h))
         return np.stack(columns, axis=1)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
@@ -86,31 +88,33 @@ class SensorBase(Part):
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return functions (*batch) of the state whose posterior means are worth scoring."""
+        """Return functions (*batch) of the state whose posterior means are scored as well."""
         return {}
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x) of a measurement of the state x (n_x,) at step k.
 
-        By the probability that there is one, unless it is ``certain``.
+        It is weighted by the probability of a measurement, unless ``certain``.
         """
-        of_one = x[:, None]
-        H, R = self.jacobian(of_one, k), self.measurement(of_one, k).cov
+        state = x[:, None]
+        H, R = self.jacobian(state, k), self.measurement(state, k).cov
         H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
-        gained = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
+        information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         due = not (k - self.offset) % self.period
-        return gained if certain else gained * (float(self.detection) if due else 0.0)
+        return information if certain else information * (float(self.detection) if due else 0.0)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Return measurements (n_z, M) of true states x (n_x, M or 1) from normal noise (n_z, M).
 
-        NaN where there is none, unless it is ``certain`` that there is.
+        A missing measurement is NaN; ``certain`` means that none is missing.
         """
+        # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
-            noise = noise * self._stretch(self.outliers, noise.shape[-1], rng)
+            noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
         z = self.draw(x, k, noise)
         if self.bias:
             z += with_trailing(np.array(self.bias), 1)
+        # Step 2: drop measurements at random, and those of steps between the periods.
         if self.detection < 1 and not certain:
             z[:, rng.random(z.shape[-1:]) >= self.detection] = np.nan
         if (k - self.offset) % self.period and not certain:
@@ -119,19 +123,20 @@ class SensorBase(Part):
 
     def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Draw measurements (n_z, M) of true states x from standard normal noise (n_z, M)."""
-        seen = self.measurement(x, k)
-        z = linalg.matvec(linalg.root(seen.cov), noise)
-        z += seen.mean
+        distribution = self.measurement(x, k)
+        z = linalg.matvec(linalg.root(distribution.cov), noise)
+        z += distribution.mean
         return z
 
     @staticmethod
-    def _stretch(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Return the factor (M,) on the errors: Student's t is normal over the root of a mean square."""
-        stretch = np.ones(runs)
+    def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
+        """Return the factor (M,) on the errors."""
+        factor = np.ones(runs)
         if outliers.degrees is not None:
+            # Student's t is a normal over the root of a mean of d squared normals.
             squares = np.square(rng.standard_normal((outliers.degrees, runs)))
-            stretch = np.sqrt(outliers.degrees / total(squares, axis=0))
+            factor = np.sqrt(outliers.degrees / total(squares, axis=0))
         if outliers.share:
-            hit = rng.random((runs,)) < outliers.share
-            stretch = np.where(hit, outliers.times * stretch, stretch)
-        return stretch
+            is_outlier = rng.random((runs,)) < outliers.share
+            factor = np.where(is_outlier, outliers.times * factor, factor)
+        return factor

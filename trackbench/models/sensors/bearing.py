@@ -17,7 +17,7 @@ from trackbench.registry import register
 @register("sensors", "bearing")
 @dataclass(frozen=True, kw_only=True)
 class Bearing(AngularSensor):
-    """Direction alone, ``a = atan2(py, px) + w_a``: the range shows as target or sensor move."""
+    """Direction alone, ``a = atan2(py, px) + w_a``; the range becomes observable by movement."""
 
     sigma_mrad: Positive
     """standard deviation of the bearing, mrad"""
@@ -38,6 +38,7 @@ class Bearing(AngularSensor):
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(azimuth)/dx (1, n, *batch)."""
         px, py = self.relative_position(x, k)
+        # da/dpx = -py / r^2, da/dpy = px / r^2
         square = px * px + py * py
         H = np.zeros((1, *x.shape))
         H[0, 0], H[0, 2] = -py / square, px / square

@@ -1,4 +1,4 @@
-"""Radar in the plane that measures the range rate, too."""
+"""Radar in the plane that also measures the range rate."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +29,7 @@ class RangeAzimuthDoppler(Radar):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.platform is not None:
-            raise ValueError("a radar with Doppler stands still here")
+            raise ValueError("a radar with Doppler cannot move; remove `platform`")
 
     @cached_property
     def R(self) -> Array:
@@ -39,6 +39,7 @@ class RangeAzimuthDoppler(Radar):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth, range rate), R) for x (n, *batch)."""
+        # z = (r, a, (px vx + py vy) / r)
         r, a = self.polar(x, k)
         return Gaussian(np.stack([r, a, self._closing(x, k) / r]), self.R)
 
@@ -48,10 +49,12 @@ class RangeAzimuthDoppler(Radar):
         rate = self._closing(x, k) / r
         H = np.zeros((3, *x.shape))
         H[:2] = self.polar_jacobian(x, k)
+        # r' = (px vx + py vy) / r, so dr'/dpx = (vx - r' px / r) / r and dr'/dvx = px / r.
         H[2, 0], H[2, 2] = (x[1] - rate * px / r) / r, (x[3] - rate * py / r) / r
         H[2, 1], H[2, 3] = px / r, py / r
         return H
 
     def _closing(self, x: Array, k: int) -> Array:
+        """Return ``px vx + py vy``."""
         px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]

@@ -1,4 +1,4 @@
-"""A lidar that reports positions, though it measures range and azimuth."""
+"""A lidar that measures range and azimuth and reports positions."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,11 +16,11 @@ from trackbench.registry import register
 @register("sensors", "polar-position")
 @dataclass(frozen=True, kw_only=True)
 class PolarPosition(Radar):
-    """Position of a planar target whose errors are those of a range and an azimuth.
+    """Position of a planar target with the errors of a range and an azimuth.
 
-    What is measured is ``(r + w_r) (cos, sin)(a + w_a)``, the conventional conversion; what filters
-    assume is a normal error of the first-order covariance, which turns and grows with the target. A
-    filter with a constant covariance assumes `{kind: position, sigma: ...}`.
+    The measurement is ``(r + w_r) (cos, sin)(a + w_a)``, the conventional conversion. Filters assume a
+    normal error of the first-order covariance, which rotates and grows with the target. A filter with a
+    constant covariance assumes `{kind: position, sigma: ...}`.
     """
 
     components: ClassVar[tuple[str, ...]] = ("x", "y")
@@ -35,13 +35,13 @@ class PolarPosition(Radar):
         return selection_matrix(0, 4, 2, len(x))
 
     def draw(self, x: Array, k: int, noise: Array) -> Array:
-        """Return the range and azimuth with their errors, as a position."""
+        """Draw range and azimuth (2, M) with their errors, and convert them to a position."""
         r, a = self.polar(x, k)
-        seen = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
-        return self.absolute_position(seen, k)
+        relative = position(r + self.sigma_range * noise[0], a + self.sigma_azimuth * noise[1])
+        return self.absolute_position(relative, k)
 
     def located(self, z: Array, k: int, conversion: Conversion = "ccm") -> Gaussian:
-        """Return the measured position, and its covariance (2, 2, M) there."""
+        """Return the measured position (2, M), with the covariance (2, 2, M) at it."""
         state = np.zeros((4, *z.shape[1:]))
         state[0::2] = z
         return Gaussian(z, self.measurement(state, k).cov)

@@ -18,7 +18,7 @@ class LinearSensor(SensorBase):
     """``z = H x + N(0, R)`` for some of the state's components."""
 
     places: ClassVar[slice]
-    """where the measured components stand in the state"""
+    """slice of the state that is measured"""
 
     @property
     def R(self) -> Array:
@@ -34,7 +34,7 @@ class LinearSensor(SensorBase):
         return Gaussian(x[self.places], self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return the H (n_z, n)."""
+        """Return H (n_z, n)."""
         return self.H(len(x))
 
 
@@ -53,7 +53,7 @@ class Positions(LinearSensor):
         return fixed(self.sigma * self.sigma * np.eye(self.axes))
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """Return the position that a measurement gives: itself."""
+        """Return the measured position, which is the measurement."""
         return Gaussian(z, self.R)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
@@ -73,7 +73,7 @@ class PositionSensor(Positions):
 
     @property
     def per_axis(self) -> Array:
-        """Return the variance (1, 1) along each axis, for filters that treat the axes apart."""
+        """Return the variance (1, 1) along each axis, for filters with a state per axis."""
         return np.array([[self.sigma * self.sigma]])
 
 
@@ -104,6 +104,7 @@ class PositionVelocity(LinearSensor):
     @cached_property
     def R(self) -> Array:
         """Return the noise covariance (4, 4)."""
+        # R = diag(sigma^2, sigma_v^2, sigma^2, sigma_v^2)
         both = np.square([self.sigma, self.sigma_velocity])
         return fixed(np.diag(np.tile(both, 2)))
 
@@ -119,7 +120,7 @@ class PositionVelocity(LinearSensor):
 @register("sensors", "velocity")
 @dataclass(frozen=True, kw_only=True)
 class VelocitySensor(LinearSensor):
-    """Both velocities of a planar target, as its own speed and course tell them."""
+    """Both velocities of a planar target, as it reports them by speed and course."""
 
     sigma: Positive
     """standard deviation along each axis, m/s"""
@@ -156,5 +157,5 @@ class ScalarSensor(LinearSensor):
 
 @cache
 def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
-    """Return the rows (n_z, n) of a unit matrix that pick out some of the components."""
+    """Return the rows (n_z, n) of a unit matrix that select some of the components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

@@ -1,4 +1,4 @@
-"""Radar in the plane: range and azimuth, and perhaps the range rate."""
+"""Radar in the plane that measures range and azimuth, and the base of such radars."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,6 +48,7 @@ class Radar(AngularSensor):
 
     def polar_jacobian(self, x: Array, k: int = 0) -> Array:
         """Return d(range, azimuth)/dx (2, n, *batch)."""
+        # dr/dp = p / r, da/dpx = -py / r^2, da/dpy = px / r^2
         px, py = self.relative_position(x, k)
         square = px * px + py * py
         r = np.sqrt(square)
@@ -62,18 +63,19 @@ class Radar(AngularSensor):
 
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
         """Return the measured Cartesian position (2, M) and its covariance (2, 2, M)."""
-        seen = convert(conversion, self._reading(z))
-        return Gaussian(self.absolute_position(seen.mean, k), seen.cov)
+        relative = convert(conversion, self._reading(z))
+        return Gaussian(self.absolute_position(relative.mean, k), relative.cov)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return signed errors (1, *batch) in polar coordinates, and along and across the line of sight.
+        """Return signed errors (1, *batch) in polar coordinates and along and across the line of sight.
 
-        None of a sensor that moves.
+        A moving sensor has none.
         """
         if self.platform is not None:
             return {}
         e = mean - truth
         (r, a), (r_true, a_true) = self.polar(mean), self.polar(truth)
+        # Along and across the line of sight: rotate the error by the true azimuth.
         c, s = cos_sin(a_true)
         return {
             "range": (r - r_true)[None],
@@ -83,23 +85,24 @@ class Radar(AngularSensor):
         }
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
-        """Return mean squared errors (K,) of the same quantities, and of the mean range."""
+        """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range."""
         if self.platform is not None:
             return {}
+        # P in polar coordinates, H P H', and along and across the line of sight, U P U'.
         polar = linalg.sandwich(self.polar_jacobian(x), P)
         c, s = cos_sin(self.polar(x)[1])
-        frame = np.stack([np.stack([c, s]), np.stack([-s, c])])
-        seen = linalg.sandwich(frame, P[0:4:2, 0:4:2])
+        U = np.stack([np.stack([c, s]), np.stack([-s, c])])
+        along_across = linalg.sandwich(U, P[0:4:2, 0:4:2])
         return {
             "range": polar[0, 0],
             "mean_range": polar[0, 0],
             "azimuth_deg": np.rad2deg(np.rad2deg(polar[1, 1])),
-            "radial": seen[0, 0],
-            "cross": seen[1, 1],
+            "radial": along_across[0, 0],
+            "cross": along_across[1, 1],
         }
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return the range, which is not that of the mean."""
+        """Return the range, whose posterior mean differs from the range of the mean."""
         return {} if self.platform is not None else {"mean_range": self.range(x)}
 
 
@@ -127,9 +130,11 @@ class RangeAzimuth(Radar):
         return self.polar_jacobian(x, k)
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """Return ``innovation(z, polar(x))`` of each particle of a cloud, and R."""
+        """Return ``innovation(z, polar(x))`` (2, M, N) of particles x (n, M, N), and R."""
         nu = np.empty((2, *x.shape[1:]))
-        azimuth = np.where(np.isnan(z[1]), 0.0, z[1])  # the range is theirs along any line
+        # In coordinates along the measured azimuth, a - z_a is atan2(across, along) without wrapping.
+        # If the azimuth is missing, any direction gives the range.
+        azimuth = np.where(np.isnan(z[1]), 0.0, z[1])
         r, across, along = along_line_of_sight(azimuth, *self.relative_position(x, k))
         np.subtract(z[0][:, None], r, out=nu[0])
         np.negative(arctan2(across, along), out=nu[1])

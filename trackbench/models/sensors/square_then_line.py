@@ -34,6 +34,7 @@ class SquareThenLine(SensorBase):
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R) for x (1, *batch)."""
+        # h(x) = phi2 x^2, then phi3 x - 2
         h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
         return Gaussian(h, np.array([[self.R]]))
 
@@ -44,11 +45,13 @@ class SquareThenLine(SensorBase):
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
         """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
-        reach = deviations * np.sqrt(self.R)
-        low, high = z[0] - reach, z[0] + reach
+        margin = deviations * np.sqrt(self.R)
+        low, high = z[0] - margin, z[0] + margin
         if k > self.switch:
+            # x = (z + 2) / phi3
             ends = (low + 2.0) / self.phi3, (high + 2.0) / self.phi3
             return [(np.minimum(*ends), np.maximum(*ends))]
+        # sqrt(low / phi2) <= |x| <= sqrt(high / phi2)
         ratios = low / self.phi2, high / self.phi2
         inner = np.sqrt(np.maximum(np.minimum(*ratios), 0.0))
         outer = np.sqrt(np.maximum(np.maximum(*ratios), 0.0))

@@ -1,4 +1,4 @@
-"""Several sensors as one: their measurements one below the other, missing where one does not measure."""
+"""Several sensors as one: their measurements are stacked, NaN where a sensor has none."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from trackbench.models.sensors.base import SensorBase
 
 @dataclass(frozen=True)
 class StackedSensor:
-    """Independent sensors of one target; components carry the number of their sensor, from 1 on."""
+    """Independent sensors of one target; components are named by their sensor's number, from 1."""
 
     sensors: tuple[SensorBase, ...]
 
@@ -27,12 +27,13 @@ class StackedSensor:
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of all measurements given x_k = x (n_x, *batch)."""
-        each = [sensor.measurement(x, k) for sensor in self.sensors]
-        batch = max(seen.cov.ndim for seen in each) - 2
-        R = np.zeros((len(self.components),) * 2 + (each[0].mean.shape[1:] if batch else ()))
-        for rows, seen in zip(self.rows, each, strict=True):
-            R[rows, rows] = with_trailing(seen.cov, batch, leading=2)
-        return Gaussian(np.concatenate([seen.mean for seen in each]), R)
+        parts = [sensor.measurement(x, k) for sensor in self.sensors]
+        # R is block diagonal, with a batch axis if any sensor's covariance has one.
+        batch = max(part.cov.ndim for part in parts) - 2
+        R = np.zeros((len(self.components),) * 2 + (parts[0].mean.shape[1:] if batch else ()))
+        for rows, part in zip(self.rows, parts, strict=True):
+            R[rows, rows] = with_trailing(part.cov, batch, leading=2)
+        return Gaussian(np.concatenate([part.mean for part in parts]), R)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""
@@ -41,28 +42,29 @@ class StackedSensor:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
-        each = [sensor.jacobian(x, k) for sensor in self.sensors]
-        batch = max(H.ndim for H in each) - 2
-        wide = [with_trailing(H, batch, leading=2) for H in each]
+        parts = [sensor.jacobian(x, k) for sensor in self.sensors]
+        batch = max(H.ndim for H in parts) - 2
+        parts = [with_trailing(H, batch, leading=2) for H in parts]
         shape = x.shape[1:] if batch else ()
-        return np.concatenate([np.broadcast_to(H, (*H.shape[:2], *shape)) for H in wide])
+        return np.concatenate([np.broadcast_to(H, (*H.shape[:2], *shape)) for H in parts])
 
     @property
     def H(self) -> Callable[[int], Array]:
-        """Return the measurement matrix (n_z, n); raises AttributeError if a sensor is nonlinear."""
-        each = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
-        return lambda n: np.concatenate([H(n) for H in each])
+        """Return H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
+        parts = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
+        return lambda n: np.concatenate([H(n) for H in parts])
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x) of all measurements of the state x (n_x,) at step k."""
+        # The information of independent sensors adds.
         return np.add.reduce([sensor.information(x, k, certain) for sensor in self.sensors])
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return no observables: several sensors have no common ones."""
+        """Return no observables."""
         return {}
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
-        """Return measurements (n_z, M) of true states x (n_x, M), NaN where there is none."""
+        """Return measurements (n_z, M) of true states x (n_x, M), NaN where one is missing."""
         pairs = zip(self.sensors, self.rows, strict=True)
         return np.concatenate([s.measure(x, k, noise[rows], rng, certain) for s, rows in pairs])
 
@@ -74,7 +76,7 @@ class StackedSensor:
 
 
 Sensors: TypeAlias = SensorBase | StackedSensor
-"""What sees a target: one sensor, or several as one."""
+"""One sensor, or several as one."""
 
 
 def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
@@ -85,7 +87,7 @@ def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
 
 
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
-    """Return every single one."""
+    """Return the single sensors."""
     return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
 
 

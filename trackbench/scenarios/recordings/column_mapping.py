@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.core.conversions import Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
-from trackbench.core.geodesy import Geodetic, east_north_up
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_tables import Content, Table, header, read_table
 

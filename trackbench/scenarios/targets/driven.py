@@ -9,9 +9,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, Positive, Registered
-from trackbench.models.augmented_prior import append_noise
 from trackbench.models.base import Motion, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.priors import append_noise
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline

@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import DataFile, InvalidKeyError, Positive
 from trackbench.models.base import position_velocity_names
+from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
-from trackbench.models.two_point_prior import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.data_files import FromFiles, recorded_columns

@@ -1,0 +1,221 @@
+"""Priors of the state: two-point differencing of scans, and a motion's further components."""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.conversions import Conversion, convert, position
+from trackbench.core.distributions import (
+    Distribution,
+    Gaussian,
+    Symmetric,
+    draw_covering,
+    heavy_tailed_normal,
+    zero_mean_log_prob,
+)
+from trackbench.core.elementary import log
+from trackbench.core.random_streams import Streams
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+
+
+@runtime_checkable
+class Convertible(Protocol):
+    """A prior from two scans of range and azimuth, for filters that choose the conversion."""
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Return two-point differencing of converted scans."""
+
+
+def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
+    """Return the state at the second of two positions (axes, M), with their difference as velocity.
+
+    T is a number or each run's own (M,). White acceleration of density q adds q T / 3 per axis to the
+    velocity's variance (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
+    """
+    n, runs = 2 * len(two.mean), two.mean.shape[1]
+    if not isinstance(T, float | int):
+        # If T differs by run, so do the covariances.
+        ones = np.ones(runs)
+        one, two = (Gaussian(p.mean, with_trailing(p.cov, 1, leading=2) * ones) for p in (one, two))
+    noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
+    mean, cov = np.empty((n, runs)), np.empty((n, n, *two.cov.shape[2:]))
+    p, v = slice(0, n, 2), slice(1, n, 2)
+    # v = (p2 - p1) / T, so cov(p, v) = P2 / T and cov(v, v) = (P1 + P2) / T^2 + q T / 3 I.
+    mean[p], mean[v] = two.mean, (two.mean - one.mean) / T
+    cov[p, p] = two.cov
+    cov[p, v] = cov[v, p] = two.cov / T
+    cov[v, v] = (one.cov + two.cov) / (T * T) + noise
+    return Gaussian(mean, cov)
+
+
+@dataclass(frozen=True, eq=False)
+class TwoPoint(Symmetric):
+    """State at the second of two scans (2, M) each, without other knowledge of the target.
+
+    The velocity is the difference of the two positions over T plus the noise that white acceleration of
+    density q adds within T (variance q T / 3 per axis). Samples are drawn in polar coordinates, where
+    the posterior without prior knowledge is the measurement's own banana (to 1 in r). Particle
+    filters start from a `cover` of it.
+    """
+
+    sensor: RangeAzimuth
+    first: Array
+    second: Array
+    T: float
+    q: float
+
+    @property
+    def mean(self) -> Array:
+        """Return the mean of `gaussian` with the modified unbiased conversion (4, M)."""
+        return self.gaussian("mucm").mean
+
+    @property
+    def cov(self) -> Array:
+        """Return the covariance of `gaussian` with the modified unbiased conversion (4, 4, M)."""
+        return self.gaussian("mucm").cov
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Return two-point differencing of converted scans."""
+        scans = (self.first, self.second)
+        one, two = (convert(conversion, self.sensor.reading(scan)) for scan in scans)
+        return two_point_difference(one, two, self.T, self.q)
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """Return states (4, M, *trailing): both scans drawn in polar coordinates and differenced."""
+        one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
+        return self._make_states(position(*one), position(*two), rng)
+
+    def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
+        """Return states (4, M, N) from `positions`, and their log-weights (M, N)."""
+        p1, p2, log_w = self.positions(rng, N)
+        return self._make_states(p1, p2, rng), log_w
+
+    def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
+        """Return draws (2, M, N) of the positions at both scans, and log-weights (M, N)."""
+        a1, a2, log_w = self.azimuths(rng, N)
+        # r_i = z_i + sigma_r e_i at each scan.
+        noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
+        r1, r2 = self.first[0][:, None] + noise[0], self.second[0][:, None] + noise[1]
+        return position(r1, a1), position(r2, a2), log_w
+
+    def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
+        """Return draws (M, N) of the azimuths at both scans, and log-weights (M, N).
+
+        A precise third range determines their difference up to its sign, but not their sum. So draws of
+        the difference cover its tails: if the measured difference is off by several standard deviations,
+        as many particles remain as usual.
+        """
+        # a1 = z1 + sigma (s - d) / sqrt 2, a2 = z2 + sigma (s + d) / sqrt 2, d with heavy tails.
+        d, log_w = heavy_tailed_normal(self.first.shape[1], N, rng)
+        s = rng.standard_normal(d.shape)
+        half = sqrt(0.5) * self.sensor.sigma_azimuth
+        a1, a2 = self.first[1][:, None], self.second[1][:, None]
+        return a1 + half * (s - d), a2 + half * (s + d), log_w
+
+    def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
+        """Return draws of (range, azimuth) given a scan (2, M)."""
+        sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
+        noise = rng.standard_normal((*scan.shape, *trailing))
+        return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
+
+    def _make_states(self, p1: Array, p2: Array, rng: Streams) -> Array:
+        """Return states at the second of two positions, with the noise of the velocity."""
+        # v = (p2 - p1) / T + N(0, q T / 3)
+        noise = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
+        vx, vy = (p2 - p1) / self.T + noise
+        return np.stack([p2[0], vx, p2[1], vy])
+
+    def log_prob(self, x: Array) -> Array:
+        """Return the log-density at x (4, M[, N]): both scans' polar densities in Cartesian terms.
+
+        The noise of the velocity enters the first scan's variances to first order.
+        """
+        # Step 1: range and azimuth at both scans.
+        px, vx, py, vy = x
+        earlier = np.stack([px - self.T * vx, vx, py - self.T * vy, vy])
+        second, first = self.sensor.polar(x), self.sensor.polar(earlier)
+        # Step 2: add the velocity's noise, q T^3 / 3 of position, to the first scan's covariance.
+        variance = self.q * self.T * self.T * self.T / 3.0
+        R = np.zeros((2, 2, *first.shape[1:]))
+        R[0, 0] = self.sensor.R[0, 0] + variance
+        R[1, 1] = self.sensor.R[1, 1] + variance / np.square(first[0])
+        # Step 3: d(r1, a1, r2, a2) / dx has the determinant T^2 / (r1 r2).
+        jacobian = log(self.T * self.T / (second[0] * first[0]))
+        return (
+            jacobian
+            + zero_mean_log_prob(self._innovation(self.second, second), self.sensor.R)
+            + zero_mean_log_prob(self._innovation(self.first, first), R)
+        )
+
+    def _innovation(self, scan: Array, predicted: Array) -> Array:
+        return self.sensor.innovation(with_trailing(scan, predicted.ndim - 1), predicted)
+
+
+@dataclass(frozen=True, eq=False)
+class AugmentedTwoPoint(Symmetric):
+    """Prior of two scans, and independent N(0, s^2) components."""
+
+    scans: TwoPoint
+    std: tuple[float, ...]
+
+    @property
+    def mean(self) -> Array:
+        """Return the mean (n + m, M)."""
+        return augment_gaussian(self.scans, self.std).mean
+
+    @property
+    def cov(self) -> Array:
+        """Return the covariance (n + m, n + m, M)."""
+        return augment_gaussian(self.scans, self.std).cov
+
+    def gaussian(self, conversion: Conversion) -> Gaussian:
+        """Return two-point differencing of converted scans, with the further components."""
+        return augment_gaussian(self.scans.gaussian(conversion), self.std)
+
+    def sample(self, rng: Streams, *trailing: int) -> Array:
+        """Return states (n + m, M, *trailing)."""
+        return append_noise(self.scans.sample(rng, *trailing), self.std, rng)
+
+    def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
+        """Return states (n + m, M, N) that cover the scans' tails, and log-weights (M, N)."""
+        x, log_w = draw_covering(self.scans, rng, N)
+        return append_noise(x, self.std, rng), log_w
+
+    def log_prob(self, x: Array) -> Array:
+        """Return the log-density at x (n + m, M[, N])."""
+        # The further components are independent of the scans.
+        n = len(x) - len(self.std)
+        further = zero_mean_log_prob(x[n:], np.diag(np.square(self.std)))
+        return self.scans.log_prob(x[:n]) + further
+
+
+def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
+    """Return the prior (n, M) with a further component N(0, s^2) for each s of ``std``."""
+    if not std:
+        return prior
+    if isinstance(prior, TwoPoint):
+        return AugmentedTwoPoint(prior, std)
+    return augment_gaussian(prior, std)
+
+
+def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
+    """Return the moments of the augmented prior: mean (n + m, M), cov (n + m, n + m[, M])."""
+    n, m = len(prior.mean), len(std)
+    mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
+    # P = [P 0; 0 diag(s^2)]
+    cov = np.zeros((n + m, n + m, *prior.cov.shape[2:]))
+    cov[:n, :n] = prior.cov
+    for i, s in enumerate(std, n):
+        cov[i, i] = s * s
+    return Gaussian(mean, cov)
+
+
+def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
+    if not std:
+        return x
+    noise = rng.standard_normal((len(std), *x.shape[1:]))
+    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])
