@@ -33,7 +33,7 @@ def shipped(name: str, **keys: Any) -> Any:
     """A scenario of experiments/scenarios with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
-    from trackbench.config.build_kinds import build_kind
+    from trackbench.config.build import build_kind
     from trackbench.yaml_source import read
 
     source = read(SCENARIOS / f"{name}.yaml")
@@ -44,7 +44,7 @@ def shipped(name: str, **keys: Any) -> Any:
 def with_assumptions(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
     """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
     try:
-        from trackbench.models.base import Assume
+        from trackbench.models.assumed_sensor import Assume
     except ImportError:  # old versions
         return scenario, {"motion": motion}
     return scenario.with_assumptions(Assume(motion=motion)), {}

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from trackbench import registry
-from trackbench.config.build_dataclass import hints_of
+from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask, simulate

@@ -30,7 +30,7 @@ def test_an_experiments_metrics_are_listed():
         "rmse_position run, step m, lower is better root mean square length of the error" in lines
     )
     assert (
-        "missed run lower is better share of legs that went by without the maneuvering mode"
+        "missed_maneuvers run lower is better share of legs that went by without the maneuvering mode"
         in lines
     )
     assert any(line.startswith("rmse_velocity not kept") for line in lines)

@@ -94,9 +94,9 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 
 
 def is_reserved(name: str) -> bool:
-    """Return whether a filter's note of this name would be taken for a metric of the errors."""
-    head = name.partition("_")[0]
-    return any(m.series and {name, head} & {m.name, m.series} for m in METRICS.values())
+    """Return whether a diagnostic of this name would be taken for a metric of the errors."""
+    taken = {word for m in METRICS.values() if m.series for word in (m.name, m.series)}
+    return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
 
 def quantity(name: str, unit: str) -> None:

@@ -33,8 +33,8 @@ filters:
   KF: {kind: kf}
   Sure: {kind: kf, assume: {sensor: {kind: position, sigma: 2}}}
   Cloud: {kind: enkf, N: 99}
-metrics: [pit_px, pit_nees, coverage_90, evidence]
-per_step: [evidence, coverage_90]
+metrics: [pit_px, pit_nees, coverage_90, likelihood_ratio]
+per_step: [likelihood_ratio, coverage_90]
 tables:
   ranks: {kind: calibration, rows: {X: pit_px, State: pit_nees@8, Late: "pit_nees[late]"}}
 figures:
@@ -70,12 +70,12 @@ def test_only_what_is_asked_for_is_kept(folder: Path) -> None:
     metrics = {metric for _, metric in Results(folder).runs({})}
     assert {"pit_px", "rank_px_10", "rank_nees_1[late]", "pit_nees@8"} <= metrics
     heads = {re.split(r"[_[]", metric)[0] for metric in metrics}
-    assert heads == {"lost", "pit", "rank", "coverage", "likelihood_ratio"}
+    assert heads == {"lost", "pit", "rank", "coverage", "likelihood"}
     assert not any("vx" in m for m in metrics)
 
 
 def test_it_comes_out_again(folder: Path) -> None:
-    """A run's evidence is that of its last step, its coverage the mean over the steps."""
+    """A run's likelihood ratio is that of its last step, its coverage the mean over the steps."""
     assert verify(folder, runs=5) == []
 
 
@@ -121,8 +121,8 @@ def _lines(figure: Reliability, results: Results) -> dict[str, Any]:
         ("[pit_px,", "[pit_px, coverage_95,", ["did you mean coverage_9"]),
         (
             "reference: KF",
-            "medians: [evidence]",
-            ["relative to the reference filter; name one under"],
+            "medians: [likelihood_ratio]",
+            ["is relative to an exact filter; name one under"],
         ),
     ],
 )

@@ -127,7 +127,7 @@ grid:
   filters.PF.N & filters.HDEPF.N: [[10, 5], [40, 8], [160, 12]]
   filters.HDEPF.G: [1, 3]
 filters: {{PF: {{kind: pf, N: 9}}, HDEPF: {{kind: hdepf}}, UKF: {{kind: ukf}}, Exact: {{kind: grid}}}}
-metrics: [rmse, distance]
+metrics: [rmse, rmsd]
 per_step: []
 tables:
   equal: {{kind: equal-cost, of: PF}}
@@ -289,8 +289,8 @@ def test_it_comes_out_again_and_draws_from_the_folder_alone(results):
             "under `reference`",
         ),
         (
-            ("[rmse, distance]", "[rmse]"),
-            "tables.metrics.columns.E: 'efficiency' needs distance, not stored; add to `metrics` "
+            ("[rmse, rmsd]", "[rmse]"),
+            "tables.metrics.columns.E: 'efficiency' needs rmsd, not stored; add to `metrics` "
             "what is missing",
         ),
         (

@@ -165,7 +165,11 @@ def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
         yield f"components of the state: {','.join(model.motion.components)}"
         yield f"components of the measurement: {','.join(model.sensor.components)}"
     if group == "targets" and "windows" in vars(cls):
-        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        words = (
+            " ".join(_paragraphs(cls.windows.__doc__ or ""))
+            .replace("``", "")
+            .removeprefix("Select ")
+        )
         yield f"windows of metrics: {words}"
     if group == "sensors":
         yield f"components of the measurement: {','.join(cls.components)}"

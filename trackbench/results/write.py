@@ -80,7 +80,7 @@ class Losses(NamedTuple):
 
     @property
     def is_total(self) -> bool:
-        """Whether every run has estimates that are not finite: the filter does not work here."""
+        """Return whether no run has finite estimates, so that the filter does not work here."""
         return self.by_code[NOT_FINITE] == self.runs
 
     def __str__(self) -> str:

@@ -58,7 +58,7 @@ class Column(NamedTuple):
 
     @property
     def is_far(self) -> bool:
-        """Whether any run differs by more than rounding alone."""
+        """Return whether any run differs by more than rounding."""
         return bool((self.off > TOLERANCE).any())
 
 

@@ -141,7 +141,7 @@ class Target(Part):
         """Raise InvalidKeyError if it does not fit the time there is."""
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """Return stretches (K,) of the target's own by name, of the times (K,) that are scored."""
+        """Select stretches (K,) of the target's own, by name, from the times (K,) that are scored."""
         return {}
 
     @property

@@ -161,7 +161,7 @@ class Legs(Flown):
         return out
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """Return ``quiet``: settled straight flight; of the turns, if there are any:
+        """Select ``quiet``, settled straight flight; of the turns, if there are any:
 
         ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
