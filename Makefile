@@ -11,7 +11,7 @@ export MKL_NUM_THREADS := 1
 # Else every program that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines record-times test lint types unit \
+.PHONY: install reproduce reproduce-tables reproduce-quick check-results check-machines record-times test test-fast lint types unit \
   lowest wheel lock docs bench clean
 
 install: $(VENV)/.run
@@ -88,6 +88,10 @@ PYTEST := pytest -n auto --dist loadfile
 
 unit: $(VENV)/.dev
 	$(BIN)/$(PYTEST)
+
+# Without types and without the tests of tests/slow.txt, for use while working.
+test-fast: lint
+	$(BIN)/$(PYTEST) --fast
 
 # The tests with the lowest versions that pyproject.toml allows, in an environment of their own.
 lowest:

@@ -14,6 +14,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 import pytest
 
+from tests.slow import LIST
 from trackbench import registry
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
@@ -37,6 +38,23 @@ PLANE = """scenario:
 """Of a config: a target in the plane that is seen eight times."""
 
 Track = Callable[..., FilterOutput]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--fast``, which `make test-fast` gives."""
+    parser.addoption("--fast", action="store_true", help="without the tests of tests/slow.txt")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the slow tests out if asked to."""
+    if not config.getoption("--fast"):
+        return
+    slow = set(LIST.read_text(encoding="utf-8").split())
+    by_slowness: dict[bool, list[pytest.Item]] = {True: [], False: []}
+    for item in items:
+        by_slowness[item.nodeid.partition("[")[0] in slow].append(item)
+    items[:] = by_slowness[False]
+    config.hook.pytest_deselected(items=by_slowness[True])
 
 
 @cache
