@@ -223,7 +223,7 @@ def test_a_trial_fills_in_every_field_but_those_of_what_is_kept(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("runs", "runs_used"), [(1, [1]), (4, [4]), (5, [4, 1]), (7, [4, 3]), (9, [4, 3])]
+    ("runs", "used"), [(1, [1]), (4, [4]), (5, [4, 1]), (7, [4, 3]), (9, [4, 3])]
 )
 def test_the_first_runs_of_a_plan_are_in_the_same_blocks(
     runs: int, used: list[int], tmp_path: Path
