@@ -6,9 +6,11 @@ import re
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeGuard
+from typing import Annotated, Any, NamedTuple, TypeAlias, TypeGuard
 
+import numpy as np
 from annotated_types import Ge, Gt, Interval
+from numpy.typing import NDArray
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
 """A number of things, at least one."""
@@ -73,6 +75,42 @@ class InvalidKeyError(ValueError):
     def __init__(self, what: str, *path: str | int) -> None:
         super().__init__(what)
         self.path = path
+
+
+class FrozenDict(dict[str, Any]):
+    """A mapping of a frozen dataclass, which is hashed by its items in order."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple(self.items()))
+
+
+def freeze_mappings(component: Any) -> None:
+    """Make the mappings among a dataclass's fields hashable, for its ``__post_init__``."""
+    for name, value in vars(component).items():
+        if isinstance(value, dict):
+            object.__setattr__(component, name, FrozenDict(value))
+
+
+ByComponent: TypeAlias = dict[str, Finite] | tuple[Finite, ...]
+"""A number for each component of a state: by name, or in order."""
+
+
+def by_component(
+    given: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
+) -> NDArray[np.float64]:
+    """Return numbers (n,) in the order of the components, 0 where a mapping has none.
+
+    Raises InvalidKeyError for an unknown component, and for another number of values.
+    """
+    names = ", ".join(components)
+    if not isinstance(given, dict):
+        if len(given) != len(components):
+            raise InvalidKeyError(f"{len(given)} numbers for {names}", *path)
+        return np.array(given, dtype=float)
+    for name in given:
+        if name not in components:
+            raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
+    return np.array([given.get(name, 0.0) for name in components], dtype=float)
 
 
 @dataclass(frozen=True)

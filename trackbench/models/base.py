@@ -77,6 +77,11 @@ class Motion(Part):
             The motion, the same object for equal arguments if it is cached.
         """
 
+    @property
+    def uses_time(self) -> bool:
+        """Return whether it depends on the time k T, so that all steps must be equal."""
+        return False
+
 
 class Sensor(Protocol):
     """p(z_k | x_k), Gaussian in the sensor's coordinates; a dataclass of the group ``sensors``."""

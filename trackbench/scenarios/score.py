@@ -1,7 +1,7 @@
 """Scoring: errors of a track, scored steps, and the criterion of a lost run."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -9,7 +9,7 @@ from annotated_types import Interval
 from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive
+from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
 from trackbench.models.base import position_velocity_names
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
@@ -41,7 +41,7 @@ class Window:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """Errors of position and velocity (of a scalar: of itself), and in a sensor's own coordinates."""
+    """Errors of position and velocity, or of each component of another state, and those of a sensor."""
 
     steps: tuple[Natural | None, Natural | None] = (None, None)
     """first and last step that are scored, [20, null]; null: from the first state's on, to the last"""
@@ -50,6 +50,9 @@ class Score:
     are those that are scored"""
     windows: tuple[Window, ...] = ()
     """parts of those steps with metrics of their own"""
+    errors: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """further errors by name, each of some components: {position: [px, py]} gives rmse_position; default:
+    position and velocity, or each component of a state that has neither"""
     marginals: tuple[Literal["position", "velocity"], ...] = ()
     """parts of the state with a consistency measure of their own: anees_position"""
     lost_beyond: Positive | None = None
@@ -58,6 +61,7 @@ class Score:
     """the same in standard deviations of a position that one scan tells at the first state"""
 
     def __post_init__(self) -> None:
+        freeze_mappings(self)
         if self.lost_beyond is not None and self.lost_sigmas is not None:
             raise ValueError("give one of lost_beyond and lost_sigmas")
         names = [window.name for window in self.windows]
@@ -76,7 +80,17 @@ class Score:
             what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
             raise InvalidKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
-            raise InvalidKeyError("a scalar has no such parts", "score", "marginals")
+            raise InvalidKeyError("the state has no such parts", "score", "marginals")
+        for name, group in self.errors.items():
+            if not name.isidentifier():
+                what = f"{name!r} cannot be the name of an error: letters, digits and _"
+                raise InvalidKeyError(what, "score", "errors", name)
+            for i, component in enumerate(group):
+                if component not in components:
+                    what = f"{component!r} is no component; known: {', '.join(components)}"
+                    raise InvalidKeyError(what, "score", "errors", name, i)
+            if not group:
+                raise InvalidKeyError("name its components", "score", "errors", name)
 
     def last_trained(self, steps: Index, times: Array) -> int | None:
         """Number of the last step that tuning sees, if the steps are shared out between both."""
@@ -104,27 +118,41 @@ class Score:
         """Return the windows (K,) by name."""
         return {w.name: scored & _between(steps, w.first, w.last) for w in self.windows}
 
-    def errors(
+    def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
         """Return error vectors by quantity; those in a sensor's coordinates of a single sensor only."""
         e = mean - truth
-        if not _is_moving(components):
-            return {"": e}
-        own = sensor.errors(mean, truth) if isinstance(sensor, SensorBase) else {}
-        return {"position": e[0::2], "velocity": e[1::2]} | own
+        out = {name: e[rows] for name, rows in self._rows(components).items()}
+        if _is_moving(components) and isinstance(sensor, SensorBase):
+            out |= sensor.errors(mean, truth)
+        return out
+
+    def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
+        """Return the rows of the state that make up each error."""
+        n = len(components)
+        if _is_moving(components):
+            rows = {"position": [*range(0, n, 2)], "velocity": [*range(1, n, 2)]}
+        elif n == 1:
+            rows = {"": [0]}
+        else:
+            rows = {name: [i] for i, name in enumerate(components)}
+        return rows | {
+            name: [components.index(component) for component in group]
+            for name, group in self.errors.items()
+        }
 
     def squares(
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
         """Return mean squared errors (K,) of the same, of covariances P (n, n, K) at states x (n, K)."""
-        if not _is_moving(components):
-            return {"": P[0, 0]}
-        own = sensor.squares(P, x) if isinstance(sensor, SensorBase) else {}
-        axes = range(len(x) // 2)
-        position = np.add.reduce([P[2 * i, 2 * i] for i in axes])
-        velocity = np.add.reduce([P[2 * i + 1, 2 * i + 1] for i in axes])
-        return {"position": position, "velocity": velocity} | own
+        out = {
+            name: np.add.reduce([P[i, i] for i in rows])
+            for name, rows in self._rows(components).items()
+        }
+        if _is_moving(components) and isinstance(sensor, SensorBase):
+            out |= sensor.squares(P, x)
+        return out
 
 
 def diverged(values: Mapping[str, Array], settled: bool) -> Array:

@@ -59,7 +59,7 @@ class Tracking(Scenario):
     """what errors are measured, and over which steps"""
 
     def __post_init__(self) -> None:
-        self.start.check(self.components, self.true_sensor)
+        self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._own_timeline)
         self.target.check(self._timeline)
         self.score.check(self.components, self.steps)
@@ -95,7 +95,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _own_timeline(self) -> Timeline | None:
-        return self.target.own_timeline(self.true_sensor, self.start, self.T)
+        return self.target.own_timeline(self.true_sensor, self._start, self.T)
 
     @cached_property
     def _timeline(self) -> Timeline:
@@ -104,6 +104,11 @@ class Tracking(Scenario):
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._own_timeline)
 
+    @cached_property
+    def _start(self) -> Start:
+        """Return the start of the target's state; raises InvalidKeyError."""
+        return self.start.for_state(self.components)
+
     @property
     def _schedule(self) -> Schedule:
         return Schedule(self.first, self.last, self.begin, self._skipped)
@@ -111,7 +116,7 @@ class Tracking(Scenario):
     @property
     def _skipped(self) -> int:
         """Return the steps before that of the first state."""
-        return max(0, self.start.scans - 1)
+        return max(0, self._start.scans - 1)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -121,7 +126,19 @@ class Tracking(Scenario):
     @cached_property
     def true_sensor(self) -> Sensors:
         """Return the sensor, or all of them as one."""
-        return stack(self.sensor)
+        return self._stacked(self.sensor, "sensor")
+
+    def _stacked(self, sensors: SensorBase | tuple[SensorBase, ...], *path: str) -> Sensors:
+        """Return sensors of the target's state as one; raises InvalidKeyError."""
+        several = sensors if isinstance(sensors, tuple) else (sensors,)
+        fitted = []
+        for i, sensor in enumerate(several):
+            try:
+                fitted.append(sensor.for_state(self.components))
+            except InvalidKeyError as error:
+                index = (i,) if isinstance(sensors, tuple) else ()
+                raise InvalidKeyError(str(error), *path, *index, *error.path) from None
+        return stack(tuple(fitted))
 
     @cached_property
     def model(self) -> Model:
@@ -134,7 +151,11 @@ class Tracking(Scenario):
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
-        sensor = self.true_sensor if self.assume.sensor is None else stack(self.assume.sensor)
+        sensor = (
+            self.true_sensor
+            if self.assume.sensor is None
+            else self._stacked(self.assume.sensor, "assume", "sensor")
+        )
         if sensor.components != self.true_sensor.components:
             raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
         return Model(sampled, sensor)
@@ -144,6 +165,9 @@ class Tracking(Scenario):
         line, axes = self._timeline, self.target.axes
         if line.equal:
             return motion.sampled(line.T, axes)
+        if motion.uses_time:
+            what = "the motion depends on the time t = k T, and these steps are not equal"
+            raise InvalidKeyError(what, "assume")
         return Irregular(motion, axes, int(line.steps[1]), fixed(np.diff(line.times)))
 
     def with_assumptions(self, assume: Assume) -> "Tracking":
@@ -158,7 +182,7 @@ class Tracking(Scenario):
     @property
     def prior_type(self) -> type[Distribution]:
         """Return the class of the prior."""
-        return self.start.prior_type(self.true_sensor)
+        return self._start.prior_type(self.true_sensor)
 
     @cached_property
     def _trained(self) -> int | None:
@@ -206,6 +230,8 @@ class Tracking(Scenario):
 
         In space an upper bound of it. None if a scan does not tell the position.
         """
+        if not self.target.is_moving:
+            return None
         state = self.target.start(self._timeline)
         information = self.true_sensor.information(state, self.first, certain=True)
         position = information[0::2, 0::2]
@@ -232,21 +258,21 @@ class Tracking(Scenario):
         nominal = start = repeated(self.target.start(self._timeline), runs)
         driven = self.target.own_motion is not None
         if driven:
-            start = self.start.truth(nominal, rng)
-        flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self.start.scans)
-        scans, seen = np.split(flight.seen, [self.start.scans], axis=1)
+            start = self._start.truth(nominal, rng)
+        flight = self.target.fly(start, self._timeline, self.true_sensor, rng, self._start.scans)
+        scans, seen = np.split(flight.seen, [self._start.scans], axis=1)
         line = self._timeline
         T = line.T if line.apart is None else line.apart
         if isinstance(T, np.ndarray):
             T = recorded_columns(T, rng)
         first = int(line.steps[0])
         opening = InitialScans(flight.truth[:, 0], scans, first, T, self.target.diffusion)
-        prior = self.start.prior(opening, self.true_sensor, nominal if driven else None, rng)
+        prior = self._start.prior(opening, self.true_sensor, nominal if driven else None, rng)
         return Simulation(flight.truth[:, self._skipped :], seen, prior)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and as each sensor would see them."""
-        return self.score.errors(self.true_sensor, self.components, mean, truth)
+        return self.score.error_vectors(self.true_sensor, self.components, mean, truth)
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Return functions of the state whose posterior means are scored beside the mean state's own."""
@@ -276,7 +302,7 @@ class Tracking(Scenario):
         assert isinstance(motion, Linear)
         steps = self._timeline.steps.tolist()
         n = path.shape[0]
-        initial = self.start.bound(
+        initial = self._start.bound(
             path, self.first, self.true_sensor, self.T, self.target.diffusion
         )
         gained = (

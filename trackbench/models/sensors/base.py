@@ -62,6 +62,10 @@ class SensorBase(Part):
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R) of z_k given x_k = x without bias and outliers; see `Sensor.measurement`."""
 
+    def for_state(self, components: tuple[str, ...]) -> "SensorBase":
+        """Return the sensor for states that begin with these components; raises InvalidKeyError."""
+        return self
+
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
         return z - z_pred

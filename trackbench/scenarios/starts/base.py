@@ -34,6 +34,10 @@ class Start(Part):
     of_truth: ClassVar[bool] = False
     """whether the prior is made of the truth, which no recorded target has"""
 
+    def for_state(self, components: tuple[str, ...]) -> "Start":
+        """Return the start of a state with these components; raises InvalidKeyError."""
+        return self
+
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
         """Return the class of `prior`, which filters may ask for more than moments."""
         return Gaussian

@@ -79,6 +79,11 @@ class Target(Part):
         return position_velocity_names(self.axes)
 
     @property
+    def is_moving(self) -> bool:
+        """Return whether its state is position and velocity along each axis."""
+        return self.components in map(position_velocity_names, (1, 2, 3))
+
+    @property
     @abstractmethod
     def axes(self) -> int:
         """Return axes of the space it moves in."""

@@ -8,7 +8,15 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import position
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Finite, Positive, Registered
+from trackbench.field_types import (
+    ByComponent,
+    Finite,
+    InvalidKeyError,
+    Positive,
+    Registered,
+    by_component,
+    freeze_mappings,
+)
 from trackbench.models.base import Motion, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import append_noise
@@ -54,10 +62,20 @@ class Driven(Target):
     """first state; default: at rest at the origin"""
     polar: PolarLaunch | None = None
     """first state in polar coordinates, instead"""
+    initial: ByComponent | None = None
+    """first state of a motion with other components than positions and velocities: numbers by component,
+    0 where none is given, or in order"""
 
     def __post_init__(self) -> None:
-        if self.launch is not None and self.polar is not None:
-            raise ValueError("give one of launch and polar")
+        freeze_mappings(self)
+        given = [key for key in ("launch", "polar", "initial") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give one of {' and '.join(given)}")
+        if given and given != ["initial"] and not (self.is_moving or len(self.components) == 1):
+            names = ", ".join(self.components)
+            raise InvalidKeyError(f"the state is {names}: give its values in `initial`", *given)
+        if self.initial is not None:
+            by_component(self.initial, self.components, "initial")
 
     @property
     def _first(self) -> Launch | PolarLaunch:
@@ -86,6 +104,10 @@ class Driven(Target):
 
     def start(self, timeline: Timeline) -> Array:
         """Return the first state (n_x,)."""
+        if self.initial is not None:
+            return by_component(self.initial, self.components, "initial")
+        if not self.is_moving and len(self.components) > 1:
+            return np.zeros(len(self.components))
         return self._first.state[: len(self.components)]
 
     def path(self, timeline: Timeline) -> Array:

@@ -1,0 +1,193 @@
+"""Equations of a motion or sensor in a config: names, parts and covariances, checked and compiled."""
+
+import keyword
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array, fixed
+from trackbench.field_types import Finite, InvalidKeyError
+from trackbench.models.expression_programs import Program
+from trackbench.models.expressions import (
+    FUNCTIONS,
+    ZERO,
+    ExpressionError,
+    Node,
+    derivative,
+    is_constant,
+    number,
+    parse,
+    variable,
+)
+
+Term: TypeAlias = Finite | str
+"""A number or an expression."""
+Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
+"""One variance for every component, variances by component or in order, or a matrix."""
+_RESERVED = ("k", "t", "T", "pi", *FUNCTIONS)
+_ROUNDING = 1e-12  # of a covariance's eigenvalues, relative to the largest one
+
+
+class Equations:
+    """Names that expressions may use, and the programs that are made of them.
+
+    Parameters
+    ----------
+    components : sequence of str
+        Components of the state.
+    scalars : sequence of str
+        Variables beside it: k, the number of the step, and t, the time in s.
+    parameters : mapping of str to float
+        Constants.
+    parts : mapping of str to Term
+        Parts of expressions, each of names that stand before it.
+    T : float, optional
+        Time between two steps, s, if there is one.
+
+    Raises
+    ------
+    InvalidKeyError
+        For a name that is taken or is no word, and for a part that is mistaken.
+    """
+
+    def __init__(
+        self,
+        components: Sequence[str],
+        scalars: Sequence[str],
+        parameters: Mapping[str, float],
+        parts: Mapping[str, Term],
+        T: float | None = None,
+    ) -> None:
+        self.components, self.scalars = tuple(components), tuple(scalars)
+        self.names: dict[str, Node] = {}
+        for i, name in enumerate(components):
+            self._add(name, variable(name), "components", i)
+        self.names |= {name: variable(name) for name in scalars}
+        if T is not None:
+            self.names["T"] = number(T)
+        for name, value in parameters.items():
+            self._add(name, number(value), "parameters", name)
+        for name, term in parts.items():
+            self._add(name, self.parse(term, "where", name), "where", name)
+
+    def _add(self, name: str, node: Node, *path: str | int) -> None:
+        if not name.isidentifier() or keyword.iskeyword(name):
+            raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
+        if name in self.names or name in _RESERVED:
+            raise InvalidKeyError(f"the name {name!r} is taken", *path)
+        self.names[name] = node
+
+    def parse(self, term: Term, *path: str | int) -> Node:
+        """Return an expression's tree; raises InvalidKeyError at this key."""
+        try:
+            return parse(term, self.names)
+        except ExpressionError as error:
+            raise InvalidKeyError(str(error), *path) from None
+
+    def program(self, nodes: Iterable[Node]) -> Program:
+        """Return the nodes' values as a function of the components and scalars."""
+        return Program(tuple(nodes), self.components, self.scalars)
+
+    def vector(self, nodes: Sequence[Node]) -> "ArrayProgram":
+        """Return expressions (n,) as a function of x and the scalars."""
+        return ArrayProgram(self, nodes, (len(nodes),))
+
+    def jacobian(self, nodes: Sequence[Node]) -> "ArrayProgram":
+        """Return the derivatives (n, n_x) of expressions (n,) by the components."""
+        slopes = [derivative(node, name) for node in nodes for name in self.components]
+        return ArrayProgram(self, slopes, (len(nodes), len(self.components)))
+
+    def covariance(
+        self, given: Covariance, components: Sequence[str], *path: str | int
+    ) -> "ArrayProgram":
+        """Return a covariance (n, n) of so many components; raises InvalidKeyError."""
+        n = len(components)
+        rows = _rows(given, components, *path)
+        nodes = [
+            self.parse(term, *where) if where else ZERO
+            for row in rows
+            for term, where in row
+        ]  # fmt: skip
+        for i in range(n):
+            for j in range(i):
+                if rows[i][j][0] != rows[j][i][0]:
+                    what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
+                    raise InvalidKeyError(what, *path)
+        program = ArrayProgram(self, nodes, (n, n))
+        if program.constant is not None:
+            least, *_, largest = (*np.linalg.eigvalsh(program.constant), 0.0, 0.0)
+            if least < -_ROUNDING * max(largest, 1.0) or np.isnan(least):
+                raise InvalidKeyError("a covariance has no negative eigenvalue", *path)
+        return program
+
+
+_Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
+
+
+def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
+    """Return the terms of a covariance with the path of each; a zero off the diagonal has none."""
+    n = len(components)
+    if isinstance(given, dict):
+        for name in given:
+            if name not in components:
+                known = ", ".join(components)
+                raise InvalidKeyError(f"unknown component; known: {known}", *path, name)
+        diagonal = [(given.get(name, 0.0), (*path, name)) for name in components]
+    elif not isinstance(given, tuple):
+        diagonal = [(given, path)] * n
+    elif len(given) != n:
+        raise InvalidKeyError(f"{len(given)} items for {', '.join(components)}", *path)
+    elif any(isinstance(row, tuple) for row in given):
+        for i, row in enumerate(given):
+            if not isinstance(row, tuple) or len(row) != n:
+                raise InvalidKeyError(f"row {i + 1} of the matrix needs {n} items", *path, i)
+        matrix = [row for row in given if isinstance(row, tuple)]
+        return [
+            [(term, (*path, i, j)) for j, term in enumerate(row)] for i, row in enumerate(matrix)
+        ]
+    else:
+        terms = [term for term in given if not isinstance(term, tuple)]
+        diagonal = [(term, (*path, i)) for i, term in enumerate(terms)]
+    return [[diagonal[i] if i == j else (0.0, ()) for j in range(n)] for i in range(n)]
+
+
+class ArrayProgram:
+    """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
+
+    def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
+        self.shape = shape
+        self.constant: Array | None = None
+        if all(map(is_constant, nodes)):
+            self.constant = fixed(np.array([node.value for node in nodes]).reshape(shape))
+        # Numbers are filled in, the others computed.
+        self._fixed = [(i, node.value) for i, node in enumerate(nodes) if is_constant(node)]
+        self._computed = [i for i, node in enumerate(nodes) if not is_constant(node)]
+        self._size, self._scalars = len(equations.components), equations.scalars
+        self._program = equations.program(nodes[i] for i in self._computed)
+
+    def __call__(self, x: Array, *scalars: float) -> Array:
+        """Return the array (*shape, *batch); (*shape,) if every expression is a number."""
+        if self.constant is not None:
+            return self.constant
+        batch = x.shape[1:]
+        out = np.empty((np.prod(self.shape, dtype=int), *(batch or (1,))))
+        for i, value in self._fixed:
+            out[i] = value
+        components = x if batch else x[:, None]
+        with np.errstate(all="ignore"):  # runs that leave the numbers are counted, not warned about
+            for i, computed in zip(
+                self._computed, self._program(*components, *scalars), strict=True
+            ):
+                out[i] = computed
+        return out.reshape(*self.shape, *batch)
+
+    def uses(self, name: str) -> bool:
+        """Return whether a value depends on a variable."""
+        return self._program.uses(name)
+
+    def is_zero_at_zero(self) -> bool:
+        """Return whether the values are zero for x = 0, at every step and time."""
+        if any(map(self.uses, self._scalars)):
+            return False
+        return not np.any(self(np.zeros((self._size, 1)), *(0.0 for _ in self._scalars)))

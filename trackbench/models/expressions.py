@@ -1,0 +1,343 @@
+"""Arithmetic expressions of a config: parsed to a tree, differentiated, and evaluated on arrays.
+
+An expression such as ``x*(r - z) - y`` has numbers, names, ``+ - * / **``, parentheses and the functions
+of `FUNCTIONS`. It is never run as Python. Values are computed with `trackbench.core.elementary`, so they
+have the same bytes on every machine.
+"""
+
+import ast
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import arctan2, cos_sin, exp, log, power
+
+Quantity: TypeAlias = Array | float
+Value: TypeAlias = Quantity | tuple[Array, Array]
+"""A value of a node; a tuple for the cosine and sine of an angle."""
+MOST_CHARACTERS = 1000
+
+
+class ExpressionError(ValueError):
+    """A mistake in an expression, in one line with its column."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A node of the tree: a number, the name of a variable, or an operation on other nodes."""
+
+    operation: str
+    arguments: tuple["Node", ...] = ()
+    value: float = 0.0
+    """the number, if the operation is ``number``"""
+    name: str = ""
+    """the variable, if the operation is ``name``"""
+
+
+def _tangent(u: Quantity) -> Quantity:
+    c, s = cos_sin(u)
+    return s / c
+
+
+def _angle(y: Quantity, x: Quantity) -> Quantity:
+    return arctan2(*np.broadcast_arrays(y, x))
+
+
+def _power(x: Quantity, y: Quantity) -> Quantity:
+    """Return ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``."""
+    if isinstance(y, np.ndarray):
+        return exp(y * log(x))
+    if y == 2.0:
+        return np.square(x)
+    if y == 0.5:
+        return np.sqrt(x)
+    if y < 0.0 and float(y).is_integer():
+        return 1.0 / power(x, -y)
+    return power(x, y)
+
+
+def _not_above(a: Quantity, b: Quantity) -> Quantity:
+    return np.less_equal(a, b) * 1.0
+
+
+Operation: TypeAlias = Callable[..., Value]
+# Operations on values. The first group can write its result into memory that is no longer needed.
+UFUNCS: dict[str, Operation] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "negative": np.negative,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "min": np.minimum,
+    "max": np.maximum,
+    "sign": np.sign,
+}
+OPERATIONS: dict[str, Operation] = {
+    **UFUNCS,
+    "**": _power,
+    "exp": exp,
+    "log": log,
+    "tan": _tangent,
+    "atan2": _angle,
+    "cos and sin": cos_sin,
+    "first": itemgetter(0),
+    "second": itemgetter(1),
+    "not above": _not_above,
+}
+FUNCTIONS = {
+    "sin": 1, "cos": 1, "tan": 1, "exp": 1, "log": 1, "sqrt": 1, "abs": 1, "atan2": 2, "min": 2, "max": 2
+}  # fmt: skip
+"""Functions of an expression, with their number of arguments."""
+
+_BINARY: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+}
+
+
+def parse(text: str | float, names: Mapping[str, Node]) -> Node:
+    """Parse an expression.
+
+    Parameters
+    ----------
+    text : str or float
+        The expression.
+    names : mapping of str to Node
+        Names that it may contain beside pi, and what they stand for: `variable`, `number` or a part.
+
+    Raises
+    ------
+    ExpressionError
+        For whatever is not arithmetic of these names, with the column.
+    """
+    text = str(text)
+    if len(text) > MOST_CHARACTERS:
+        raise ExpressionError(f"longer than {MOST_CHARACTERS} characters: name parts of it")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        column = getattr(error, "offset", None) or 1
+        raise ExpressionError(f"column {column}: this is not an arithmetic expression") from None
+    try:
+        return _Parser({"pi": number(math.pi)} | dict(names)).node(tree)
+    except RecursionError:
+        raise ExpressionError("nested too deeply: name parts of it") from None
+
+
+@dataclass(frozen=True)
+class _Parser:
+    """Translation of Python's syntax tree; what has no meaning here is refused."""
+
+    names: Mapping[str, Node]
+
+    def node(self, tree: ast.expr) -> Node:
+        """Return the node of a tree; raises ExpressionError."""
+        node = self._translated(tree)
+        if node.operation == "number" and not math.isfinite(node.value):
+            raise _mistake(tree, "this has no finite value")
+        return node
+
+    def _translated(self, tree: ast.expr) -> Node:
+        match tree:
+            case ast.Constant(value=bool()):
+                raise _mistake(tree, "a truth value is no number")
+            case ast.Constant(value=int() | float() as value):
+                return number(_as_float(tree, value))
+            case ast.Name(id=name):
+                return self._name(tree, name)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return operate("negative", self.node(operand))
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.node(operand)
+            case ast.BinOp(op=ast.BitXor()):
+                raise _mistake(tree.right, "write a power as x**2, not as x^2")
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+                return operate(_BINARY[type(op)], self.node(left), self.node(right))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                return self._call(tree, name, arguments)
+        raise _mistake(tree, "only numbers, names, + - * / ** ( ) and functions make an expression")
+
+    def _name(self, tree: ast.expr, name: str) -> Node:
+        if name in self.names:
+            return self.names[name]
+        if name in FUNCTIONS:
+            raise _mistake(tree, f"{name} is a function: write {name}(...)")
+        known = ", ".join(sorted(self.names))
+        raise _mistake(tree, f"unknown name {name!r}; known: {known}")
+
+    def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
+        if name not in FUNCTIONS:
+            raise _mistake(tree, f"unknown function {name!r}; known: {', '.join(FUNCTIONS)}")
+        nodes = [self.node(argument) for argument in arguments]
+        if name in ("min", "max") and len(nodes) > 2:
+            first, *others = nodes
+            for other in others:
+                first = operate(name, first, other)
+            return first
+        if len(nodes) != FUNCTIONS[name]:
+            raise _mistake(tree, f"{name} has {FUNCTIONS[name]} arguments, not {len(nodes)}")
+        return operate(name, *nodes)
+
+
+def _mistake(tree: ast.expr, what: str) -> ExpressionError:
+    return ExpressionError(f"column {tree.col_offset + 1}: {what}")
+
+
+def _as_float(tree: ast.expr, value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        raise _mistake(tree, "this number is too large") from None
+
+
+def number(value: float) -> Node:
+    """Return the node of a number."""
+    return Node("number", value=value)
+
+
+def variable(name: str) -> Node:
+    """Return the node of a variable."""
+    return Node("name", name=name)
+
+
+def is_constant(node: Node) -> bool:
+    """Return whether a node is a number."""
+    return node.operation == "number"
+
+
+ZERO, ONE, TWO = number(0.0), number(1.0), number(2.0)
+
+
+def operate(operation: str, *arguments: Node) -> Node:
+    """Return the node of an operation; of numbers alone, that of its value."""
+    if operation in ("sin", "cos"):
+        # Both come from one evaluation.
+        pair = operate("cos and sin", *arguments)
+        if pair.operation == "number pair":
+            return pair.arguments[operation == "sin"]
+        return Node("first" if operation == "cos" else "second", (pair,))
+    if all(map(is_constant, arguments)):
+        with np.errstate(all="ignore"):
+            value = OPERATIONS[operation](*(a.value for a in arguments))
+        if isinstance(value, tuple):
+            return Node("number pair", tuple(number(float(v)) for v in value))
+        return number(float(value))
+    return Node(operation, arguments)
+
+
+# Sums and products of derivatives, without the terms that are zero.
+
+
+def _is(node: Node, value: float) -> bool:
+    return is_constant(node) and node.value == value
+
+
+def _sum(a: Node, b: Node) -> Node:
+    return b if _is(a, 0.0) else a if _is(b, 0.0) else operate("+", a, b)
+
+
+def _difference(a: Node, b: Node) -> Node:
+    if _is(a, 0.0):
+        return b if _is(b, 0.0) else operate("negative", b)
+    return a if _is(b, 0.0) else operate("-", a, b)
+
+
+def _product(a: Node, b: Node) -> Node:
+    if _is(a, 0.0) or _is(b, 0.0):
+        return ZERO
+    return b if _is(a, 1.0) else a if _is(b, 1.0) else operate("*", a, b)
+
+
+def _quotient(a: Node, b: Node) -> Node:
+    return ZERO if _is(a, 0.0) else operate("/", a, b)
+
+
+def derivative(node: Node, name: str) -> Node:
+    """Return the derivative of an expression by a variable.
+
+    Where `abs`, `min` or `max` have a kink it is the derivative of one side.
+    """
+    derivatives: dict[int, Node] = {}
+
+    def of(node: Node) -> Node:
+        if id(node) not in derivatives:
+            derivatives[id(node)] = rule(node)
+        return derivatives[id(node)]
+
+    def rule(node: Node) -> Node:
+        if not node.arguments:
+            return ONE if node.name == name else ZERO
+        if node.operation in ("first", "second"):
+            # cos' u = -sin u u', sin' u = cos u u'
+            (pair,) = node.arguments
+            du = of(pair.arguments[0])
+            if node.operation == "first":
+                return _difference(ZERO, _product(Node("second", (pair,)), du))
+            return _product(Node("first", (pair,)), du)
+        u, *others = node.arguments
+        du = of(u)
+        if not others:
+            return _unary_derivative(node, u, du)
+        (v,) = others
+        return _binary_derivative(node, u, v, du, of(v))
+
+    return of(node)
+
+
+def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
+    match node.operation:
+        case "negative":
+            return _difference(ZERO, du)
+        case "exp":
+            return _product(node, du)
+        case "log":
+            return _quotient(du, u)
+        case "sqrt":
+            return _quotient(du, _product(TWO, node))
+        case "tan":
+            return _product(_sum(ONE, operate("**", node, TWO)), du)
+        case "abs":
+            return _product(operate("sign", u), du)
+        case _:
+            return ZERO  # sign
+
+
+def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node:
+    match node.operation:
+        case "+":
+            return _sum(du, dv)
+        case "-":
+            return _difference(du, dv)
+        case "*":
+            return _sum(_product(du, v), _product(u, dv))
+        case "/":
+            # (u / v)' = (u' - (u / v) v') / v
+            return _quotient(_difference(du, _product(node, dv)), v)
+        case "atan2":
+            # atan2(u, v)' = (u' v - u v') / (u^2 + v^2)
+            square = operate("+", operate("**", u, TWO), operate("**", v, TWO))
+            return _quotient(_difference(_product(du, v), _product(u, dv)), square)
+        case "min" | "max":
+            # The derivative of whichever is smaller, or larger.
+            first = operate("not above", *((u, v) if node.operation == "min" else (v, u)))
+            return _sum(_product(first, du), _product(operate("-", ONE, first), dv))
+        case "**" if v.operation == "number":
+            if _is(v, 2.0):
+                return _product(_product(TWO, u), du)
+            return _product(_product(v, operate("**", u, number(v.value - 1.0))), du)
+        case "**":
+            # (u^v)' = u^v (v' log u + v u' / u)
+            slope = _sum(_product(dv, operate("log", u)), _quotient(_product(v, du), u))
+            return _product(node, slope)
+        case _:
+            return ZERO  # not above

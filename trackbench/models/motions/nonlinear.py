@@ -1,0 +1,233 @@
+"""Nonlinear motions written as equations: a map from step to step, and a differential equation."""
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Gaussian
+from trackbench.field_types import Count, Finite, InvalidKeyError, freeze_mappings
+from trackbench.models.base import Motion, SampledMotion
+from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
+from trackbench.models.motions.kinematic import Linear
+from trackbench.registry import register
+
+
+@dataclass(frozen=True, kw_only=True)
+class EquationMotion(Motion):
+    """Base of the motions whose equations stand in the config.
+
+    Expressions have numbers, ``+ - * / **``, the functions sin, cos, tan, exp, log, sqrt, atan2, abs,
+    min and max, and the names of components, parameters and parts; ``k`` is the number of the new step,
+    ``T`` the time between steps, s, and ``pi``.
+    """
+
+    components: tuple[str, ...]
+    """names of the state's components, in order"""
+    parameters: dict[str, Finite] = field(default_factory=dict)
+    """names and values of constants"""
+    where: dict[str, Term] = field(default_factory=dict)
+    """names and expressions of parts of the equations, each of what stands above it"""
+    Q: Covariance
+    """covariance of the normal noise that is added at each step: one variance for all components, a
+    list or mapping of variances, or a matrix, of numbers or expressions of the state before the step"""
+
+    def __post_init__(self) -> None:
+        freeze_mappings(self)
+        if not self.components:
+            raise InvalidKeyError("name at least one component", "components")
+        self._compiled(1.0)
+
+    @property
+    @abstractmethod
+    def _terms(self) -> tuple[str, dict[str, Term]]:
+        """Return the key of the equations and their expressions by component."""
+
+    def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
+        """Return the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
+        equations = Equations(self.components, ("k", "t"), self.parameters, self.where, T)
+        key, terms = self._terms
+        for name in terms:
+            if name not in self.components:
+                raise InvalidKeyError(f"{name!r} is not one of the components", key, name)
+        for name in self.components:
+            if name not in terms:
+                raise InvalidKeyError(f"there is no expression for {name!r}", key)
+        nodes = [equations.parse(terms[name], key, name) for name in self.components]
+        Q = equations.covariance(self.Q, self.components, "Q")
+        return equations.vector(nodes), equations.jacobian(nodes), Q
+
+    @property
+    def uses_time(self) -> bool:
+        """Return whether the time t is in the equations."""
+        return any(program.uses("t") for program in self._compiled(1.0))
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 1) -> SampledMotion:
+        """Return the motion over T seconds."""
+        f, jacobian, Q = self._compiled(T)
+        step = self._step(T, f, jacobian)
+        if Q.constant is not None:
+            return AdditiveNoise(self.components, T, step, Q.constant)
+        return StateNoise(self.components, T, step, Q)
+
+    @abstractmethod
+    def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> "Step":
+        """Return the noise-free motion over T seconds."""
+
+
+class Step:
+    """A noise-free step by a map: ``x_k = f(x_{k-1}, k)``, with t = k T."""
+
+    def __init__(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> None:
+        self.T, self.f, self.J = T, f, jacobian
+
+    def __call__(self, x: Array, k: int) -> Array:
+        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        out = self.f(x, k, k * self.T)
+        return np.broadcast_to(with_trailing(out, x.ndim - 1), x.shape)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
+        return self.J(x, k, k * self.T)
+
+
+class RungeKuttaStep(Step):
+    """A noise-free step by ``dx/dt = f(x, t)`` from t = (k - 1) T on, by the Runge-Kutta method."""
+
+    def __init__(self, T: float, f: ArrayProgram, jacobian: ArrayProgram, substeps: int) -> None:
+        super().__init__(T, f, jacobian)
+        self.substeps = substeps
+
+    def __call__(self, x: Array, k: int) -> Array:
+        """Return the states at step k for states x (n, *batch) at step k - 1."""
+        h = self.T / self.substeps
+        for i in range(self.substeps):
+            x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in self._stages(x, k, i)))
+        return x
+
+    def _stages(self, x: Array, k: int, i: int) -> list[tuple[Array, Array]]:
+        """Return (slope, state at which it is taken) of the four stages of substep i."""
+        h, stages = self.T / self.substeps, list[tuple[Array, Array]]()
+        t = (k - 1) * self.T + i * h
+        at = x
+        # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
+        for ahead in (0.5, 0.5, 1.0, None):
+            stages.append((slope := with_trailing(self.f(at, k, t), x.ndim - 1), at))
+            if ahead is not None:
+                at = x + (ahead * h) * slope
+                t = (k - 1) * self.T + (i + ahead) * h
+        return stages
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return the derivative (n, n, *batch) of the Runge-Kutta step at x (n, *batch)."""
+        h = self.T / self.substeps
+        identity = with_trailing(np.eye(len(x)), x.ndim - 1, leading=2)
+        F = identity
+        for i in range(self.substeps):
+            stages = self._stages(x, k, i)
+            slopes: list[Array] = []
+            # K1 = J(x), K2 = J(x + h/2 k1) (I + h/2 K1), ...: the derivatives of the stages by x.
+            for (_, at), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
+                t = (k - 1) * self.T + (i + ahead) * h
+                J = with_trailing(self.J(at, k, t), x.ndim - 1, leading=2)
+                inner = identity + (ahead * h) * slopes[-1] if slopes else identity
+                slopes.append(linalg.matmul(J, inner))
+            F = linalg.matmul(identity + h / 6.0 * sum_of_slopes(*slopes), F)
+            x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in stages))
+        return F
+
+
+def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
+    """Return ``k1 + 2 k2 + 2 k3 + k4``."""
+    return k1 + 2.0 * (k2 + k3) + k4
+
+
+@dataclass(frozen=True, eq=False)
+class AdditiveNoise:
+    """Motion over T seconds with noise N(0, Q), Q (n, n)."""
+
+    components: tuple[str, ...]
+    T: float
+    step: Step
+    Q: Array
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return N(f(x, k), Q) for x (n, *batch)."""
+        return Gaussian(self.step(x, k), self.Q)
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return df/dx (n, n[, *batch])."""
+        return self.step.jacobian(x, k)
+
+
+@dataclass(frozen=True, eq=False)
+class StateNoise:
+    """Motion over T seconds whose noise N(0, Q(x)) depends on the state before the step."""
+
+    components: tuple[str, ...]
+    T: float
+    step: Step
+    cov: ArrayProgram
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return N(f(x, k), Q(x, k)) for x (n, *batch)."""
+        return Gaussian(self.step(x, k), self.cov(x, k, k * self.T))
+
+    def jacobian(self, x: Array, k: int) -> Array:
+        """Return df/dx (n, n[, *batch])."""
+        return self.step.jacobian(x, k)
+
+
+@register("motions", "map")
+@dataclass(frozen=True, kw_only=True)
+class MapMotion(EquationMotion):
+    """``x_k = f(x_{k-1}, k) + N(0, Q)``: an expression for each component.
+
+    ``{kind: map, components: [x], next: {x: x/2 + 25*x/(1 + x**2) + 8*cos(1.2*k)}, Q: 10}``. The time
+    ``t`` is k T, s.
+    """
+
+    next: dict[str, Term]
+    """expression of each component at the new step, of the components at the step before"""
+
+    @property
+    def _terms(self) -> tuple[str, dict[str, Term]]:
+        return "next", self.next
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def sampled(self, T: float, axes: int = 1) -> SampledMotion:
+        """Return the motion from step to step; of linear equations with constant noise a `Linear`."""
+        f, jacobian, Q = self._compiled(T)
+        F = jacobian.constant
+        if F is not None and Q.constant is not None and f.is_zero_at_zero():
+            return Linear(T, F, Q.constant, self.components)
+        return super().sampled(T, axes)
+
+    def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
+        return Step(T, f, jacobian)
+
+
+@register("motions", "ode")
+@dataclass(frozen=True, kw_only=True)
+class OdeMotion(EquationMotion):
+    """``dx/dt = f(x, t)`` from step to step by the classical Runge-Kutta method, then noise N(0, Q).
+
+    ``{kind: ode, components: [x, y, z], derivative: {x: 10*(y - x), y: x*(28 - z) - y, z: x*y - 8/3*z},
+    substeps: 5, Q: 0.1}``. The time ``t`` is zero at step 0.
+    """
+
+    derivative: dict[str, Term]
+    """expression of each component's derivative by time"""
+    substeps: Count = 1
+    """number of Runge-Kutta steps between two steps of the scenario"""
+
+    @property
+    def _terms(self) -> tuple[str, dict[str, Term]]:
+        return "derivative", self.derivative
+
+    def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
+        return RungeKuttaStep(T, f, jacobian, self.substeps)
