@@ -5,6 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -110,6 +111,8 @@ OTHER: Keys = {
     "legs": [{**LEG, "ax": 2.0}],
     "straight_steps": [2, 3],
     "times": [0, 4, 8],
+    "cov": np.diag([64, 16, 81, 25]).tolist(),
+    "initial": {"px": 2000.0, "vy": 3.0},
     "z": [5, 6, 7],
 }
 """Another value of a key that is no number and no list of numbers."""
@@ -117,6 +120,8 @@ BESIDE: dict[str, Keys] = {
     "offset": {"period": 2},
     "polar": {"launch": None, "polar": {"range_km": 4, "azimuth_deg": 20}},
     "times": {"speed": None, "times": [0, 5, 8]},
+    "cov": {"sigma": None, "cov": np.diag([81, 25, 81, 25]).tolist()},
+    "initial": {"launch": None, "initial": [3000, -40, 2000, 30]},
 }
 """What else a key stands with; None: instead of."""
 PART: dict[Group, str] = {
@@ -151,7 +156,8 @@ def test_every_kind_is_tried() -> None:
         for kind, cls in kinds(group).items()
         if cls.__module__.startswith("trackbench.")
     }
-    assert CASES.keys() == ours - from_files - keyless
+    equations = {("motions", "map"), ("motions", "ode"), ("sensors", "function")}
+    assert CASES.keys() == ours - from_files - keyless - equations
 
 
 @pytest.mark.parametrize(("group", "kind"), CASES, ids=str)

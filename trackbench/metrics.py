@@ -114,11 +114,8 @@ def unit_of(name: str) -> str:
     if found.unit != "quantity" or not quantity:
         return found.unit.replace("quantity", "")
     head, _, component = quantity.partition("_")
-    is_component = head in ("predicted", "held") or found.series == "crps"
     if head in ("predicted", "held"):
         quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
-    if is_component and quantity in _AXES:  # a position, or the state of a scalar motion
-        return ""
     return _UNITS.get(quantity) or without_unit(quantity)[1]
 
 
@@ -130,12 +127,11 @@ def without_unit(name: str) -> tuple[str, str]:
     return name, ""
 
 
-_AXES = ("x", "y", "z")
 _ENDINGS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
 _UNITS = {
     quantity: unit
     for unit, quantities in {
-        "m": "position px py pz x y z range mean_range radial cross",
+        "m": "position px py pz range mean_range radial cross",
         "m/s": "velocity vx vy vz range_rate",
         "m/s^2": "acceleration ax ay az",
         "rad": "azimuth elevation",

@@ -185,7 +185,9 @@ class _Parser:
                 first = operate(name, first, other)
             return first
         if len(nodes) != FUNCTIONS[name]:
-            raise _mistake(tree, f"{name} has {FUNCTIONS[name]} arguments, not {len(nodes)}")
+            n = FUNCTIONS[name]
+            words = f"{name} has {n} argument{'s' * (n > 1)}, not {len(nodes)}"
+            raise _mistake(tree, words)
         return operate(name, *nodes)
 
 

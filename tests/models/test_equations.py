@@ -1,0 +1,230 @@
+"""Motions and sensors that are written as equations, against those of the package and other programs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from trackbench import api
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.field_types import InvalidKeyError
+from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
+from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.report.results import Results
+
+PLANE = ("px", "vx", "py", "vy")
+LORENZ: dict[str, Any] = {
+    "components": ("x", "y", "z"),
+    "parameters": {"s": 10.0, "r": 28.0, "b": 8.0 / 3.0},
+    "derivative": {"x": "s*(y - x)", "y": "x*(r - z) - y", "z": "x*y - b*z"},
+    "Q": 1.0,
+}
+STATES = np.array([[1.5], [-1.5], [25.5]]) + np.random.default_rng(2).normal(size=(3, 20))
+
+
+def lorenz(**changes: Any) -> OdeMotion:
+    return OdeMotion(**LORENZ | changes)
+
+
+def slopes(function: Any, x: np.ndarray) -> np.ndarray:
+    """Return the derivatives of a function of states by central differences."""
+    steps = 1e-6 * np.eye(len(x))[:, :, None]
+    return np.stack([(function(x + h) - function(x - h)) / 2e-6 for h in steps], axis=1)
+
+
+def test_a_map_is_the_turn_of_the_package() -> None:
+    T, turn = 2.0, UnknownTurn(q=0.3, turn_walk_deg_s=1.0).sampled(2.0)
+    motion = MapMotion(
+        components=(*PLANE, "w"),
+        where={"c": "cos(w*T)", "s": "sin(w*T)"},
+        next={
+            "px": "px + s/w*vx - (1 - c)/w*vy",
+            "vx": "c*vx - s*vy",
+            "py": "py + (1 - c)/w*vx + s/w*vy",
+            "vy": "s*vx + c*vy",
+            "w": "w",
+        },
+        Q=tuple(map(tuple, turn.Q.tolist())),
+    ).sampled(T)
+    x = np.random.default_rng(1).normal(size=(5, 30))
+    ours, theirs = motion.transition(x, 1), turn.transition(x, 1)
+    np.testing.assert_allclose(ours.mean, theirs.mean, atol=1e-12)
+    np.testing.assert_array_equal(ours.cov, theirs.cov)
+    np.testing.assert_allclose(motion.jacobian(x, 1), turn.jacobian(x, 1), atol=1e-9)
+
+
+def test_a_function_is_the_radar_of_the_package() -> None:
+    radar = RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0)
+    sensor = FunctionSensor(
+        h={"range": "sqrt(px**2 + py**2)", "azimuth": "atan2(py, px)"},
+        angles=("azimuth",),
+        R={"range": 25.0, "azimuth": 16e-6},
+    ).for_state(PLANE)
+    x = 100.0 * np.random.default_rng(1).normal(size=(5, 30))
+    ours, theirs = sensor.measurement(x, 1), radar.measurement(x, 1)
+    np.testing.assert_allclose(ours.mean, theirs.mean, rtol=1e-12)
+    np.testing.assert_allclose(ours.cov, theirs.cov, rtol=1e-12)
+    np.testing.assert_allclose(sensor.jacobian(x, 1), radar.jacobian(x, 1), rtol=1e-6, atol=1e-9)
+    z, z_pred = np.array([[1.0], [3.1]]), np.array([[2.0], [-3.1]])
+    np.testing.assert_array_equal(sensor.innovation(z, z_pred), radar.innovation(z, z_pred))
+
+
+@pytest.mark.parametrize(("substeps", "order"), [(2, 16.0), (4, 16.0)])
+def test_runge_kutta_has_order_four(substeps: int, order: float) -> None:
+    def error(n: int) -> float:
+        step = lorenz(substeps=n).sampled(0.1).transition(STATES, 3).mean
+        return float(np.abs(step - exact).max())
+
+    exact = np.stack(
+        [
+            solve_ivp(
+                lambda t, v: [
+                    10 * (v[1] - v[0]),
+                    v[0] * (28 - v[2]) - v[1],
+                    v[0] * v[1] - 8 / 3 * v[2],
+                ],
+                (0.0, 0.1),
+                x,
+                rtol=1e-12,
+                atol=1e-12,
+            ).y[:, -1]
+            for x in STATES.T
+        ],
+        axis=1,
+    )
+    assert 0.6 * order < error(substeps) / error(2 * substeps) < 1.6 * order
+
+
+def test_an_equation_may_depend_on_the_time() -> None:
+    """dx/dt = cos t from step 3 to step 4, T = .5."""
+    motion = OdeMotion(components=("x",), derivative={"x": "cos(t)"}, substeps=8, Q=1.0)
+    moved = motion.sampled(0.5).transition(np.zeros((1, 1)), 4).mean[0, 0]
+    assert moved == pytest.approx(np.sin(2.0) - np.sin(1.5), abs=1e-9)
+    assert motion.uses_time
+    assert not lorenz().uses_time
+
+
+def test_the_jacobian_of_a_runge_kutta_step() -> None:
+    motion = lorenz(substeps=3).sampled(0.1)
+    expected = slopes(lambda x: motion.transition(x, 1).mean, STATES)
+    np.testing.assert_allclose(motion.jacobian(STATES, 1), expected, rtol=1e-6, atol=1e-7)
+
+
+def test_noise_may_depend_on_the_state() -> None:
+    motion = lorenz(Q={"x": "0.1*x**2", "z": "T"}).sampled(0.1)
+    cov = motion.transition(STATES, 1).cov
+    np.testing.assert_allclose(cov[0, 0], 0.1 * STATES[0] ** 2)
+    assert (cov[2, 2] == 0.1).all()
+    assert not cov[1, 1].any()
+    assert not cov[0, 2].any()
+    assert not hasattr(motion, "Q")
+
+
+def test_linear_equations_are_a_linear_motion_and_sensor() -> None:
+    motion = MapMotion(components=("a", "b"), next={"a": "a + T*b", "b": "b/2"}, Q=(1.0, 2.0))
+    sampled = motion.sampled(4.0)
+    assert isinstance(sampled, Linear)
+    np.testing.assert_array_equal(sampled.F, [[1.0, 4.0], [0.0, 0.5]])
+    sensor = FunctionSensor(h={"z": "a - b"}, R=1.0).for_state(("a", "b"))
+    np.testing.assert_array_equal(sensor.H(3), [[1.0, -1.0, 0.0]])
+    for h in ("a - b + 1", "a*b", "a + k"):
+        assert not hasattr(FunctionSensor(h={"z": h}, R=1.0).for_state(("a", "b")), "H")
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "what"),
+    [
+        ({"Q": (1.0, 2.0)}, ("Q",), "2 items for x, y, z"),
+        ({"Q": {"u": 1.0}}, ("Q", "u"), "unknown component; known: x, y, z"),
+        ({"Q": {"x": "w"}}, ("Q", "x"), "column 1: unknown name 'w'"),
+        ({"Q": -1.0}, ("Q",), "negative eigenvalue"),
+        ({"Q": ((1.0, 2.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 1.0))}, ("Q",), "not symmetric"),
+        ({"Q": ((1.0, 2.0, 0.0), (1.0,), (0.0,))}, ("Q", 1), "row 2 of the matrix needs 3 items"),
+        ({"derivative": {"x": "y"}}, ("derivative",), "there is no expression for 'y'"),
+        ({"derivative": {"u": "y"}}, ("derivative", "u"), "'u' is not one of the components"),
+        ({"components": ("x", "y", "lambda")}, ("components", 2), "cannot be a name"),
+        ({"components": ("x", "k", "z")}, ("components", 1), "the name 'k' is taken"),
+        ({"components": ()}, ("components",), "name at least one component"),
+        ({"parameters": {"pi": 3.0}}, ("parameters", "pi"), "the name 'pi' is taken"),
+        ({"where": {"x": "y"}}, ("where", "x"), "the name 'x' is taken"),
+        ({"where": {"w": "x +"}}, ("where", "w"), "this is not an arithmetic"),
+    ],
+)
+def test_a_mistake_is_found_at_its_key(changes: Any, path: tuple[Any, ...], what: str) -> None:
+    with pytest.raises(InvalidKeyError, match=what) as raised:
+        lorenz(**changes)
+    assert raised.value.path == path
+
+
+CONFIG = """name: c
+runs: 8
+block: 4
+scenario:
+  kind: tracking
+  T: 0.1
+  last: 20
+  target:
+    kind: driven
+    motion:
+      kind: ode
+      components: [x, y, z]
+      derivative: {x: 10*(y - x), y: x*(28 - z) - y, z: x*y - 8/3*z}
+      substeps: 2
+      Q: 0.1
+    initial: {x: 1.5, y: -1.5, z: 25.5}
+  sensor: {kind: function, h: {sum: x + y, height: z}, R: [1, 2]}
+  start: {kind: gaussian, sigma: {x: 1, y: 1, z: 1}}
+  score: {errors: {plane: [x, y]}}
+filters: {EKF: {kind: ekf}, UKF: {kind: ukf}, PF: {kind: pf, N: 50}, EnKF: {kind: enkf, N: 20}}
+metrics: [rmse_x, rmse_plane, nees]
+"""
+
+
+def test_from_the_config_to_the_results(tmp_path: Path) -> None:
+    """The same bytes with one process and two, and errors of components and groups."""
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    texts = []
+    for n, engine in enumerate(("serial", "process")):
+        options = api.Options(engine=engine, quiet=True, out=tmp_path / str(n), workers=2)
+        results = api.run(tmp_path / "c.yaml", options)
+        texts.append((results.folder / "per_run.csv").read_bytes())
+    assert texts[0] == texts[1]
+    runs = Results(results.folder).runs({})
+    plane, x = (runs["EKF", metric] for metric in ("rmse_plane", "rmse_x"))
+    assert np.isfinite(plane).all()
+    assert (plane > x).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        (
+            "y: x*(28 - z) - y",
+            "y: x*(28 - w) - y",
+            "13:38: scenario.target.motion.derivative.y: column 9",
+        ),
+        (
+            "h: {sum: x + y",
+            "h: {sum: x + u",
+            "17:37: scenario.sensor.h.sum: column 5: unknown name 'u'",
+        ),
+        ("R: [1, 2]", "R: [1]", "scenario.sensor.R: 1 items for sum, height"),
+        ("z: 25.5}", "w: 25.5}", "scenario.target.initial.w: unknown component 'w'"),
+        ("z: 1}}", "w: 1}}", "scenario.start.sigma.w: unknown component 'w'"),
+        ("[x, y]}", "[x, u]}", "scenario.score.errors.plane.1: 'u' is no component"),
+        ("initial: {", "launch: {", "scenario.target.launch"),
+        ("{kind: ekf}", "{kind: kf}", "`kf` works only with"),
+    ],
+)
+def test_a_mistake_in_a_config_is_a_line(old: str, new: str, where: str, tmp_path: Path) -> None:
+    assert old in CONFIG
+    (tmp_path / "c.yaml").write_text(CONFIG.replace(old, new))
+    with pytest.raises(UserError) as raised:
+        load(tmp_path / "c.yaml")
+    assert any(where in line for line in str(raised.value).splitlines()), str(raised.value)

@@ -1,0 +1,172 @@
+"""Expressions against Python's own arithmetic, their derivatives against differences, hostile input."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackbench.models.expression_programs import Program
+from trackbench.models.expressions import (
+    FUNCTIONS,
+    ExpressionError,
+    Node,
+    derivative,
+    number,
+    parse,
+    variable,
+)
+
+NAMES = {name: variable(name) for name in ("x", "y", "z", "k")} | {"r": number(28.0)}
+X = np.random.default_rng(4).normal(size=(3, 200))
+NUMPY: dict[str, Any] = {
+    **{name: getattr(np, name) for name in FUNCTIONS if hasattr(np, name)},
+    **{"atan2": np.arctan2, "min": np.minimum, "max": np.maximum, "pi": np.pi, "r": 28.0, "k": 3},
+}
+EXPRESSIONS = [
+    "x*(r - z) - y",
+    "sin(x)*cos(x) + tan(y/2)",
+    "exp(-x**2/2)*log(abs(y) + 1)",
+    "atan2(y, x) - atan2(x, -y)",
+    "sqrt(x**2 + y**2)/(1 + z**2)",
+    "min(x, y)*max(z, 2*x)",
+    "x**3 - (x**2 + 1)**-2",
+    "(abs(x) + 1)**y",
+    "x/2 + 25*x/(1 + x**2) + 8*cos(1.2*k)",
+    "-x**2 + +y",
+    "2**x",
+    "(x**2 + 1)**1.5 + (x**2)**0.5",
+    "pi*x - 3e-1",
+    "cos(0)*x + sin(pi/2)",
+    "abs(x - y)",
+]
+HOSTILE = [
+    "",
+    " ",
+    "__import__('os')",
+    "x.__class__",
+    "x.real",
+    "x[0]",
+    "[x]",
+    "{x}",
+    "{'x': 1}",
+    "(x, y)",
+    "x, y",
+    "x if y else z",
+    "lambda: 1",
+    "(lambda: 1)()",
+    "[a for a in x]",
+    "x < y",
+    "not x",
+    "x and y",
+    "~x",
+    "x // y",
+    "x % y",
+    "x @ y",
+    "x << 2",
+    "x ^ 2",
+    "x := 1",
+    "x = 1",
+    "x; y",
+    "x\ny",
+    "#x",
+    "'x'",
+    "b'x'",
+    'f"{x}"',
+    "True",
+    "None",
+    "...",
+    "1j",
+    "nan",
+    "inf",
+    "1e999",
+    "10**400",
+    "9**9**9**9",
+    "1/0",
+    "log(0)",
+    "sqrt(-1)",
+    "9" * 500,
+    "-" * 900 + "x",
+    "(" * 300 + "x" + ")" * 300,
+    "x" * 1001,
+    "eval('1')",
+    "exec",
+    "print",
+    "open('a')",
+    "sin",
+    "sin(sin)",
+    "sin()",
+    "sin(x, y)",
+    "sin(x=1)",
+    "sin(*x)",
+    "f(**x)",
+    "atan2(x)",
+    "min(x)",
+    "u",
+    "await x",
+    "yield x",
+    "(x",
+    "x y",
+    "x +",
+    "\x00",
+    "x\u2028y",
+]
+
+
+def values(node: Node, x: np.ndarray) -> np.ndarray:
+    (value,) = Program([node], ("x", "y", "z"), ("k",))(*x, 3.0)
+    return np.broadcast_to(np.asarray(value), x.shape[1:])
+
+
+@pytest.mark.parametrize("text", EXPRESSIONS)
+def test_values_are_those_of_numpy(text: str) -> None:
+    expected = eval(text, {}, NUMPY | dict(zip("xyz", X, strict=True)))
+    np.testing.assert_allclose(values(parse(text, NAMES), X), expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("text", EXPRESSIONS)
+@pytest.mark.parametrize("i", range(3))
+def test_derivatives_are_the_limits_of_differences(text: str, i: int) -> None:
+    node, h = parse(text, NAMES), 1e-6 * np.eye(3)[i][:, None]
+    expected = (values(node, X + h) - values(node, X - h)) / 2e-6
+    np.testing.assert_allclose(
+        values(derivative(node, "xyz"[i]), X), expected, rtol=1e-4, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_what_is_no_arithmetic_is_refused_in_a_line(text: str) -> None:
+    with pytest.raises(ExpressionError) as raised:
+        parse(text, NAMES)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("x + u", "column 5: unknown name 'u'; known: k, pi, r, x, y, z"),
+        ("1 + sinh(x)", "column 5: unknown function 'sinh'"),
+        ("2*(x", "column 3: this is not an arithmetic expression"),
+        ("y*x^2", "column 5: write a power as x**2"),
+        ("y + cos(x, y)", "column 5: cos has 1 argument, not 2"),
+        ("x*10**400", "column 3: this has no finite value"),
+    ],
+)
+def test_a_mistake_has_its_column(text: str, what: str) -> None:
+    with pytest.raises(ExpressionError) as raised:
+        parse(text, NAMES)
+    assert what in str(raised.value)
+
+
+def test_equal_parts_are_computed_once_and_memory_is_reused_without_harm() -> None:
+    """The outputs, one of them a part of another, and the variables keep their values."""
+    texts = ("x*y + z", "sin(x*y + z) + cos(x*y + z)", "(x*y + z)*(x*y + z) - x*y", "x")
+    program = Program([parse(text, NAMES) for text in texts], ("x", "y", "z"), ("k",))
+    before = X.copy()
+    x, y, z = X
+    u = x * y + z
+    for value, expected in zip(
+        program(*X, 3.0), (u, np.sin(u) + np.cos(u), u * u - x * y, x), strict=True
+    ):
+        np.testing.assert_allclose(value, expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(X, before)
+    assert len(program._instructions) == 8  # * + cos-and-sin, its two members, +, * -
