@@ -51,8 +51,8 @@ class Score:
     windows: tuple[Window, ...] = ()
     """parts of those steps with metrics of their own"""
     errors: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """further errors by name, each of some components: {position: [px, py]} gives rmse_position; default:
-    position and velocity, or each component of a state that has neither"""
+    """further errors by name, each of some components: {position: [px, py]} gives rmse_position;
+    default: position and velocity, or each component of a state that has neither"""
     marginals: tuple[Literal["position", "velocity"], ...] = ()
     """parts of the state with a consistency measure of their own: anees_position"""
     lost_beyond: Positive | None = None
