@@ -77,7 +77,7 @@ def test_who_is_best_and_who_is_not_told_apart(tmp_path, rng, A) -> None:
     assert best is not None
     assert float(best[1]) == pytest.approx(A.mean(), abs=0.006)
     assert float(best[2]) == pytest.approx(A.std(ddof=1) / M**0.5, rel=0.05)
-    most = re.search(r"B is not told apart from it \(at most (\S+) % larger", line)
+    most = re.search(r"B shows no significant difference \(at most (\S+) % larger", line)
     assert most is not None
     high = 0.001 + 1.972 * apart.std(ddof=1) / M**0.5  # Student's t, 199 degrees of freedom
     assert float(most[1]) == pytest.approx(100 * high / A.mean(), rel=0.1)
@@ -95,7 +95,7 @@ def test_how_much_smaller_a_score_may_be_is_in_nats(tmp_path, rng, A) -> None:
     path.write_text(path.read_text().replace("rmse_position", "log_score"))
     (line,) = answer(results)
     assert line.startswith("A has the largest mean")
-    most = re.search(r"B is not told apart from it \(at most (\S+) nats smaller", line)
+    most = re.search(r"B shows no significant difference \(at most (\S+) nats smaller", line)
     assert most is not None
     high = 0.001 + 1.972 * less.std(ddof=1) / M**0.5
     assert float(most[1]) == pytest.approx(high, rel=0.05)
@@ -112,7 +112,7 @@ def test_the_costs_of_a_grid_are_those_of_one_leader(leaders, leader, monkeypatc
 
 def test_equal_filters(tmp_path, A) -> None:
     (line,) = answer(folder(tmp_path, {"A": A, "B": A.copy()}))
-    assert line.endswith("B is not told apart from it (equal in every run).")
+    assert line.endswith("B shows no significant difference (equal in every run).")
 
 
 def test_a_filter_that_loses_more_is_not_the_best(tmp_path, A) -> None:
@@ -194,7 +194,7 @@ def test_calibration_is_said_where_it_is_decided(tmp_path, rng, A) -> None:
     assert {label: word for label, (_, word) in words.items()} == {
         "A": "is calibrated within 10 %",
         "B": "is overconfident",
-        "C": "is too cautious",
+        "C": "is underconfident",
     }
     assert [value for value, _ in words.values()] == pytest.approx(
         [nees[label].mean() / 2.0 for label in words], abs=0.006
@@ -289,6 +289,6 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
     ranks = report.per_run.query("metric == 'rmse'").groupby(["scenario.sensor.R", "filter"])
     assert (ranks["value"].mean().unstack().idxmin(axis=1) == "PF (N=60)").all()
     assert report.answer[0].startswith(
-        "By mean RMSE per run PF (N=60) is best, or not told apart from the best, at all 2 values of R"
+        "By mean RMSE per run PF (N=60) is best, or without a significant difference from the best, at all 2 values of R"
     )
     assert report.answer[0] in (report.folder / "report.html").read_text()

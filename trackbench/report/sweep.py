@@ -79,7 +79,7 @@ class Best(NamedTuple):
     value: float
     stderr: float
     ties: list[dict[str, Any]]
-    """values that are not told apart from the best"""
+    """values without a significant difference from the best"""
     next: dict[str, Any]
     """of the others those that are nearest; empty if there are none"""
     difference: float
@@ -104,7 +104,7 @@ def _best(standing: Ranking, best: Candidate) -> Best:
     text = f"{best.name}{', ' if where else ''}{where}: "
     text += f"mean {metric_words(metric)} {with_unit(rounded(*best.mean, 4), metric)}"
     if standing.ties:
-        text += f"; not told apart: {listed([c.setting for c, _ in standing.ties])}"
+        text += f"; no significant difference: {listed([c.setting for c, _ in standing.ties])}"
     nearest, pair = standing.nearest or (None, None)
     if nearest is not None and pair is not None:
         off, side = abs(pair.difference), "smaller" if standing.more_is_better else "larger"

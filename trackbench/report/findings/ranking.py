@@ -1,4 +1,4 @@
-"""Which filter is the best of an experiment, which are not told apart from it, which lose more runs.
+"""Rankings: the best filter, those without a significant difference from it, those that lose more runs.
 
 Decided as paired.csv has it: differences of the metric's mean per run on common runs, with Holm's
 correction over all pairs. A filter that loses significantly more runs than another is never the best.
@@ -76,7 +76,7 @@ class Ranking(NamedTuple):
     best: Candidate | None
     """nothing where none can be said: without two runs, or where common runs contradict it"""
     ties: list[tuple[Candidate, Pair]]
-    """not told apart from the best; each pair is of it and the best"""
+    """filters without a significant difference from the best; each pair is of it and the best"""
     worse: list[tuple[Candidate, Pair]]
     losing: list[Candidate]
     """filters that lose more runs than another does"""
@@ -87,7 +87,7 @@ class Ranking(NamedTuple):
 
     @property
     def among_the_best(self) -> list[Candidate]:
-        """Return the best, and those that are not told apart from it."""
+        """Return the best, and those without a significant difference from it."""
         return [self.best, *(c for c, _ in self.ties)] if self.best is not None else []
 
     @property

@@ -1,7 +1,7 @@
 """Conclusions of an experiment in a few sentences, each decided by its runs.
 
-Which filter is best and which are not told apart from it (`standing`), by which other metric that is
-otherwise, which lose more runs, what the best costs and how calibrated it is (`merits`).
+They name the best filter and those without a significant difference from it, metrics by which another one
+is better, filters that lose more runs, the cost of the best and its calibration.
 """
 
 from collections import Counter
@@ -32,7 +32,7 @@ from trackbench.report.table import rounded
 from trackbench.report.verdicts.cpu_times import SCATTER
 from trackbench.report.verdicts.rules import NEAR
 
-Credibility: TypeAlias = Literal["calibrated", "overconfident", "too cautious"]
+Credibility: TypeAlias = Literal["calibrated", "overconfident", "underconfident"]
 _SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 
 
@@ -141,7 +141,7 @@ def _judged(low: float, high: float, number: str) -> tuple[Credibility, str] | N
         return "calibrated", number
     if low > 1.0:
         return "overconfident", number
-    return ("too cautious", number) if high < 1.0 else None
+    return ("underconfident", number) if high < 1.0 else None
 
 
 def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
@@ -156,9 +156,8 @@ def _times(results: Results, candidates: Sequence[Candidate]) -> list[Time]:
 
 
 HOW_DECIDED = (
-    "Filters are told apart by the differences of their mean per run on common runs, at 5 % with Holm's "
-    "correction over all pairs; one that loses more runs than another (sign tests, so corrected, too) "
-    "is not ranked."
+    "Filters differ significantly if their mean difference per run on common runs does, at 5 % with "
+    "Holm's correction over all pairs. One that loses significantly more runs than another is unranked."
 )
 
 
@@ -199,8 +198,14 @@ def _best_sentence(standing: Ranking) -> str:
         text = f"With each filter at the best of the grid's values, {text}"
     if standing.ties:
         names = [c.name for c, _ in standing.ties]
-        text += f"; {listed(names)} {verb(names)} not told apart from it ({_tie_margin(standing)})"
+        text += (
+            f"; {listed(names)} {_show(names)} no significant difference ({_tie_margin(standing)})"
+        )
     return f"{text}; {_worse_clause(standing)}." if standing.worse else f"{text}."
+
+
+def _show(names: Sequence[str]) -> str:
+    return "shows" if len(names) == 1 else "show"
 
 
 def _extreme(standing: Ranking) -> str:
@@ -284,7 +289,7 @@ def _over_points(found: Sequence[Ranking]) -> str:
     (most, leaders), *rest = by_count.items()
     of = f"{most} of the {len(found)}" if most < len(found) else f"all {most}"
     text = f"By mean {metric_words(found[0].metric)} per run {listed(leaders)} {verb(leaders)} best, or"
-    text += f" not told apart from the best, at {of} values of {paths}"
+    text += f" without a significant difference from the best, at {of} values of {paths}"
     return "; ".join([text, *(f"{listed(labels)} at {n}" for n, labels in rest)]) + "."
 
 

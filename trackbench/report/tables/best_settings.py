@@ -18,7 +18,7 @@ _MOST = 6
 @register("tables", "best-settings")
 @dataclass(frozen=True, kw_only=True)
 class BestSettings(TableKind):
-    """A row per filter that the grid varies: its best values, and those not told apart from them.
+    """A row per filter that the grid varies: its best values, and those not significantly different.
 
     By the first error's mean per run, or the log score: paired differences on common runs, with Holm's
     correction at 5 %. Values with which more runs are lost are not among the best. `Next` is how far off
@@ -32,7 +32,7 @@ class BestSettings(TableKind):
         """Return the table from a results folder."""
         found = best_settings(results)
         where = [phrases.axis(path) for path in (found[0].scene if found else ())]
-        heads = [*where, "Filter", "Best at", "Not told apart"]
+        heads = [*where, "Filter", "Best at", "No significant difference"]
         value = mean_of(found[0].metric) if found else "Mean"
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value, "Next"], self.digits)
