@@ -289,6 +289,7 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
     ranks = report.per_run.query("metric == 'rmse'").groupby(["scenario.sensor.R", "filter"])
     assert (ranks["value"].mean().unstack().idxmin(axis=1) == "PF (N=60)").all()
     assert report.answer[0].startswith(
-        "By mean RMSE per run PF (N=60) is best, or without a significant difference from the best, at all 2 values of R"
+        "By mean RMSE per run PF (N=60) is best, or without a significant difference from the best, "
+        "at all 2 values of R"
     )
     assert report.answer[0] in (report.folder / "report.html").read_text()

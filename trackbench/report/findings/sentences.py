@@ -1,7 +1,7 @@
 """Conclusions of an experiment in a few sentences, each decided by its runs.
 
-They name the best filter and those without a significant difference from it, metrics by which another one
-is better, filters that lose more runs, the cost of the best and its calibration.
+They name the best filter and those without a significant difference from it, metrics by which another
+one is better, filters that lose more runs, the cost of the best and its calibration.
 """
 
 from collections import Counter
