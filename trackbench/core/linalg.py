@@ -231,3 +231,26 @@ def _sum_of(terms: list[Array]) -> Array:
     for term in terms[1:]:
         total = total + term
     return total
+
+
+def solve_singular(P: Array, C: Array) -> Array:
+    """Return ``P^-1 C`` for C (n, m[, *batch]) and a covariance P (n, n[, *batch]).
+
+    It is zero along directions in which P is singular.
+    """
+    L = root(P)
+    with np.errstate(divide="ignore"):
+        scale = [np.where(L[i, i] > 0.0, 1.0 / L[i, i], 0.0) for i in range(len(L))]
+    # L y = C, forwards
+    rows: list[Array] = []
+    for i in range(len(L)):
+        rest = C[i]
+        for j in range(i):
+            rest = rest - L[i, j] * rows[j]
+        rows.append(rest * scale[i])
+    # L' x = y, backwards
+    for i in reversed(range(len(L))):
+        for j in range(i + 1, len(L)):
+            rows[i] = rows[i] - L[j, i] * rows[j]
+        rows[i] = rows[i] * scale[i]
+    return np.array(rows)

@@ -66,17 +66,27 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         with clock:
             state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
-        kept.add(state, found)
+        states = [state]
         check_axes(found, prior.mean)
+        if not tracker.smooths:
+            kept.add(state, found)
         for i, k in enumerate(task.scenario.steps[1:].tolist()):
             before = state if telling.disabled else telling.snapshot(state)
             with clock:
                 state = tracker.step(model, state, telling.visible[:, i], k, rng)
                 found = tracker.estimate(state)
             kept.note(tracker.diagnostics(state))
-            kept.add(state, found)
+            if tracker.smooths:
+                states.append(state)
+            else:
+                kept.add(state, found)
             if not telling.disabled:
                 telling.add(Step(before, state, found, k), i)
+        if tracker.smooths:
+            with clock:
+                smoothed = tracker.smoothed(model, states, int(task.scenario.steps[0]))
+            for state, found in zip(states, smoothed, strict=True):
+                kept.add(state, found)
         return kept.filtered(telling.series(), clock.cpu_s)
 
 

@@ -197,6 +197,8 @@ def _block_bytes(scenario: Scenario, tracker: AnyFilter, width: int) -> int:
     n_x, steps = len(scenario.components), len(scenario.steps)
     cloud = tracker.max_particle_count * n_x * _TEMPORARIES
     per_run = cloud + tracker.extra_memory(scenario.model) + steps * (6 * n_x + 20)
+    if tracker.smooths:  # posterior, prediction, covariance of both, and the smoothed ones
+        per_run += steps * 5 * n_x * (n_x + 1)
     return 8 * width * per_run + _STEP_OBJECTS * steps
 
 

@@ -118,6 +118,25 @@ class Filter(Part, Generic[State]):
         return []
 
     @property
+    def smooths(self) -> bool:
+        """Return whether the filter's estimates are those of `smoothed`."""
+        return False
+
+    def smoothed(self, model: Model, states: list[State], k: int) -> list[Gaussian]:
+        """Return the estimates of every step given also later measurements.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        states : list of State
+            State after each step, that before the first measurement included.
+        k : int
+            Number of the step of the first state.
+        """
+        return [self.estimate(state) for state in states]
+
+    @property
     def all_requirements(self) -> tuple[str, ...]:
         """Return `requires`, and what a filter within this one requires."""
         return self.requires

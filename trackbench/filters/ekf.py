@@ -11,6 +11,7 @@ from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.core.kalman import Updated
+from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
@@ -21,6 +22,7 @@ from trackbench.models.gaussian_steps import (
     extended_prediction,
     extended_step,
     point_prediction,
+    point_transition,
 )
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
@@ -121,6 +123,10 @@ class IPLF(NonlinearFilter):
     iterations: Count = 5
     """regressions per update; 1 is the cubature Kalman filter"""
 
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k by cubature points, and its covariance with x_{k-1}."""
+        return point_transition(model, state, k, self.assumed, _CUBATURE, augmented=False)
+
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by cubature points; regress the measurement again over each posterior."""
         predicted = point_prediction(model, state, k, self.assumed, _CUBATURE)
@@ -151,27 +157,7 @@ def _regression(
     mean = points.mean(offsets)
     # slope = C' P^-1, C = cov(x, z);  cov = R + cov(z, z) - slope P slope'
     dz, dx = offsets - mean[:, None], points.x - over.mean[:, None]
-    slope = linalg.transpose(_solve_singular(over.cov, points.cross(dx, dz)))
+    slope = linalg.transpose(linalg.solve_singular(over.cov, points.cross(dx, dz)))
     R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
     unexplained = points.cross(dz, dz) - linalg.sandwich(slope, over.cov)
     return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)
-
-
-def _solve_singular(P: Array, C: Array) -> Array:
-    """Return ``P^-1 C`` for C (n, m, M); zero along directions in which P (n, n, M) is singular."""
-    L = linalg.root(P)
-    with np.errstate(divide="ignore"):
-        scale = [np.where(L[i, i] > 0.0, 1.0 / L[i, i], 0.0) for i in range(len(L))]
-    # L y = C, forwards
-    rows: list[Array] = []
-    for i in range(len(L)):
-        rest = C[i]
-        for j in range(i):
-            rest = rest - L[i, j] * rows[j]
-        rows.append(rest * scale[i])
-    # L' x = y, backwards
-    for i in reversed(range(len(L))):
-        for j in range(i + 1, len(L)):
-            rows[i] = rows[i] - L[j, i] * rows[j]
-        rows[i] = rows[i] * scale[i]
-    return np.array(rows)

@@ -11,13 +11,15 @@ from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
-from trackbench.field_types import NonNegative, OpenShare, Positive
+from trackbench.core.smoothing import Transition, smooth
+from trackbench.field_types import Count, NonNegative, OpenShare, Positive
 from trackbench.filters.base import InnovationFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     MODEL_NOISE,
     AssumedNoise,
     extended_step,
+    extended_transition,
     idle_noise_mean,
 )
 from trackbench.models.priors import Convertible
@@ -34,11 +36,22 @@ class Tracked(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FixedLag:
+    """A smoother that estimates a step once a fixed number of later measurements is there."""
+
+    lag: Count
+    """number of later measurements that an estimate uses"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GaussianFilter(InnovationFilter[Tracked]):
     """Base of the filters with one Gaussian: each defines `update`, which an IMM calls as well."""
 
     gate: OpenShare | None = None
     """refuse a measurement whose NIS is beyond this quantile of its chi-square law, such as 0.999"""
+
+    smooth: bool | FixedLag = False
+    """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
 
@@ -69,6 +82,22 @@ class GaussianFilter(InnovationFilter[Tracked]):
     def estimate(self, state: Tracked) -> Gaussian:
         """Return the posterior."""
         return state.posterior
+
+    @property
+    def smooths(self) -> bool:
+        """Return whether the key ``smooth`` is set."""
+        return self.smooth is not False
+
+    def smoothed(self, model: Model, states: list[Tracked], k: int) -> list[Gaussian]:
+        """Return the estimates of every step by the Rauch-Tung-Striebel recursion."""
+        posteriors = [per_run_moments(state.posterior) for state in states]
+        transitions = [self.transition(model, x, k + 1 + i) for i, x in enumerate(posteriors[:-1])]
+        lag = self.smooth.lag if isinstance(self.smooth, FixedLag) else None
+        return smooth(posteriors, transitions, lag)
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k from a posterior, and its covariance with it."""
+        return extended_transition(model, state, k, MODEL_NOISE)
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -130,8 +159,12 @@ class NonlinearFilter(GaussianFilter):
 
     @property
     def assumed(self) -> AssumedNoise:
-        """Return the assumed noise."""
+        """Return the keys Q, R and noise_mean, which replace the model's noise."""
         return AssumedNoise(self.Q, self.R, self.noise_mean)
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k by the motion's Jacobian, and its covariance with x_{k-1}."""
+        return extended_transition(model, state, k, self.assumed)
 
 
 @register("filters", "kf")

@@ -68,6 +68,9 @@ class IMM(JumpMarkov[ModelBank]):
             raise InvalidKeyError(
                 "must be left out: the models of an IMM use every measurement", "filter", "gate"
             )
+        if self.filter.smooths:
+            what = "must be left out: an IMM has no smoother here"
+            raise InvalidKeyError(what, "filter", "smooth")
 
     @property
     def all_requirements(self) -> tuple[str, ...]:

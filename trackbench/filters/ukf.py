@@ -9,12 +9,18 @@ from annotated_types import Interval
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Updated
+from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import GaussHermite, PointRule, Unscented
 from trackbench.field_types import Finite, Positive
 from trackbench.filters.ekf import MERWE_DEMO
 from trackbench.filters.gaussian_base import NonlinearFilter
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import additive_step, augmented_step, spread_conflicts
+from trackbench.models.gaussian_steps import (
+    additive_step,
+    augmented_step,
+    point_transition,
+    spread_conflicts,
+)
 from trackbench.registry import register
 
 _MAX_POINTS = 5000
@@ -32,6 +38,15 @@ class SigmaPointFilter(NonlinearFilter):
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by sigma points of the state, update by sigma points of the prediction."""
         return additive_step(model, state, z, k, self.assumed, self.rule)
+
+    def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
+        """Return the prediction to step k by sigma points, and its covariance with x_{k-1}."""
+        return point_transition(model, state, k, self.assumed, self.rule, self.augmented)
+
+    @property
+    def augmented(self) -> bool:
+        """Return whether the points are of state and noise together."""
+        return False
 
 
 @register("filters", "ukf")
@@ -54,14 +69,18 @@ class UKF(SigmaPointFilter):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return also sigma points without spread."""
-        augmented = self.noise == "augmented"
-        spread = spread_conflicts(self.alpha, self.kappa, scenario.model, augmented)
+        spread = spread_conflicts(self.alpha, self.kappa, scenario.model, self.augmented)
         return super().conflicts(scenario) | spread
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by sigma points."""
-        step = augmented_step if self.noise == "augmented" else additive_step
+        step = augmented_step if self.augmented else additive_step
         return step(model, state, z, k, self.assumed, self.rule)
+
+    @property
+    def augmented(self) -> bool:
+        """Return whether the points are of state and noise together."""
+        return self.noise == "augmented"
 
     @property
     def rule(self) -> PointRule:

@@ -12,6 +12,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented
 from trackbench.models.base import (
     DifferentiableMotion,
@@ -68,6 +69,13 @@ def extended_prediction(model: Model, state: Gaussian, k: int, assumed: AssumedN
     motion = cast(DifferentiableMotion, model.motion)
     transition = assumed.transition(model, state.mean, k)
     return kalman.predict(state, motion.jacobian(state.mean, k), transition.cov, transition.mean)
+
+
+def extended_transition(model: Model, state: Gaussian, k: int, assumed: AssumedNoise) -> Transition:
+    """Return the prediction of x_k and its covariance with x_{k-1}, P F', linearized at the mean."""
+    F = cast(DifferentiableMotion, model.motion).jacobian(state.mean, k)
+    cross = linalg.matmul(state.cov, linalg.transpose(F))
+    return Transition(extended_prediction(model, state, k, assumed), cross)
 
 
 def extended_step(
@@ -128,6 +136,34 @@ def point_prediction(
     Q = assumed.transition(model, state.mean, k).cov
     moments = points.moments(assumed.transition(model, points.x, k).mean)
     return Gaussian(moments.mean, moments.cov + with_trailing(Q, state.mean.ndim - 1, leading=2))
+
+
+def point_transition(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule, augmented: bool
+) -> Transition:
+    """Return the prediction of x_k by points and its covariance with x_{k-1}.
+
+    The points are those of `augmented_step`, or of the state alone as in `additive_step`.
+    """
+    n_x = state.mean.shape[0]
+    Q = assumed.transition(model, state.mean, k).cov
+    if augmented:
+        R = assumed.measurement(model, state.mean, k).cov
+        joint = _augment(state, Q, R)
+        points = rule.points(joint.mean, joint.cov)
+        x = points.x[:n_x]
+        moved = assumed.transition(model, x, k).mean + points.x[n_x : 2 * n_x]
+        predicted = points.moments(moved)
+    else:
+        points = rule.points(state.mean, state.cov)
+        x = points.x
+        moved = assumed.transition(model, x, k).mean
+        moments = points.moments(moved)
+        Q = with_trailing(Q, state.mean.ndim - 1, leading=2)
+        predicted = Gaussian(moments.mean, moments.cov + Q)
+    # C = sum w (x - m)(f(x) - m_pred)'
+    cross = points.cross(x - state.mean[:, None], moved - predicted.mean[:, None])
+    return Transition(predicted, cross)
 
 
 def additive_step(
