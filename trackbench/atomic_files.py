@@ -9,11 +9,11 @@ from contextvars import ContextVar
 from io import StringIO
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from trackbench.errors import WriteError
 
-Row = Iterable[Any]
+Row = Iterable[object]
 
 _AT_ONCE = 4096  # rows
 _LONGEST = 76  # characters of a name that gets a number

@@ -79,7 +79,7 @@ def walk_parts(part: object) -> Iterator[object]:
             yield from walk_parts(getattr(part, field.name))
 
 
-def foreign_parts(part: object) -> list[Any]:
+def foreign_parts(part: object) -> list[object]:
     """Return the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 

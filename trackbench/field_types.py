@@ -4,11 +4,15 @@ import errno
 import os
 import re
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Annotated, NamedTuple, TypeGuard
 
 from annotated_types import Ge, Gt, Interval
+
+if TYPE_CHECKING:
+    from pydantic_core.core_schema import CoreSchema, ValidationInfo
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
 """A number of things, at least one."""
@@ -86,7 +90,7 @@ class Registered:
     group: str
     """registry group of the component"""
 
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
         """Return a schema of any value: the registry checks the components."""
         from pydantic_core import core_schema
 
@@ -95,8 +99,9 @@ class Registered:
         )
 
 
-def _prebuilt(number: object, info: Any) -> Any:
-    return None if number is None else info.context[number]
+def _prebuilt(number: object, info: "ValidationInfo") -> object:
+    parts: Sequence[object] = info.context or ()
+    return parts[number] if isinstance(number, int) else None
 
 
 def is_number(value: object) -> TypeGuard[float]:

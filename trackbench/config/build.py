@@ -1,7 +1,7 @@
 """Build dataclasses and registered components from mappings; report every mistake with its position."""
 
 import json
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -76,7 +76,7 @@ def help_texts(cls: type) -> dict[str, str]:
 
 
 @_cached
-def hints_of(cls: type) -> dict[str, Any]:
+def hints_of(cls: type) -> dict[str, object]:
     """Return the types of a dataclass's keys, with what they are annotated with."""
     return get_type_hints(cls, include_extras=True)
 
@@ -192,7 +192,7 @@ def _problems(
     return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
-def _dataclass_at(cls: Any, path: Keys) -> Any:
+def _dataclass_at(cls: type, path: Keys) -> type[Any] | None:
     """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
     for key in path:
         if isinstance(key, int):
@@ -211,7 +211,7 @@ def dataclasses_in(hint: object) -> list[type[Any]]:
     return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
-def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> str:
+def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
     """Return in words what the validator found wrong with a value."""
     shown = _show(value)
     if kind == "value_error":
@@ -226,17 +226,21 @@ def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> st
         words, limit = _LIMITS[kind]
         return f"{shown} is {words} {_show(ctx[limit])}"
     if kind == "literal_error":
-        return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
+        return f"{shown} is not one of {_unquoted(ctx['expected'])}"
     if kind == "union_tag_invalid":
-        return f"{ctx['tag']!r} is not one of {ctx['expected_tags'].replace(chr(39), '')}"
+        return f"{ctx['tag']!r} is not one of {_unquoted(ctx['expected_tags'])}"
     if kind == "union_tag_not_found":
-        return f"needs a {ctx['discriminator'].strip(chr(39))}"
+        return f"needs a {_unquoted(ctx['discriminator'])}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
         return formula(str(value)) or f"{shown} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
     return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
+
+
+def _unquoted(words: object) -> str:
+    return str(words).replace("'", "")
 
 
 def _show(value: object) -> str:
@@ -320,7 +324,7 @@ class _InnerParts(NamedTuple):
             out[key] = self._value(hints[key], data[key], (*keys, key))
         return out
 
-    def _value(self, hint: object, value: object, keys: Keys) -> Any:
+    def _value(self, hint: object, value: object, keys: Keys) -> object:
         group = part_group(hint)
         if group is not None and not (value is None and _may_be(hint, type(None))):
             return self._number(cast(Group, group), hint, value, keys)
@@ -339,7 +343,7 @@ class _InnerParts(NamedTuple):
             self.parts.append(self._part(group, keys))
         return len(self.parts) - 1
 
-    def _part(self, group: Group, keys: Keys) -> Any:
+    def _part(self, group: Group, keys: Keys) -> object:
         """Return the part at ``keys``; a word is a kind without keys of its own."""
         value = self.source.at(keys)
         if isinstance(value, str):

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
-from typing import Any, cast
+from typing import cast
 
 from trackbench.config.build import unknown
 from trackbench.config.experiment import (
@@ -225,7 +225,7 @@ def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     if isinstance(value, str):
         yield where, value
         return
-    inner: Iterable[tuple[str | int, Any]]
+    inner: Iterable[tuple[str | int, object]]
     if isinstance(value, dict):
         inner = value.items()
     elif isinstance(value, tuple):

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from trackbench.config.checks import add_label_problem
 from trackbench.config.experiment import Settings
@@ -26,11 +26,12 @@ def single_paths(path: str) -> list[str]:
     return path.split(" & ")
 
 
-def values_of(path: str, value: Any) -> list[object]:
+def values_of(path: str, value: object) -> list[object]:
     """Return the value of each path: a common value, or each its own from a list."""
     paths = single_paths(path)
-    each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
-    return value if each else [value] * len(paths)
+    if len(paths) > 1 and isinstance(value, list) and len(value) == len(paths):
+        return value
+    return [value] * len(paths)
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.field_types import require_regular_file
@@ -76,7 +75,7 @@ def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
     put(node, keys[-1], marked(value, mark), mark, mark)
 
 
-def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
+def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
     """Return ``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.

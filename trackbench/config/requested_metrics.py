@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
@@ -21,6 +21,9 @@ from trackbench.filters.base import AnyFilter
 from trackbench.metrics import new_name
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
 """Series of errors."""
@@ -103,7 +106,7 @@ def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricReques
             yield from _of_part(part, (group, name))
 
 
-def _of_part(part: Any, keys: Keys) -> Iterator[MetricRequest]:
+def _of_part(part: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
     for key in fields(part):
         hint = hints_of(type(part))[key.name]
         yield from _in_value(getattr(part, key.name), hint, (*keys, key.name))
@@ -115,7 +118,7 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
         if role_of(hint) == "rank" and not value.steps:
             for bar in bars(value.family[1]):
                 yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
-    elif is_dataclass(value):
+    elif is_dataclass(value) and not isinstance(value, type):
         yield from _of_part(value, keys)
     elif isinstance(value, dict):
         for head, inner in value.items():

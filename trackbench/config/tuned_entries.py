@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -133,7 +132,7 @@ class Trial:
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
     """Return the filter with these values; the reasons if there is none."""
     changed = with_values(source, label, values)
-    tracker: Any = build_kind("filters", changed, ("filters", label))
+    tracker = build_kind("filters", changed, ("filters", label))
     assume = read_assumed(changed, label)
     if tracker is not None and not changed.problems:
         assumed = {label: assume} if assume is not None else {}
@@ -267,8 +266,8 @@ def training_point(source: Source, point: Point) -> Point | None:
 
 def same_recordings(a: Point, b: Point) -> bool:
     """Return whether two points take their runs from the same recorded data."""
-    targets: list[Any] = [as_config(point.scenario).get("target") for point in (a, b)]
-    return a.scenario.recorded_runs is not None and targets[0] == targets[1]
+    first, second = (as_config(point.scenario).get("target") for point in (a, b))
+    return a.scenario.recorded_runs is not None and first == second
 
 
 def held_out(experiment: Experiment) -> str:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
@@ -65,7 +65,7 @@ class Axis:
     whole: bool = False
     choices: tuple[object, ...] = ()
 
-    def at(self, share: float) -> Any:
+    def at(self, share: float) -> object:
         """Return the value at a share; beyond 0 and 1 that at the end."""
         share = min(max(share, 0.0), 1.0)
         if self.choices:

@@ -1,21 +1,24 @@
 """JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
 from trackbench.config.build import described, help_texts, hints_of
 from trackbench.config.experiment import Settings
+from trackbench.extension_points import Part
 from trackbench.field_types import part_group
 from trackbench.models.assumed_sensor import Assume
 from trackbench.registry import Group, kinds
 
+JsonSchema: TypeAlias = dict[str, Any]
+"""A JSON Schema, or a part of one."""
 _TOP: tuple[Group, ...] = ("filters", "tables", "figures")
 _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors", "starts")
 
 
-def schema() -> dict[str, Any]:
+def schema() -> JsonSchema:
     """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
     top = described(Settings).json_schema(ref_template="#/$defs/{model}")
-    definitions: dict[str, Any] = top.pop("$defs", {})
+    definitions: JsonSchema = top.pop("$defs", {})
     for group in _GROUPS:
         names = []
         for kind, cls in kinds(group).items():
@@ -38,7 +41,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-_ELSEWHERE: list[dict[str, Any]] = [
+_ELSEWHERE: list[JsonSchema] = [
     {"type": "string", "description": "path of a YAML file that holds the mapping"},
     {
         "type": "object",
@@ -49,7 +52,7 @@ _ELSEWHERE: list[dict[str, Any]] = [
 ]
 
 
-def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
+def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     """Return the definition of one kind and of the types that its keys refer to."""
     name = f"{group}.{kind}"
     own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
@@ -74,13 +77,13 @@ def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
     return {name: own, **inner}
 
 
-def _assume() -> dict[str, Any]:
+def _assume() -> JsonSchema:
     own = described(Assume).json_schema()
     _refer_to_parts(Assume, own["properties"])
     return own
 
 
-def _refer_to_parts(cls: type[Any], properties: dict[str, Any]) -> None:
+def _refer_to_parts(cls: type, properties: JsonSchema) -> None:
     for key, hint in hints_of(cls).items():
         group = part_group(hint)
         if group is not None:
@@ -102,7 +105,7 @@ def _without_required(schema: Any) -> Any:
     }
 
 
-def _replace(properties: dict[str, Any], key: str, by: dict[str, Any]) -> None:
+def _replace(properties: JsonSchema, key: str, by: JsonSchema) -> None:
     """Replace a key's schema and keep its description."""
     description = properties.get(key, {}).get("description")
     properties[key] = by | ({"description": description} if description else {})

@@ -6,13 +6,16 @@ A listing reads docstrings without importing what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, cast
 
-from trackbench.extension_points import hooks, overridden_hooks
+from trackbench.extension_points import Part, hooks, overridden_hooks
 from trackbench.field_types import part_group
-from trackbench.help.metrics import columns, described, facts, statistics_known
+from trackbench.help.metrics import JsonRow, columns, described, facts, statistics_known
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 def listing(groups: Sequence[str]) -> str:
@@ -40,7 +43,7 @@ def experiments() -> str:
     return "\n".join(parts)
 
 
-def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
+def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     """Yield a row per kind and per shipped experiment."""
     from trackbench.config.shipped_experiments import listed
 
@@ -73,7 +76,7 @@ def description(kind: str) -> str:
     return "\n\n".join([*texts, *([measured] if measured else [])])
 
 
-def entries(kind: str) -> Iterator[dict[str, Any]]:
+def entries(kind: str) -> Iterator[JsonRow]:
     """Yield the description as data: one per group with such a kind, or one per hook of a group."""
     if kind in GROUPS:
         for hook in hooks(base_of(kind)):
@@ -111,7 +114,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
     return [dict(zip(("key", "default", "text"), row, strict=True)) for row in rows]
 
 
-def _found(kind: str) -> list[tuple[Group, type[Any]]]:
+def _found(kind: str) -> list[tuple[Group, type[Part]]]:
     """Return the groups with a kind of this name, each with its class; empty for a metric."""
     from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
@@ -124,7 +127,7 @@ def _found(kind: str) -> list[tuple[Group, type[Any]]]:
     return found
 
 
-def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
+def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     """Return key, default and text of every key, including `assume`."""
     found = list(_key_rows(cls, ""))
     if group == "filters":
@@ -145,7 +148,7 @@ def _hooks_of(group: Group) -> str:
     return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
 
 
-def _described(kind: str, group: Group, cls: type[Any]) -> str:
+def _described(kind: str, group: Group, cls: type[Part]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows(group, cls))
@@ -158,27 +161,31 @@ def _described(kind: str, group: Group, cls: type[Any]) -> str:
     return "\n".join(lines)
 
 
-def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
+def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
     """Yield further facts about a kind, a line each."""
-    if group == "scenarios" and "required" not in map(_default, dataclasses.fields(cls)):
+    from trackbench.models.sensors.base import SensorBase
+    from trackbench.scenarios.base import Scenario
+    from trackbench.scenarios.targets.base import Target
+
+    if issubclass(cls, Scenario) and "required" not in map(_default, dataclasses.fields(cls)):
         model = cls().model
         yield f"components of the state: {','.join(model.motion.components)}"
         yield f"components of the measurement: {','.join(model.sensor.components)}"
-    if group == "targets" and "windows" in vars(cls):
+    if issubclass(cls, Target) and "windows" in vars(cls):
         words = (
             " ".join(_paragraphs(cls.windows.__doc__ or ""))
             .replace("``", "")
             .removeprefix("Select ")
         )
         yield f"windows of metrics: {words}"
-    if group == "sensors":
+    if issubclass(cls, SensorBase):
         yield f"components of the measurement: {','.join(cls.components)}"
     own = overridden_hooks(cls, base_of(group))
     if own:
         yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
 
 
-def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
+def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and text of each field; nested fields follow with their path."""
     from trackbench.config.build import adapter, dataclasses_in, help_texts, hints_of
 
@@ -199,7 +206,7 @@ def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
             yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
 
 
-def _default(field: "dataclasses.Field[Any]") -> str:
+def _default(field: "dataclasses.Field[object]") -> str:
     if field.default is dataclasses.MISSING:
         return "required" if field.default_factory is dataclasses.MISSING else "empty"
     if dataclasses.is_dataclass(field.default):

@@ -4,11 +4,13 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from trackbench.metrics import METRICS, Metric, metric_of, unit_of
 
 _BETTER = {"zero": "nearer 0 is better", "one": "nearer 1 is better"}
+JsonRow: TypeAlias = dict[str, Any]
+"""A row of what `list` and `describe` print as JSON."""
 WRITTEN = """\
 how it is written:
   mean(rmse[turns])         a statistic over the runs, here of a window of steps
@@ -39,7 +41,7 @@ def described(word: str) -> str | None:
     return f"{word} (metric)\n\n{found.help}\n{_facts(found, unit_of(word) or found.unit)}".rstrip()
 
 
-def facts(word: str) -> dict[str, str] | None:
+def facts(word: str) -> JsonRow | None:
     """Return a metric or a statistic as data; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
@@ -73,7 +75,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     return "\n".join(parts)
 
 
-def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
+def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]:
     """Yield metrics, windows, statistics and numbers of an experiment as rows."""
     from trackbench.config.load import UnknownNamesError, load
     from trackbench.config.metric_names import names_of, stored_metrics

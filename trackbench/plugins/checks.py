@@ -5,7 +5,7 @@ A mistake that these checks miss would end as a traceback, or in a wrong number.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from trackbench.scenarios.base import Scenario
 if TYPE_CHECKING:
     from trackbench.scenarios.targets.base import Target
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -50,7 +51,7 @@ def check_words(*texts: object) -> None:
         raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
 
 
-def call_hook(hook: Callable[[Any], T], kind: type, about: object) -> T:
+def call_hook(hook: Callable[[S], T], kind: type, about: S) -> T:
     """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
     with guarded():
         value = hook(about)
