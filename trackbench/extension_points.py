@@ -200,17 +200,10 @@ def _arguments(method: Any) -> str:
 
 def _text(name: str, declared: object, base: type[Part]) -> str:
     """Return the first paragraph of its docstring; of an attribute the string under it."""
-    text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
-    return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
-
-
-def _is_plain(declared: object) -> bool:
-    return not (inspect.isroutine(declared) or isinstance(declared, property | classmethod))
-
-
-def _under(name: str, base: type[Part]) -> str:
-    for owner in _owners(base):
-        match = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
-        if match:
-            return match.group(1)
-    return ""
+    if inspect.isroutine(declared) or isinstance(declared, property | classmethod):
+        text = inspect.getdoc(declared) or ""
+    else:
+        under = re.compile(rf'\n    {name}: [^\n]*\n    """(.*?)"""', re.S)
+        matches = (under.search(inspect.getsource(owner)) for owner in _owners(base))
+        text = next((match[1] for match in matches if match), "")
+    return " ".join(text.split("\n\n")[0].replace("``", "`").split())

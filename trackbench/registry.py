@@ -142,10 +142,12 @@ def kinds(group: Group) -> dict[str, type[Part]]:
 def _homes(group: Group) -> dict[str, str]:
     """Return the modules of the package that register kinds of a group, by kind."""
     mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
-    files = {_module_of(file): file.read_text(encoding="utf-8") for file in _files(group)}
-    return {
-        k: f"{_PACKAGES[group]}.{name}" for name, text in files.items() for k in mark.findall(text)
-    }
+    homes: dict[str, str] = {}
+    for file in _files(group):
+        module = file.parent.name if file.stem == "__init__" else file.stem
+        for kind in mark.findall(file.read_text(encoding="utf-8")):
+            homes[kind] = f"{_PACKAGES[group]}.{module}"
+    return homes
 
 
 def documentation(group: Group) -> dict[str, str]:
@@ -162,11 +164,6 @@ def _files(group: Group) -> list[Path]:
     folders = spec.submodule_search_locations or ()
     forms = ("*.py", "*/__init__.py")
     return [file for folder in folders for form in forms for file in Path(folder).glob(form)]
-
-
-def _module_of(file: Path) -> str:
-    """Return the module's name within its package."""
-    return file.parent.name if file.stem == "__init__" else file.stem
 
 
 def _documented(file: Path) -> Iterator[tuple[str, str]]:

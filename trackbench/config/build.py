@@ -42,7 +42,7 @@ _LIMITS = {
     "less_than_equal": ("greater than", "le"),
     "less_than": ("not less than", "lt"),
 }
-"""What is said of a number beyond a limit, and the limit's name."""
+"""Words for a number beyond a limit, and the name of the limit."""
 
 
 def _cached(function: F) -> F:
@@ -50,19 +50,13 @@ def _cached(function: F) -> F:
     return cast(F, cache(function))
 
 
-def adapter(cls: type[T]) -> TypeAdapter[T]:
-    """Return the strict validator of a dataclass: unknown keys are mistakes."""
-    return cast(TypeAdapter[T], _adapter(cls, described=False))
-
-
-def described(cls: type) -> TypeAdapter[object]:
-    """Return the validator with attribute docstrings for its JSON schema, which takes time."""
-    return _adapter(cls, described=True)
-
-
 @_cached
-def _adapter(cls: type, described: bool) -> TypeAdapter[object]:
-    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=described), set())
+def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
+    """Return the strict validator of a dataclass: unknown keys are mistakes.
+
+    ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
+    """
+    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=documented), set())
     return TypeAdapter(cls)
 
 
@@ -70,7 +64,7 @@ def help_texts(cls: type) -> dict[str, str]:
     """Return the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
     for base in filter(is_dataclass, reversed(cls.__mro__)):
-        keys = described(base).json_schema().get("properties", {})
+        keys = adapter(base, documented=True).json_schema().get("properties", {})
         texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
     return texts
 
@@ -169,11 +163,12 @@ def _problems(
     error = ctx.get("error")
     if isinstance(error, DataError):
         return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
-    # The validator's location names options of unions, too, which are no keys of the config.
+    # Step 1: where. The validator's location also names options of unions, which are no keys.
     where = keys
     for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
         if source.has((*where, step)):
             where = (*where, step)
+    # Step 2: a key that the dataclass lacks, or that the mapping lacks.
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         inner = _dataclass_at(cls, where[len(keys) : -1])
         known = [f.name for f in fields(inner)] if inner is not None else []
@@ -189,6 +184,7 @@ def _problems(
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
         return [Problem(source.key_mark(where), path, "this key is required")]
+    # Step 3: any other mistake is one in the value.
     return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
@@ -260,6 +256,7 @@ _REPLACED_KINDS = {
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    # Step 1: find the class.
     data = source.at(keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
@@ -273,6 +270,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
         what = _REPLACED_KINDS.get((group, kind), what) if isinstance(kind, str) else what
         source.add_problem((*keys, "kind"), what)
         return None
+    # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, source, keys)
     _make_paths_absolute(cls, source, keys, values)
     also = ["preset"] if cls.presets else []
@@ -299,6 +297,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 def _build_with_parts(
     cls: type[T], data: dict[str, object], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
+    # Build the components within first; numbers stand for them while the validator reads the rest.
     inner = _InnerParts(source, [])
     numbered = inner.numbered(cls, data, keys)
     try:

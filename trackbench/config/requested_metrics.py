@@ -132,9 +132,12 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return f"{word!r} compares with the reference filter; name one under `reference`"
     known = names.of(role)
     m = request.measure
-    if m.relation in ("gain", "ratio") and m.family[0].is_score:
+    metric, quantity = m.family
+    is_of_prediction = quantity.startswith(("predicted_", "held_"))
+    is_of_truth = metric.series in _OF_TRUTH and not is_of_prediction
+    if m.relation in ("gain", "ratio") and metric.is_score:
         return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
-    if word not in known and not names.has_truth and _is_of_truth(m):
+    if word not in known and not names.has_truth and is_of_truth:
         less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
         usable = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
@@ -149,13 +152,6 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
     return f"{word!r} is no metric here; {hint}"
-
-
-def _is_of_truth(m: Measure) -> bool:
-    """Return whether a metric is made of errors."""
-    metric, quantity = m.family
-    of_prediction = quantity.startswith(("predicted_", "held_"))
-    return metric.series in _OF_TRUTH and not of_prediction
 
 
 def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:

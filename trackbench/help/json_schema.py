@@ -2,7 +2,7 @@
 
 from typing import Any, TypeAlias
 
-from trackbench.config.build import described, help_texts, hints_of
+from trackbench.config.build import adapter, help_texts, hints_of
 from trackbench.config.experiment import Settings
 from trackbench.extension_points import Part
 from trackbench.field_types import part_group
@@ -17,7 +17,8 @@ _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors
 
 def schema() -> JsonSchema:
     """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
-    top = described(Settings).json_schema(ref_template="#/$defs/{model}")
+    # Step 1: the top level, with a definition of every kind.
+    top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
     definitions: JsonSchema = top.pop("$defs", {})
     for group in _GROUPS:
         names = []
@@ -25,7 +26,10 @@ def schema() -> JsonSchema:
             names.append(f"{group}.{kind}")
             definitions |= _definitions(group, kind, cls)
         definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
-    definitions["assume"] = _assume()
+    assume = adapter(Assume, documented=True).json_schema()
+    _refer_to_parts(Assume, assume["properties"])
+    definitions["assume"] = assume
+    # Step 2: in place of mappings of any keys, refer to the kinds.
     properties = top["properties"]
     _replace(properties, "scenario", {"$ref": _ref("scenarios")})
     laid_over = {"anyOf": [_ELSEWHERE[0], {"type": "object"}]}
@@ -55,7 +59,7 @@ _ELSEWHERE: list[JsonSchema] = [
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     """Return the definition of one kind and of the types that its keys refer to."""
     name = f"{group}.{kind}"
-    own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+    own = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
     properties = own.setdefault("properties", {})
     for key, text in help_texts(cls).items():
@@ -75,12 +79,6 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     own["title"] = kind
     own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     return {name: own, **inner}
-
-
-def _assume() -> JsonSchema:
-    own = described(Assume).json_schema()
-    _refer_to_parts(Assume, own["properties"])
-    return own
 
 
 def _refer_to_parts(cls: type, properties: JsonSchema) -> None:
