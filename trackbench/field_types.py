@@ -109,7 +109,12 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def annotations_of(hint: object) -> tuple[object, ...]:
+    """Return what an ``Annotated`` type carries beside the type."""
+    return getattr(hint, "__metadata__", ())
+
+
 def part_group(hint: object) -> str | None:
     """Return the registry group of the components that a key of this type holds, if it holds any."""
-    marks = getattr(hint, "__metadata__", ())
+    marks = annotations_of(hint)
     return next((mark.group for mark in marks if isinstance(mark, Registered)), None)

@@ -173,9 +173,8 @@ def _documented(file: Path) -> Iterator[tuple[str, str]]:
         if not isinstance(node, ast.ClassDef):
             continue
         for mark in node.decorator_list:
-            if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "register":
-                kind = ast.literal_eval(mark.args[1])
-                yield kind, ast.get_docstring(node) or ""
+            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "register":
+                yield ast.literal_eval(mark.args[1]), ast.get_docstring(node) or ""
 
 
 def import_own(*groups: Group) -> None:

@@ -14,7 +14,7 @@ from trackbench.adapters.components import Order, Pair, as_numbers, component_mi
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
-from trackbench.extension_points import FORMER_HOOKS
+from trackbench.extension_points import FORMER_HOOKS, field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import Irregular
@@ -45,7 +45,7 @@ class LoopFilter(Filter[RunObjects]):
 
     @cached_property
     def _keys(self) -> dict[str, object]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        return field_values(self)
 
     def _make(self) -> "PerRun":
         return self.one(**self._keys)
@@ -150,7 +150,7 @@ def step_length(model: Model, k: int | None = None) -> float:
 
 def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
     """Return the mean (n,) and the covariance (n, n) that a step returned."""
-    method = "step" if "step" in vars(one) or not hasattr(one, "update") else "update"
+    method = "step" if "step" in vars(one) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         raise WrongReturnError(method, what)

@@ -15,7 +15,14 @@ from pydantic_core import ErrorDetails
 from trackbench.config.includes import deep_merge
 from trackbench.errors import Mark, Problem
 from trackbench.extension_points import Part
-from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError, part_group
+from trackbench.field_types import (
+    IS_FILE,
+    ONE_LINE,
+    DataError,
+    InvalidKeyError,
+    annotations_of,
+    part_group,
+)
 from trackbench.models.assumed_sensor import Assume
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -81,7 +88,7 @@ def file_keys(cls: type) -> frozenset[str]:
 
     def is_file(hint: object) -> bool:
         options = (hint, *get_args(hint))
-        return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+        return any(IS_FILE in annotations_of(option) for option in options)
 
     return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
 

@@ -1,6 +1,6 @@
 """Checks between the components of an experiment; every mistake is added to ``problems``."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
 from typing import cast
@@ -17,7 +17,7 @@ from trackbench.config.experiment import (
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import walk_parts
+from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import position_velocity_names
@@ -148,6 +148,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
     """Return whether a key has its default, or what a preset gives it."""
+    # Step down the path, in the filter and in each of its presets.
     part: object = tracker
     usual = list(tracker.presets.values())
     for name in path[:-1]:
@@ -203,8 +204,8 @@ def check_named_filters(
         named: list[tuple[Keys, str]] = []
         for key in ("filters", *part.label_keys):
             named += _labels(getattr(part, key), (group, name, key))
-        for field in fields(part):
-            named += _compared(getattr(part, field.name), (group, name, field.name))
+        for key, value in field_values(part).items():
+            named += _compared(value, (group, name, key))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
                 add_label_problem(source, settings, where, label)
@@ -225,15 +226,12 @@ def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
     if isinstance(value, str):
         yield where, value
         return
-    inner: Iterable[tuple[str | int, object]]
-    if isinstance(value, dict):
-        inner = value.items()
-    elif isinstance(value, tuple):
-        inner = enumerate(value)
-    else:
-        keys = value.label_keys if isinstance(value, Labelled) else ()
-        inner = ((key, getattr(value, key)) for key in keys)
-    for key, part in inner:
+    inner = value if isinstance(value, dict) else {}
+    if isinstance(value, tuple):
+        inner = dict(enumerate(value))
+    elif isinstance(value, Labelled):
+        inner = {key: getattr(value, key) for key in value.label_keys}
+    for key, part in inner.items():
         yield from _labels(part, (*where, key))
 
 

@@ -14,7 +14,7 @@ from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part
+from trackbench.extension_points import Part, field_values
 from trackbench.models.assumed_sensor import Assume
 from trackbench.yaml_source import Keys, scalar
 
@@ -124,7 +124,7 @@ def _plain(value: object, shown: Callable[[str], str]) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)
-        value = {field.name: getattr(value, field.name) for field in fields(value)}
+        value = field_values(value)
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):

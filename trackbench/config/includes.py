@@ -96,14 +96,14 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
     places = [i for i, c in enumerate(text) if c == "=" and i > 0]
     if not places or unprintable_reason(text):
         raise UserError(Problem(mark, "", unprintable_reason(text) or "write PATH=VALUE"))
-    best: tuple[int, Keys, str] | None = None
-    for i in places:
-        keys = split_path(source, text[:i])
-        known = sum(source.has(keys[:depth]) for depth in range(1, len(keys) + 1))
-        if best is None or known > best[0]:
-            best = known, keys, text[i + 1 :]
-    assert best is not None
-    return best[1], best[2], mark
+
+    def depth(keys: Keys) -> int:
+        return sum(source.has(keys[:n]) for n in range(1, len(keys) + 1))
+
+    # Of several "=", the one whose left side leads deepest into the config.
+    splits = [(split_path(source, text[:i]), text[i + 1 :]) for i in places]
+    keys, value = max(splits, key=lambda split: depth(split[0]))
+    return keys, value, mark
 
 
 def split_path(source: Source, path: str) -> Keys:

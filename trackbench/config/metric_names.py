@@ -16,7 +16,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.extension_points import is_foreign
+from trackbench.extension_points import field_values, is_foreign
 from trackbench.filters.base import (
     AnyFilter,
     declares_diagnostics,
@@ -196,8 +196,7 @@ def _kind(settings: Settings, label: str) -> type:
 
 def _numbers(tracker: AnyFilter) -> set[str]:
     """Return the keys of a filter that are numbers."""
-    values = {key.name: getattr(tracker, key.name) for key in fields(tracker)}
-    return {key for key, value in values.items() if type(value) in (int, float)}
+    return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:

@@ -104,8 +104,10 @@ def _mistakes_of_exhibit(cls: type[Exhibit]) -> Iterator[str]:
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
     known = {field.name for field in fields(cls)}
-    for name in ("label_keys", "numbers"):
-        keys = getattr(cls, name, ())
+    key_lists = {"label_keys": cls.label_keys}
+    if issubclass(cls, DrawnExhibit):
+        key_lists["numbers"] = cls.numbers
+    for name, keys in key_lists.items():
         if not isinstance(keys, tuple) or not set(keys) <= known:
             yield f"{name} is {keys!r}, not a tuple of keys"
 

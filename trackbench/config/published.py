@@ -334,15 +334,16 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
 
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
     """Check a row's labels and expressions."""
-    named = [(key, b) for key in ("label", "left", "right") for b in split(getattr(row, key, ""))]
-    for key in ("expression", "right_expression"):
-        expression: Measure | None = getattr(row, key, None)
-        if expression and expression.other:
-            named.append((key, expression.other))
-    for key, label in named:
+    first, second = row.expression, None
+    if isinstance(row, Claim):
+        second, named = row.right_expression, {"left": split(row.left), "right": row.rights}
+    else:
+        named = {"label": row.labels}
+    named["expression"] = [first.other] if first and first.other else []
+    named["right_expression"] = [second.other] if second and second.other else []
+    for key, label in ((key, label) for key, several in named.items() for label in several):
         if labels is not None and label not in labels:
             source.add_problem((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
-    first, second = row.expression, getattr(row, "right_expression", None)
     if isinstance(row, PublishedNumber) and first and first.is_many:
         source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
     elif second and second.is_many and not (first and first.steps == second.steps):

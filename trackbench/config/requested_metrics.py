@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
 from trackbench.evaluation.statistics import STATISTICS
+from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.metrics import new_name
 from trackbench.registry import Group
@@ -107,9 +108,9 @@ def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricReques
 
 
 def _of_part(part: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
-    for key in fields(part):
-        hint = hints_of(type(part))[key.name]
-        yield from _in_value(getattr(part, key.name), hint, (*keys, key.name))
+    hints = hints_of(type(part))
+    for key, value in field_values(part).items():
+        yield from _in_value(value, hints[key], (*keys, key))
 
 
 def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
@@ -229,13 +230,8 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:
-    settings = experiment.settings
-    named = (settings.medians, settings.metrics or (), settings.per_step or (), settings.until)
-    yield from map(measured, chain(*named))
-    if settings.tune:
-        metric = settings.tuning.metric or ()
-        yield from map(measured, [metric] if isinstance(metric, str) else metric)
-    yield from (request.measure for request in requests_of(experiment.parts))
+    requests = chain(_of_settings(experiment.settings), requests_of(experiment.parts))
+    yield from (request.measure for request in requests)
     yield from experiment.published.expressions
 
 

@@ -18,6 +18,7 @@ from trackbench.core.distributions import per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError, in_line
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
+from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Filter, declares_diagnostics, has_likelihood
 from trackbench.models.base import Differentiable
 from trackbench.models.motions.kinematic import WhiteAcceleration
@@ -309,7 +310,7 @@ def _equal(a: object, b: object) -> bool:
     if isinstance(a, tuple | list) and isinstance(b, tuple | list):
         return all(_equal(x, y) for x, y in zip(a, b, strict=True))
     if is_dataclass(a) and not isinstance(a, type):
-        return all(_equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+        return all(_equal(value, getattr(b, key)) for key, value in field_values(a).items())
     return True
 
 

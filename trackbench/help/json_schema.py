@@ -59,26 +59,26 @@ _ELSEWHERE: list[JsonSchema] = [
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     """Return the definition of one kind and of the types that its keys refer to."""
     name = f"{group}.{kind}"
-    own = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
-    inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
-    properties = own.setdefault("properties", {})
+    schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+    inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}
+    properties = schema.setdefault("properties", {})
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
     _refer_to_parts(cls, properties)
     if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.
-        own, inner = _without_required(own), _without_required(inner)
-        properties = own["properties"]
+        schema, inner = _without_required(schema), _without_required(inner)
+        properties = schema["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
     if group == "filters":
         text = "motion and sensor that this filter assumes"
         properties["assume"] = {"$ref": _ref("assume"), "description": text}
-    own["properties"] = {"kind": {"const": kind}, **properties}
-    own["required"] = ["kind", *own.get("required", [])]
-    own["title"] = kind
-    own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
-    return {name: own, **inner}
+    schema["properties"] = {"kind": {"const": kind}, **properties}
+    schema["required"] = ["kind", *schema.get("required", [])]
+    schema["title"] = kind
+    schema["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
+    return {name: schema, **inner}
 
 
 def _refer_to_parts(cls: type, properties: JsonSchema) -> None:

@@ -22,8 +22,8 @@ def listing(groups: Sequence[str]) -> str:
     """Return the kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
-        found = documentation(cast(Group, group))
-        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in found.items())
+        docs = documentation(cast(Group, group))
+        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
 
@@ -34,10 +34,10 @@ def experiments() -> str:
 
     from trackbench.config.shipped_experiments import listed
 
-    found = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
-    width = max(len(one.name) for one in found)
+    shipped = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
+    width = max(len(one.name) for one in shipped)
     parts = ["experiments (trackbench run NAME; time on one processor):"]
-    for paper, several in groupby(found, key=lambda one: one.paper):
+    for paper, several in groupby(shipped, key=lambda one: one.paper):
         parts.append(f"\n  {paper or 'Beyond the papers'}")
         parts += [f"    {s.name:<{width}}  {_time(s.cpu_s):>6}  {s.title}" for s in several]
     return "\n".join(parts)
@@ -71,9 +71,8 @@ def description(kind: str) -> str:
     """
     if kind in GROUPS:
         return _hooks_of(kind)
-    texts = [_described(kind, group, cls) for group, cls in _found(kind)]
-    measured = described(kind)
-    return "\n\n".join([*texts, *([measured] if measured else [])])
+    texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
+    return "\n\n".join([*texts, *filter(None, [described(kind)])])
 
 
 def entries(kind: str) -> Iterator[JsonRow]:
@@ -82,7 +81,7 @@ def entries(kind: str) -> Iterator[JsonRow]:
         for hook in hooks(base_of(kind)):
             yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
         return
-    for group, cls in _found(kind):
+    for group, cls in _classes_of(kind):
         yield {
             "group": group,
             "kind": kind,
@@ -91,9 +90,8 @@ def entries(kind: str) -> Iterator[JsonRow]:
             "presets": cls.presets if group == "filters" else {},
             "notes": [*_notes(group, cls)],
         }
-    measured = facts(kind)
-    if measured:
-        yield {**measured, "keys": [], "presets": {}, "notes": []}
+    if metric := facts(kind):
+        yield {**metric, "keys": [], "presets": {}, "notes": []}
 
 
 def experiment_keys() -> list[dict[str, str]]:
@@ -114,35 +112,35 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
     return [dict(zip(("key", "default", "text"), row, strict=True)) for row in rows]
 
 
-def _found(kind: str) -> list[tuple[Group, type[Part]]]:
+def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     """Return the groups with a kind of this name, each with its class; empty for a metric."""
     from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
 
-    found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
-    if not found and described(kind) is None:
+    classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
+    if not classes and described(kind) is None:
         known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
         what = f"there is no such kind; {unknown(kind, known)}"
         raise UserError(Problem(Mark("describe"), kind, what))
-    return found
+    return classes
 
 
 def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     """Return key, default and text of every key, including `assume`."""
-    found = list(_key_rows(cls, ""))
+    rows = list(_key_rows(cls, ""))
     if group == "filters":
         from trackbench.models.assumed_sensor import Assume
 
-        found += _key_rows(Assume, "assume.")
-    return found
+        rows += _key_rows(Assume, "assume.")
+    return rows
 
 
 def _hooks_of(group: Group) -> str:
     """Return the required and optional hooks of a group's classes."""
     base = base_of(group)
-    found = list(hooks(base))
-    rows = list(columns((hook.form, hook.text) for hook in found))
-    needed = sum(hook.needed for hook in found)  # which come first
+    declared = list(hooks(base))
+    rows = list(columns((hook.form, hook.text) for hook in declared))
+    needed = sum(hook.needed for hook in declared)  # which come first
     must = [f"a class of the group {group} has:", *rows[:needed]]
     may = ["and may have:", *rows[needed:]]
     return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
@@ -153,8 +151,8 @@ def _described(kind: str, group: Group, cls: type[Part]) -> str:
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
-        given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
-        lines.append(f"\n  preset {name}: {given}")
+        values = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
+        lines.append(f"\n  preset {name}: {values}")
     lines += [f"\n  {note}" for note in _notes(group, cls)]
     if cls.explain():
         lines.append("\n" + cls.explain())
@@ -172,17 +170,13 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
         yield f"components of the state: {','.join(model.motion.components)}"
         yield f"components of the measurement: {','.join(model.sensor.components)}"
     if issubclass(cls, Target) and "windows" in vars(cls):
-        words = (
-            " ".join(_paragraphs(cls.windows.__doc__ or ""))
-            .replace("``", "")
-            .removeprefix("Select ")
-        )
-        yield f"windows of metrics: {words}"
+        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        yield f"windows of metrics: {words.removeprefix('Select ')}"
     if issubclass(cls, SensorBase):
         yield f"components of the measurement: {','.join(cls.components)}"
-    own = overridden_hooks(cls, base_of(group))
-    if own:
-        yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
+    names = overridden_hooks(cls, base_of(group))
+    if names:
+        yield f"hooks (see `trackbench describe {group}`): {', '.join(names)}"
 
 
 def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:

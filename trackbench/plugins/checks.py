@@ -5,7 +5,7 @@ A mistake that these checks miss would end as a traceback, or in a wrong number.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeGuard, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,9 +17,7 @@ from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.errors import PluginError, guarded, plugin_code
 from trackbench.scenarios.base import Scenario
-
-if TYPE_CHECKING:
-    from trackbench.scenarios.targets.base import Target
+from trackbench.scenarios.targets.base import Target
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -81,7 +79,7 @@ def check_sensors(parts: Sequence[object]) -> None:
     It is checked before a scenario is made of them, which may use its measurements.
     """
     sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, SensorBase)]
-    targets = [*filter(_is_target, walk_parts(tuple(parts)))] if sensors else []
+    targets = [part for part in walk_parts(tuple(parts)) if isinstance(part, Target)]
     for target in targets:
         for sensor in sensors:
             with plugin_code(sensor, target), np.errstate(all="ignore"):
@@ -91,15 +89,9 @@ def check_sensors(parts: Sequence[object]) -> None:
 def _check_part(part: object, scenario: Scenario) -> None:
     if isinstance(part, SensorBase):
         _check_sensor(part, len(scenario.components))
-    if _is_target(part):
+    if isinstance(part, Target):
         scored = np.ones(len(scenario.steps), dtype=bool)
         _check_windows(part.windows(scenario.times, scored), len(scored))
-
-
-def _is_target(part: object) -> "TypeGuard[Target]":
-    from trackbench.scenarios.targets.base import Target
-
-    return isinstance(part, Target)
 
 
 def _check_sensor(sensor: SensorBase, n_x: int) -> None:
@@ -121,12 +113,14 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     _check_shape("times", "times", scenario.times, (steps,))
     _check_windows(scenario.windows, steps)
     _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
+    # Step 1: simulate, and check the shapes.
     truth, measurements, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
     n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
+    # Step 2: score estimates that equal the truth.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
