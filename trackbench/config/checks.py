@@ -162,10 +162,7 @@ def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
 
 def check_bound(source: Source, scenario: Scenario) -> None:
     """Check that a requested lower bound exists."""
-    if source.data.get("bound") is None:
-        return
-    why = scenario.why_no_bound
-    if why is not None:
+    if source.data.get("bound") is not None and (why := scenario.why_no_bound) is not None:
         what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
         source.add_problem(("bound",), what)
 

@@ -1,4 +1,9 @@
-"""Checks of the contract of a filter, and their run on a class or on every filter of a file."""
+"""Contract of a filter: shapes, purity, independence of the runs, agreement with the Kalman filter.
+
+Every check reports in one line. A filter that cannot pass a check by its nature gives the reason in
+a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. The other names are
+``shapes``, ``purity``, ``repeats``, ``independence`` and ``gaps``.
+"""
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
