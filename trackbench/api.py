@@ -56,6 +56,7 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
     options = replace(options or Options(), **changes)
+    # A folder beside that of the experiment's own results.
     if options.out is None:
         config = file_of(config, options)
         name = prepare(config, options).settings.name

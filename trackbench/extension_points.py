@@ -147,6 +147,7 @@ def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
 
 def _declared(base: type[Part]) -> dict[str, object]:
     """Return the base's declaration of each hook."""
+    # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):
         bare = None if owner in base.optional_capabilities else _NOTHING

@@ -83,6 +83,7 @@ def metric_of(name: str) -> tuple[Metric, str]:
 
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Yield each metric that a series is made into, and its name; one in ``counts`` is summed."""
+    # A series of errors, one of a quantity, or a diagnostic, which is a metric itself.
     head, _, quantity = series.partition("_")
     if series in _OF_SERIES:
         yield from ((m, m.name) for m in _OF_SERIES[series])

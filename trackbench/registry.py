@@ -65,6 +65,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
+        # The class with its group's hooks.
         whole: type[Part] = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
@@ -141,6 +142,7 @@ def kinds(group: Group) -> dict[str, type[Part]]:
 @cache
 def _homes(group: Group) -> dict[str, str]:
     """Return the modules of the package that register kinds of a group, by kind."""
+    # Found in the source text, so that nothing needs to be imported.
     mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
     homes: dict[str, str] = {}
     for file in _files(group):

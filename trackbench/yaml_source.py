@@ -158,6 +158,7 @@ class Source:
 
     def replaced(self, keys: Keys, value: object) -> "Source":
         """Return a config with another value at ``keys``; it shares everything else, but problems."""
+        # Copy the mappings on the way to the value.
         data = node = MarkedMapping(self.data)
         for key in keys[:-1]:
             node[str(key)] = node = MarkedMapping(node[str(key)])
@@ -244,6 +245,7 @@ def parse(text: str, name: str) -> Source:
         what = "is nested too deeply"
     if node is None:
         raise UserError(Problem(mark, "", what))
+    # Plain data with positions from the composed nodes.
     builder = _Builder(name)
     source = Source(builder.build(node, ()), builder.mark(node), builder.problems)
     if builder.problems:
@@ -323,6 +325,7 @@ class _Builder:
                 continue
             key = str(key_node.value)
             at = (*keys, key)
+            # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             if what := formula(key):
                 self.problems.append(Problem(mark, dotted(keys), what))
@@ -334,6 +337,7 @@ class _Builder:
         return mapping
 
     def _scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
+        # Only a scalar without quotes can be other than a word.
         is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
         if node.tag not in (_PLAIN_TAGS if is_plain else _PLAIN_TAGS[:1]):
             what = f"the tag {node.tag} is not allowed"

@@ -200,36 +200,30 @@ def check_named_filters(
     for name, part in parts.items():
         named: list[tuple[Keys, str]] = []
         for key in ("filters", *part.label_keys):
-            named += _labels(getattr(part, key), (group, name, key))
+            leaves = _leaves(getattr(part, key), (group, name, key))
+            named += [(where, leaf) for where, leaf in leaves if isinstance(leaf, str)]
         for key, value in field_values(part).items():
-            named += _compared(value, (group, name, key))
+            for where, leaf in _leaves(value, (group, name, key)):
+                if isinstance(leaf, Measure) and leaf.other:
+                    named.append((where, leaf.other))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
                 add_label_problem(source, settings, where, label)
 
 
-def _compared(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """Yield the filter beside which each measure in what a key holds stands, and the measure's place."""
-    if isinstance(value, Measure):
-        if value.other:
-            yield where, value.other
-    elif isinstance(value, dict | tuple):
-        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _compared(part, (*where, key))
-
-
-def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """Yield every label in what a key holds, and where it stands."""
-    if isinstance(value, str):
-        yield where, value
-        return
-    inner = value if isinstance(value, dict) else {}
-    if isinstance(value, tuple):
+def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
+    """Yield every label and measure in what a key holds, and where it stands."""
+    inner: dict[str | int, object] = {}
+    if isinstance(value, dict):
+        inner = value
+    elif isinstance(value, tuple) and not isinstance(value, Measure):
         inner = dict(enumerate(value))
     elif isinstance(value, Labelled):
         inner = {key: getattr(value, key) for key in value.label_keys}
+    else:
+        yield where, value
     for key, part in inner.items():
-        yield from _labels(part, (*where, key))
+        yield from _leaves(part, (*where, key))
 
 
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:

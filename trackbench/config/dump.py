@@ -40,6 +40,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
         full = as_config(part, relative)
         return _only_set(full, experiment.source.at(keys)) if keys in without_defaults else full
 
+    # Step 1: files and scenario.
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
@@ -48,6 +49,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     if changes is not None and experiment.training is not None:
         whole = as_config(experiment.training.scenario, relative)
         out["tuning"]["scenario"] = _only_set(whole, changes)
+    # Step 2: filters, tables and figures.
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
     groups = cast("dict[str, PlainData]", {"filters": filters} | experiment.parts)
@@ -55,6 +57,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
     if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
         out["key_figure"] = None
+    # Step 3: filter models.
     for label, assume in first.assumed.items():
         keys = ("filters", label, "assume")
         assumed: object = {k: v for k, v in as_config(assume, relative).items() if v is not None}

@@ -52,11 +52,13 @@ def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
     """Return paths that vary filters by themselves, together where they have a filter in common."""
+    # Each group: its filters, and the paths that vary them.
     groups: list[tuple[set[str], list[str]]] = []
     for path in grid:
         varied = set(filters_of(path, labels))
         if is_of_scenario(path) or reference in varied:
             continue
+        # A path of filters in several groups joins these groups.
         joined, paths = varied, [path]
         for group in [group for group in groups if group[0] & varied]:
             groups.remove(group)
@@ -79,6 +81,7 @@ def combinations(
         return list(product(*(range(len(values)) for values in grid.values())))
     apart = independent_filter_paths(grid, labels, reference)
     independent = {path for paths in apart for path in paths}
+    # Per group: every combination of its values and of what all filters depend on.
     points: set[Places] = set()
     for paths in apart or [[]]:
         varied = {path for path in grid if path not in independent or path in paths}
@@ -96,6 +99,7 @@ def number_of_points(
     if every:
         return prod(len(values) for values in grid.values())
     apart = independent_filter_paths(grid, labels, reference)
+    # The point of all first values counts once for all groups.
     alone = [prod(len(grid[path]) for path in paths) for paths in apart]
     independent = {path for paths in apart for path in paths}
     together = prod(len(values) for path, values in grid.items() if path not in independent)
@@ -188,6 +192,7 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
             what = f"{text!r}: a range is a..b:n or log:a..b:n"
             raise UserError(Problem(mark, "", what))
         return [scalar(part.strip()) for part in text.split(",")]
+    # a..b:n, or log:a..b:n
     log, first, last, number = match.groups()
     if not 1 <= int(number) <= _MOST_VALUES:
         raise UserError(Problem(mark, "", f"{number} values: write 1 to {_MOST_VALUES}"))
@@ -197,6 +202,7 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
     low, high = float(first), float(last)
     spaced = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
     values = [float(f"{value:.12g}") for value in spaced]  # 0.3, not 0.30000000000000004
+    # Between whole ends, values that are whole but for rounding are whole numbers.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):
         whole = [round(v) for v in values]
         if all(abs(v - w) < 1e-9 * max(1.0, abs(v)) for v, w in zip(values, whole, strict=True)):

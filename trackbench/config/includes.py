@@ -29,6 +29,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
     A part that cannot be read becomes an empty mapping; why is returned under its path.
     """
+    # Step 1: where a component may stand.
     places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
     tuning = source.data.get("tuning")
     if isinstance(tuning, dict) and tuning.get("scenario") is not None:
@@ -36,6 +37,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     for group in _PARTS:
         if isinstance(source.data.get(group), dict):
             places += [(group, label) for label in source.data[group]]
+    # Step 2: replace each by its file, then those within it.
     unread: dict[str, list[Problem]] = {}
     for keys in places:
         try:
@@ -130,6 +132,7 @@ def split_path(source: Source, path: str) -> Keys:
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path."""
+    # Step 1: the path, and the keys beside `use`.
     parent = source.at(keys[:-1])
     name, changes = parent[keys[-1]], MarkedMapping()
     mark = source.mark(keys)
@@ -144,6 +147,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         raise UserError(Problem(mark, dotted(keys), "is neither a mapping nor a path"))
     if depth > _DEEPEST:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
+    # Step 2: read the file, and lay the keys over its mapping.
     path = folder / name
     try:
         require_regular_file(path)

@@ -109,6 +109,7 @@ class Names:
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
         """Add the names that a filter's series give."""
+        # Step 1: names of whole runs, from the scenario's metrics of series of zeros.
         self.series |= series
         nothing = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
@@ -118,6 +119,7 @@ class Names:
         if names in self._added:  # as at another point of a sweep
             return
         self._added.add(names)
+        # Step 2: the metrics of each series, per run in each window and per step.
         per_run = set(of_scenario)
         for one in series:
             for metric, name in metrics_of(one, counts):
@@ -136,6 +138,7 @@ class Names:
             if one.startswith("autocovariance_"):
                 correlation = one.replace("covariance", "correlation")
                 per_run.update(correlation + window for window in windows)
+        # Step 3: the rows of summary.csv, statistics over the runs.
         self.per_run |= {"lost", *per_run}
         self.per_step |= {f"median({name})" for name in settings.medians if name in series}
         self.summary |= frozenset().union(*map(_summary_names, per_run))
@@ -165,6 +168,7 @@ def names_of(
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
+    # Step 1: the series of every filter, at the first point of each scenario and at the last.
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
@@ -181,6 +185,7 @@ def names_of(
             series_by_counts.setdefault(counts, set()).update(series)
         for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
+    # Step 2: keys that are numbers, which may differ from point to point.
     for point in points:
         for label, tracker in (point.filters | left_out).items():
             names.filter_numbers |= _numbers(tracker) if tracker is not None else set()
@@ -230,6 +235,7 @@ def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[s
         raise ValueError("mistaken")
     if declares_diagnostics(type(tracker)):
         return set(tracker.diagnostic_names)
+    # Undeclared: simulate one run, and make its first step.
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # the memory that all particles need is still unknown

@@ -88,6 +88,7 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
         yield from _mistakes_of_exhibit(cast(type[Exhibit], cls))
+    # Keys: defaults and types that a YAML can hold.
     for field in fields(cls):
         default = _default(field)
         if field.init and not _is_plain(default):

@@ -131,6 +131,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     role, word = _where(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
+    # Metrics that cannot exist here, with the reason.
     known = names.of(role)
     m = request.measure
     metric, quantity = m.family
@@ -147,6 +148,7 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
+    # Names that are unknown: former, or misspelt.
     if new_name(m.metric):
         return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
     near = get_close_matches(word, sorted(known), 1, 0.5)

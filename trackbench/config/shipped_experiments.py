@@ -81,6 +81,7 @@ def copied(name: str, target: Path) -> list[Path]:
     """
     files = sorted(part for part in with_parts(named(name)) if part.is_file())
     content = {target / path.relative_to(folder()): path.read_bytes() for path in files}
+    # Reject changed files before anything is written.
     existing = {path for path in content if path.exists()}
     changed = [p for p in sorted(existing) if not p.is_file() or p.read_bytes() != content[p]]
     if changed:

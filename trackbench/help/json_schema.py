@@ -64,6 +64,7 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     properties = schema.setdefault("properties", {})
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
+    # Keys of components, presets, and `assume` of every filter.
     _refer_to_parts(cls, properties)
     if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.

@@ -194,6 +194,7 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
             yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
             continue
         yield prefix + field.name, _default(field), text
+        # The keys of a dataclass within, or of each that the key may hold.
         nested = dataclasses_in(hints[field.name])
         for one in nested:
             of_kind = f"[{one.kind}]" if len(nested) > 1 else ""

@@ -93,6 +93,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
     stored = stored_metrics(settings, "summary.csv")
+    # Metrics without statistic and window, by the file that has them.
     per_run, per_step = (
         {m.metric for m in map(measured, file_names) if m.is_row}
         for file_names in (names.per_run, names.per_step)

@@ -125,6 +125,7 @@ def _file(cls: type) -> str:
 
 def _definition(method: str, part: object) -> str:
     """Return the place of a method in a component's class, or of the class."""
+    # The first class that defines the method, or the line of the first class.
     classes = _plugin_classes(part)
     for cls in classes:
         function = vars(cls).get(method)
@@ -165,6 +166,7 @@ def guarded() -> Iterator[None]:
 @contextmanager
 def postponed() -> Iterator[None]:
     """Keep signals to stop waiting until this is done; only the main thread receives them."""
+    # Record the signals in place of handling them, and raise the first one afterwards.
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     received: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()
