@@ -45,26 +45,19 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
 
 
-def max_metrics_per_run(
-    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
+def max_metrics(
+    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter, file: str
 ) -> int:
-    """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
-    stored = stored_metrics(settings, "per_run.csv")
+    """Return an upper bound of a filter's metrics per run, or per step, without running it.
+
+    ``file`` is per_run.csv, where every metric has a value per window, or per_step.csv.
+    """
+    stored = stored_metrics(settings, file)
+    windows = len(scenario.windows) if file == "per_run.csv" else 1
     if stored is not None:
-        return len(stored) * len(scenario.windows)
-    series = number_of_series(settings, scenario, label, tracker)
-    return series * len(scenario.windows) + _MOST_OF_RUNS
-
-
-def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
-    """Bound from above how many metrics of a filter per_step.csv holds at each step."""
-    stored = stored_metrics(settings, "per_step.csv")
-    return number_of_series(settings, scenario, label, tracker) if stored is None else len(stored)
-
-
-def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
-    """Bound from above how many series a filter has."""
-    return len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
+        return len(stored) * windows
+    series = len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
+    return series * windows + (_MOST_OF_RUNS if file == "per_run.csv" else 0)
 
 
 @dataclass
