@@ -72,14 +72,14 @@ def load(
     grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
-    found: Mapping[str, Chosen] | None = None,
+    tuned_values: Mapping[str, Chosen] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
     Paths in a file count from it, those in a mapping from the working folder.
     ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
     ``product`` whether every combination of them is a point where the file has no grid;
-    ``found`` are the values that tuning gave the keys of filters, by label.
+    ``tuned_values`` are those that tuning gave the keys of filters, by label.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -99,7 +99,7 @@ def load(
     for axis in grid:
         add_axis(source, axis)
     _set_only(source, only)
-    add_tuned(source, found or {})
+    add_tuned(source, tuned_values or {})
     # Step 2: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins)
     try:

@@ -48,7 +48,7 @@ def listed() -> list[Shipped]:
     ]
 
 
-def located(config: Path, say: Callable[[str], None]) -> Path:
+def located(config: Path, note: Callable[[str], None]) -> Path:
     """Return the file of a config: of that path, or else the shipped experiment of that name.
 
     Raises UserError for a word that is neither; says so if it is both.
@@ -56,10 +56,10 @@ def located(config: Path, say: Callable[[str], None]) -> Path:
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         if word in names():
-            say(f"note: using the file {word}; the shipped experiment is {_file(word)}")
+            note(f"note: using the file {word}; the shipped experiment is {_file(word)}")
         return config
     if config.exists():
-        say(f"note: using the shipped experiment {word}; the folder of this name is ignored")
+        note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
     return named(word)
 
 

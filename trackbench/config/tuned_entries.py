@@ -25,7 +25,7 @@ Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
-def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
+def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
     """Add a tuned copy beside each tuned filter, with the values that tuning found or its own.
 
     An existing entry, as in the config of a results folder, stays unless tuning found values. A table
@@ -38,11 +38,11 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
     # Step 1: an entry per tuned filter, with the values found.
     for label in tuned:
         _check_tuned_label(source, label)
-        if label in found or not _is_entry(source, tuned_label(label)):
+        if label in tuned_values or not _is_entry(source, tuned_label(label)):
             filters, mark = source.data["filters"], source.mark(("filters", label))
             entry = copy.deepcopy(filters[label])
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
-        _set(source, tuned_label(label), label, found.get(label, {}))
+        _set(source, tuned_label(label), label, tuned_values.get(label, {}))
     # Step 2: each after its original; tables and figures of those that are run.
     _order(source, tuned)
     run = _with_tuned_of_only(source, tuned)
