@@ -16,7 +16,7 @@ import numpy as np
 from numpy.random import SFC64, Generator
 
 from trackbench.config.checks import has
-from trackbench.config.plugin_checks import check_kind
+from trackbench.config.plugin_checks import load_file
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import per_run_moments
@@ -33,7 +33,6 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.checks import filter_conflicts
 from trackbench.plugins.errors import PluginError, guarded, located_message
-from trackbench.plugins.load import load_plugin, read_plugin
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.starts.without_scans import GaussianStart, Known
@@ -108,12 +107,8 @@ def check_file(path: Path) -> dict[str, list[Finding]]:
     UserError
         If the file cannot be read or loaded, or registers no filter.
     """
-    kinds("filters")
     try:
-        plugin = read_plugin(path)
-        load_plugin(plugin, check_kind)
-    except OSError as error:
-        raise UserError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+        plugin = load_file(path)
     except PluginError as error:
         raise UserError(*error.args) from None
     registered = {k: c for k, c in kinds("filters").items() if c.__module__ == plugin.module}

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from io import IncrementalNewlineDecoder
 from math import inf, nan
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -210,7 +209,7 @@ def _decoded(content: bytes) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
-    return IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
+    return re.sub("\r\n?", "\n", text)
 
 
 def unprintable_reason(text: str) -> str | None:

@@ -58,12 +58,17 @@ def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
         raise PluginError(f"{name!r} is not the path of a Python file")
     if not allowed:
         raise PluginError(f"the code in {name} is run only with --allow-plugins")
+    return load_file(folder / name)
+
+
+def load_file(path: Path) -> Plugin:
+    """Load a plugin and check its kinds; raises PluginError."""
     kinds("filters"), kinds("scenarios")  # first, so that a plugin cannot take their names
     try:
-        plugin = read_plugin(folder / name)
+        plugin = read_plugin(path)
         load_plugin(plugin, check_kind)
     except OSError as error:
-        raise PluginError(f"{folder / name}: {reason(error)}") from None
+        raise PluginError(f"{path}: {reason(error)}") from None
     return plugin
 
 
