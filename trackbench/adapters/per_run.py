@@ -5,7 +5,7 @@ from copy import deepcopy
 from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast, dataclass_transform
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast, dataclass_transform
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
@@ -109,17 +109,10 @@ class LoopFilterWithLikelihood(LoopFilter):
 def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
     """Return the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
+    copied = ("__doc__", "__module__", "__qualname__", "requires", "summed_diagnostics", "presets")
+    about: dict[str, object] = {name: getattr(one, name) for name in copied} | {"one": one}
     purity = {"purity": "keeps its state in an object per run"}
-    about = {
-        "one": one,
-        "__doc__": one.__doc__,
-        "__module__": one.__module__,
-        "__qualname__": one.__qualname__,
-        "requires": one.requires,
-        "summed_diagnostics": one.summed_diagnostics,
-        "contract_exemptions": purity | one.contract_exemptions,
-        "presets": one.presets,
-    }
+    about["contract_exemptions"] = purity | one.contract_exemptions
     # Only a class with the hook has a log score.
     base = LoopFilterWithLikelihood if one.has_likelihood() else LoopFilter
     filter_class = make_dataclass(
@@ -175,7 +168,7 @@ class _LazyGenerator:
     def __init__(self, block: Generator, run: int) -> None:
         self._block, self._run = block, run
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         if name.startswith("__"):  # looked up by copy and pickle
             raise AttributeError(name)
         return getattr(self._generator, name)

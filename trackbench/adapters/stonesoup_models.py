@@ -51,7 +51,7 @@ class LinearSensor(LinearGaussian):
 
 
 class SensorModel(NonLinearGaussianMeasurement):
-    """Any sensor of trackbench; predicted angles lie within half a turn of ``near``, for averages."""
+    """Sensor of trackbench; predicted angles lie within half a turn of ``near``, for averages."""
 
     of: Foreign = Property()
     near: Foreign = None
@@ -80,7 +80,7 @@ class SensorModel(NonLinearGaussianMeasurement):
 
 
 class MotionModel(GaussianModel, TransitionModel):
-    """Any motion with additive noise, from step k - 1 to step k."""
+    """Motion with additive noise, from step k - 1 to step k."""
 
     of: Foreign = Property()
 

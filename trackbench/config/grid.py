@@ -67,6 +67,15 @@ def independent_filter_paths(
     return [paths for _, paths in groups]
 
 
+def _varied_together(
+    grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
+) -> list[set[str]]:
+    """Return the paths varied by each filter group; those that all filters depend on are in each."""
+    apart = [] if every else independent_filter_paths(grid, labels, reference)
+    independent = {path for paths in apart for path in paths}
+    return [(grid.keys() - independent) | {*paths} for paths in apart or [[]]]
+
+
 def combinations(
     grid: Mapping[str, Sequence[object]],
     labels: Collection[str],
@@ -77,14 +86,8 @@ def combinations(
 
     While one group is varied, the others keep their first values.
     """
-    if every:
-        return list(product(*(range(len(values)) for values in grid.values())))
-    apart = independent_filter_paths(grid, labels, reference)
-    independent = {path for paths in apart for path in paths}
-    # Per group: every combination of its values and of what all filters depend on.
     points: set[Places] = set()
-    for paths in apart or [[]]:
-        varied = {path for path in grid if path not in independent or path in paths}
+    for varied in _varied_together(grid, labels, reference, every):
         points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))
     return sorted(points)
 
@@ -96,14 +99,13 @@ def number_of_points(
     every: bool,
 ) -> int:
     """Return the number of points in `combinations`."""
-    if every:
-        return prod(len(values) for values in grid.values())
-    apart = independent_filter_paths(grid, labels, reference)
-    # The point of all first values counts once for all groups.
-    alone = [prod(len(grid[path]) for path in paths) for paths in apart]
-    independent = {path for paths in apart for path in paths}
-    together = prod(len(values) for path, values in grid.items() if path not in independent)
-    return together * (1 + sum(n - 1 for n in alone))
+    groups = _varied_together(grid, labels, reference, every)
+    *sizes, shared = (
+        prod(len(grid[path]) for path in paths)
+        for paths in (*groups, set[str].intersection(*groups))
+    )
+    # Points at which every filter has its first values are in all groups, and count once.
+    return sum(sizes) - (len(groups) - 1) * shared
 
 
 _MOST_POINTS = 10_000

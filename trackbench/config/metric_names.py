@@ -86,11 +86,9 @@ class Names:
 
     def of(self, role: str) -> set[str]:
         """Return the names that a key of this role may use."""
-        if role == "base":
-            return self.bases
-        if role == "summary":
-            return self.summary | self.filter_numbers
         return {
+            "base": self.bases,
+            "summary": self.summary | self.filter_numbers,
             "series": self.series,
             "per_run": self.per_run,
             "per_step": self.per_step,
