@@ -49,8 +49,7 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
 
 
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Run the values of ``grid``; also writes ``sweep.csv``, a figure per filter and the best
-    values.
+    """Run the values of ``grid``; also write ``sweep.csv``, best values and figures.
 
     Keys of several filters vary one filter after the other; ``product`` runs every combination.
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.

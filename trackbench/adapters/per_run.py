@@ -151,15 +151,12 @@ def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
     for what, value, shape in (("mean", returned[0], (n,)), ("covariance", returned[1], (n, n))):
         array = as_numbers(value, shape)
         if array is None:
-            text = f"the {what} of a run is {_describe(value)}, not {shape} real numbers"
+            size, dtype = getattr(value, "shape", None), getattr(value, "dtype", "")
+            words = f"a {type(value).__name__}" if size is None else f"an array {size} of {dtype}"
+            text = f"the {what} of a run is {words}, not {shape} real numbers"
             raise WrongReturnError(method, text)
         arrays.append(array)
     return arrays[0], arrays[1]
-
-
-def _describe(value: object) -> str:
-    shape, kind = getattr(value, "shape", None), getattr(value, "dtype", "")
-    return f"a {type(value).__name__}" if shape is None else f"an array {shape} of {kind}"
 
 
 class _LazyGenerator:

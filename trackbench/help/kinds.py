@@ -66,9 +66,7 @@ def _time(seconds: float | None) -> str:
 
 
 def description(kind: str) -> str:
-    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError if
-    unknown.
-    """
+    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError."""
     if kind in GROUPS:
         return _hooks_of(kind)
     texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
