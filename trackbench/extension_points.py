@@ -133,8 +133,11 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
     """Yield the hooks of a base, those without a default first."""
     declared = _declared(base)
     for name, hook in sorted(declared.items(), key=lambda item: not _is_needed(item[1])):
-        is_method = inspect.isroutine(hook) or isinstance(hook, classmethod)
-        form = name + (_arguments(getattr(base, name, hook)) if is_method else "")
+        form = name
+        if inspect.isroutine(hook) or isinstance(hook, classmethod):
+            method: Any = getattr(base, name, hook)
+            names = [n for n in inspect.signature(method).parameters if n != "self"]
+            form += f"({', '.join(names)})"
         yield Hook(form, _is_needed(hook), _text(name, hook, base))
 
 
@@ -201,11 +204,6 @@ def _place(cls: type, name: str) -> tuple[str, int]:
     definition = re.compile(rf"\s*(def\s+)?{name}\b")
     after = next((i for i, line in enumerate(lines) if definition.match(line)), 0)
     return str(inspect.getsourcefile(cls)), first + after
-
-
-def _arguments(method: Any) -> str:
-    names = [n for n in inspect.signature(method).parameters if n != "self"]
-    return f"({', '.join(names)})"
 
 
 def _text(name: str, declared: object, base: type[Part]) -> str:

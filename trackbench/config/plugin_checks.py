@@ -32,7 +32,11 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
     for i, name in enumerate(names):
         where = ("plugins", i)
         try:
-            plugins.append(_loaded(folder, name, allowed))
+            if not isinstance(name, str) or not name.endswith(".py"):
+                raise PluginError(f"{name!r} is not the path of a Python file")
+            if not allowed:
+                raise PluginError(f"the code in {name} is run only with --allow-plugins")
+            plugins.append(load_file(folder / name))
         except PluginError as why:
             problems += [source.problem(where, what) for what in why.args]
     if problems:
@@ -51,14 +55,6 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
                 what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
                 where = ("plugins", i)
                 raise UserError(source.problem(where, what))
-
-
-def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
-    if not isinstance(name, str) or not name.endswith(".py"):
-        raise PluginError(f"{name!r} is not the path of a Python file")
-    if not allowed:
-        raise PluginError(f"the code in {name} is run only with --allow-plugins")
-    return load_file(folder / name)
 
 
 def load_file(path: Path) -> Plugin:

@@ -67,7 +67,11 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
     plugins = foreign_parts(scenario)
     for part in plugins:
         with plugin_code(part, *plugins), np.errstate(all="ignore"):
-            _check_part(part, scenario)
+            if isinstance(part, SensorBase):
+                _check_sensor(part, len(scenario.components))
+            if isinstance(part, Target):
+                scored = np.ones(len(scenario.steps), dtype=bool)
+                _check_windows(part.windows(scenario.times, scored), len(scored))
     if plugins:
         with plugin_code(*plugins), np.errstate(all="ignore"):
             _simulate_and_score(scenario, bounded)
@@ -84,14 +88,6 @@ def check_sensors(parts: Sequence[object]) -> None:
         for sensor in sensors:
             with plugin_code(sensor, target), np.errstate(all="ignore"):
                 _check_sensor(sensor, len(target.components))
-
-
-def _check_part(part: object, scenario: Scenario) -> None:
-    if isinstance(part, SensorBase):
-        _check_sensor(part, len(scenario.components))
-    if isinstance(part, Target):
-        scored = np.ones(len(scenario.steps), dtype=bool)
-        _check_windows(part.windows(scenario.times, scored), len(scored))
 
 
 def _check_sensor(sensor: SensorBase, n_x: int) -> None:
