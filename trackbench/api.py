@@ -49,13 +49,13 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
 
 
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
-    """Run the values of ``grid``; also writes ``sweep.csv``, a figure per filter and the best
-    values.
+    """Run the values of ``grid``; also write ``sweep.csv``, best values and figures.
 
     Keys of several filters vary one filter after the other; ``product`` runs every combination.
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
     options = replace(options or Options(), **changes)
+    # A folder beside that of the experiment's own results.
     if options.out is None:
         config = file_of(config, options)
         name = prepare(config, options).settings.name

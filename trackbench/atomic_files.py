@@ -9,11 +9,11 @@ from contextvars import ContextVar
 from io import StringIO
 from itertools import chain, count, islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from trackbench.errors import WriteError
 
-Row = Iterable[Any]
+Row = Iterable[object]
 
 _AT_ONCE = 4096  # rows
 _LONGEST = 76  # characters of a name that gets a number
@@ -25,6 +25,7 @@ def free_name(name: str, taken: Iterable[str]) -> str:
 
     Names that differ in case only are one file on some systems.
     """
+    # name, name-2, name-3, ...
     folded = {other.casefold() for other in taken}
     numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
     return next(free for free in chain([name], numbered) if free.casefold() not in folded)

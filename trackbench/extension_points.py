@@ -14,6 +14,9 @@ from inspect import getattr_static
 from types import new_class
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 FORMER_HOOKS = {
     "needs": "requires",
     "counts": "summed_diagnostics",
@@ -66,6 +69,11 @@ def is_foreign(part: object) -> bool:
     return cls.__module__.partition(".")[0] != "trackbench"
 
 
+def field_values(part: "DataclassInstance") -> dict[str, object]:
+    """Return the values of a dataclass by key; values within it stay as they are."""
+    return {field.name: getattr(part, field.name) for field in fields(part)}
+
+
 def walk_parts(part: object) -> Iterator[object]:
     """Yield a part of an experiment, or each of several, and all that it is made of."""
     if isinstance(part, tuple | list):
@@ -73,13 +81,13 @@ def walk_parts(part: object) -> Iterator[object]:
             yield from walk_parts(one)
     elif isinstance(part, type):
         yield part
-    elif is_dataclass(part):
+    elif is_dataclass(part) and not isinstance(part, type):
         yield part
-        for field in fields(part):
-            yield from walk_parts(getattr(part, field.name))
+        for value in field_values(part).values():
+            yield from walk_parts(value)
 
 
-def foreign_parts(part: object) -> list[Any]:
+def foreign_parts(part: object) -> list[object]:
     """Return the parts within a part that are not the package's own."""
     return [inner for inner in walk_parts(part) if is_foreign(inner)]
 
@@ -106,12 +114,16 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     are looked through by a test.
     """
     if not issubclass(cls, base):
-        body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
+        body = {
+            "__module__": cls.__module__,
+            "__qualname__": cls.__qualname__,
+            "__doc__": cls.__doc__,
+        }
         # A key without a default is no attribute of the class, and would meet the base's property.
         body |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda namespace: namespace.update(body))
     if not cls.__module__.startswith("trackbench."):
-        lines = [f"{file}:{line}: {what}" for file, line, what in mistakes(cls, base)]
+        lines = [f"{file}:{line}: {what}" for file, line, what in sorted(mistakes(cls, base))]
         if lines:
             raise InvalidHookError(*lines)
     return cast(type[Part], cls)
@@ -121,8 +133,11 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
     """Yield the hooks of a base, those without a default first."""
     declared = _declared(base)
     for name, hook in sorted(declared.items(), key=lambda item: not _is_needed(item[1])):
-        is_method = inspect.isroutine(hook) or isinstance(hook, classmethod)
-        form = name + (_arguments(getattr(base, name, hook)) if is_method else "")
+        form = name
+        if inspect.isroutine(hook) or isinstance(hook, classmethod):
+            method: Any = getattr(base, name, hook)
+            names = [n for n in inspect.signature(method).parameters if n != "self"]
+            form += f"({', '.join(names)})"
         yield Hook(form, _is_needed(hook), _text(name, hook, base))
 
 
@@ -135,6 +150,7 @@ def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
 
 def _declared(base: type[Part]) -> dict[str, object]:
     """Return the base's declaration of each hook."""
+    # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):
         bare = None if owner in base.optional_capabilities else _NOTHING
@@ -151,18 +167,14 @@ def _owners(base: type[Part]) -> list[type]:
     return [*package_classes, *base.optional_capabilities]
 
 
-def mistakes(cls: type, base: type[Part]) -> list[tuple[str, int, str]]:
-    """Return the mistakes of a class against its base, with file and line, in their order."""
-    return sorted(_mistakes(cls, base))
-
-
 def _is_needed(declared: object) -> bool:
     return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
 
 
-def _mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
-    """Yield the file, line and what is wrong there."""
+def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
+    """Yield the mistakes of a class against its base, with file and line."""
     known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
+    # Hooks that are missing, hidden by a key, or of another form.
     for name, declared in known.items():
         actual = getattr_static(cls, name, declared)
         if name not in keys and actual is declared and _is_needed(declared):
@@ -171,6 +183,7 @@ def _mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
         if isinstance(declared, property) and inspect.isfunction(actual):
             yield *_place(cls, name), f"`{name}` is no method: put @property above it"
+    # Names that are former or misspelt hooks.
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
         for name in (n for n in names if not n.startswith("_")):
@@ -193,24 +206,12 @@ def _place(cls: type, name: str) -> tuple[str, int]:
     return str(inspect.getsourcefile(cls)), first + after
 
 
-def _arguments(method: Any) -> str:
-    names = [n for n in inspect.signature(method).parameters if n != "self"]
-    return f"({', '.join(names)})"
-
-
 def _text(name: str, declared: object, base: type[Part]) -> str:
     """Return the first paragraph of its docstring; of an attribute the string under it."""
-    text = inspect.getdoc(declared) if not _is_plain(declared) else _under(name, base)
-    return " ".join((text or "").split("\n\n")[0].replace("``", "`").split())
-
-
-def _is_plain(declared: object) -> bool:
-    return not (inspect.isroutine(declared) or isinstance(declared, property | classmethod))
-
-
-def _under(name: str, base: type[Part]) -> str:
-    for owner in _owners(base):
-        match = re.search(rf'\n    {name}: [^\n]*\n    """(.*?)"""', inspect.getsource(owner), re.S)
-        if match:
-            return match.group(1)
-    return ""
+    if inspect.isroutine(declared) or isinstance(declared, property | classmethod):
+        text = inspect.getdoc(declared) or ""
+    else:
+        under = re.compile(rf'\n    {name}: [^\n]*\n    """(.*?)"""', re.S)
+        matches = (under.search(inspect.getsource(owner)) for owner in _owners(base))
+        text = next((match[1] for match in matches if match), "")
+    return " ".join(text.split("\n\n")[0].replace("``", "`").split())

@@ -4,13 +4,17 @@ import errno
 import os
 import re
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pydantic_core.core_schema import CoreSchema, ValidationInfo
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
 """A number of things, at least one."""
@@ -124,7 +128,7 @@ class Registered:
     group: str
     """registry group of the component"""
 
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
         """Return a schema of any value: the registry checks the components."""
         from pydantic_core import core_schema
 
@@ -133,8 +137,9 @@ class Registered:
         )
 
 
-def _prebuilt(number: object, info: Any) -> Any:
-    return None if number is None else info.context[number]
+def _prebuilt(number: object, info: "ValidationInfo") -> object:
+    parts: Sequence[object] = info.context or ()
+    return parts[number] if isinstance(number, int) else None
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -142,7 +147,12 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def annotations_of(hint: object) -> tuple[object, ...]:
+    """Return what an ``Annotated`` type carries beside the type."""
+    return getattr(hint, "__metadata__", ())
+
+
 def part_group(hint: object) -> str | None:
     """Return the registry group of the components that a key of this type holds, if it holds any."""
-    marks = getattr(hint, "__metadata__", ())
+    marks = annotations_of(hint)
     return next((mark.group for mark in marks if isinstance(mark, Registered)), None)

@@ -83,14 +83,15 @@ def metric_of(name: str) -> tuple[Metric, str]:
 
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Yield each metric that a series is made into, and its name; one in ``counts`` is summed."""
+    # A series of errors, one of a quantity, or a diagnostic, which is a metric itself.
     head, _, quantity = series.partition("_")
     if series in _OF_SERIES:
         yield from ((m, m.name) for m in _OF_SERIES[series])
     elif head in _OF_SERIES:
         yield from ((m, joined(m.name, quantity)) for m in _OF_SERIES[head])
     else:
-        own, _ = metric_of(series)
-        yield (replace(own, over_steps="sum") if series in counts else own), series
+        of_series, _ = metric_of(series)
+        yield (replace(of_series, over_steps="sum") if series in counts else of_series), series
 
 
 def is_reserved(name: str) -> bool:
@@ -110,9 +111,9 @@ def quantity(name: str, unit: str) -> None:
 
 def unit_of(name: str) -> str:
     """Return the unit of a metric by its name without window; nothing where none is known."""
-    found, quantity = metric_of(name)
-    if found.unit != "quantity" or not quantity:
-        return found.unit.replace("quantity", "")
+    metric, quantity = metric_of(name)
+    if metric.unit != "quantity" or not quantity:
+        return metric.unit.replace("quantity", "")
     head, _, component = quantity.partition("_")
     if head in ("predicted", "held"):
         quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
@@ -140,7 +141,7 @@ _UNITS = {
     for quantity in quantities.split()
 }
 """Units of the quantities of the package: errors of scenarios, components of motions and sensors."""
-_OWN = [
+_ERROR_METRICS = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),
     Metric("rmsd", "root mean square difference from the reference's estimate", "quantity", "lower",
@@ -214,8 +215,11 @@ def _noted() -> Iterator[Metric]:
 
 
 _FAMILIES = ("nees", "autocovariance", "rmsd", "pit", "coverage", "rank")
-METRICS.update({own.name: own for own in (*_OWN, *_noted())})
-_OF_SERIES = {m.series: [other for other in _OWN if other.series == m.series] for m in _OWN}
+METRICS.update({m.name: m for m in (*_ERROR_METRICS, *_noted())})
+_OF_SERIES = {
+    m.series: [other for other in _ERROR_METRICS if other.series == m.series]
+    for m in _ERROR_METRICS
+}
 """The metrics that a series of errors is made into."""
 _PACKAGE = frozenset(METRICS)
 FORMER_NAMES = {

@@ -65,6 +65,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
+        # The class with its group's hooks.
         whole: type[Part] = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
@@ -141,11 +142,14 @@ def kinds(group: Group) -> dict[str, type[Part]]:
 @cache
 def _homes(group: Group) -> dict[str, str]:
     """Return the modules of the package that register kinds of a group, by kind."""
+    # Found in the source text, so that nothing needs to be imported.
     mark = re.compile(rf'@register\(\s*"{group}",\s*"([^"]+)"')
-    files = {_module_of(file): file.read_text(encoding="utf-8") for file in _files(group)}
-    return {
-        k: f"{_PACKAGES[group]}.{name}" for name, text in files.items() for k in mark.findall(text)
-    }
+    homes: dict[str, str] = {}
+    for file in _files(group):
+        module = file.parent.name if file.stem == "__init__" else file.stem
+        for kind in mark.findall(file.read_text(encoding="utf-8")):
+            homes[kind] = f"{_PACKAGES[group]}.{module}"
+    return homes
 
 
 def documentation(group: Group) -> dict[str, str]:
@@ -164,11 +168,6 @@ def _files(group: Group) -> list[Path]:
     return [file for folder in folders for form in forms for file in Path(folder).glob(form)]
 
 
-def _module_of(file: Path) -> str:
-    """Return the module's name within its package."""
-    return file.parent.name if file.stem == "__init__" else file.stem
-
-
 def _documented(file: Path) -> Iterator[tuple[str, str]]:
     """Yield the kind and docstring of each class that a source file registers."""
     text = file.read_text(encoding="utf-8")
@@ -176,9 +175,8 @@ def _documented(file: Path) -> Iterator[tuple[str, str]]:
         if not isinstance(node, ast.ClassDef):
             continue
         for mark in node.decorator_list:
-            if isinstance(mark, ast.Call) and getattr(mark.func, "id", "") == "register":
-                kind = ast.literal_eval(mark.args[1])
-                yield kind, ast.get_docstring(node) or ""
+            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "register":
+                yield ast.literal_eval(mark.args[1]), ast.get_docstring(node) or ""
 
 
 def import_own(*groups: Group) -> None:

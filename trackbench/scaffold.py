@@ -35,6 +35,7 @@ def write_new(what: str, name: str, folder: Path, per_run: bool = False) -> list
     words = _words(what, name)
     module = "_".join(words)
     templates, part = (_PER_RUN, "per_run") if per_run else (_TEMPLATES[what], what)
+    # Fill every template before anything is written.
     filled = {folder / t.replace(part, module): _filled(t, words) for t in templates}
     mark = Mark(f"new {what} {name}")
     for path in filled:
@@ -60,6 +61,7 @@ def write_config_for(data: Path, name: str, folder: Path) -> list[Path]:
     except DataError as error:
         problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
         raise UserError(*problems) from None
+    # The template's lines for the data's columns and units.
     text = _filled("recording.yaml", words)
     file = {"measurements: @FILE@": f"measurements: {json.dumps(os.path.relpath(data, folder))}"}
     for part, lines in {**file, "@FILE@": data.name, **parts}.items():

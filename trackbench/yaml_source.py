@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from io import IncrementalNewlineDecoder
 from math import inf, nan
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -158,6 +157,7 @@ class Source:
 
     def replaced(self, keys: Keys, value: object) -> "Source":
         """Return a config with another value at ``keys``; it shares everything else, but problems."""
+        # Copy the mappings on the way to the value.
         data = node = MarkedMapping(self.data)
         for key in keys[:-1]:
             node[str(key)] = node = MarkedMapping(node[str(key)])
@@ -209,7 +209,7 @@ def _decoded(content: bytes) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
-    return IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
+    return re.sub("\r\n?", "\n", text)
 
 
 def unprintable_reason(text: str) -> str | None:
@@ -244,6 +244,7 @@ def parse(text: str, name: str) -> Source:
         what = "is nested too deeply"
     if node is None:
         raise UserError(Problem(mark, "", what))
+    # Plain data with positions from the composed nodes.
     builder = _Builder(name)
     source = Source(builder.build(node, ()), builder.mark(node), builder.problems)
     if builder.problems:
@@ -277,7 +278,7 @@ class _Loader(yaml.SafeLoader):
 
     nodes = 0
 
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Return the next node, unless it is one too many."""
         self.nodes += 1
         if self.nodes > _MOST_NODES:
@@ -323,6 +324,7 @@ class _Builder:
                 continue
             key = str(key_node.value)
             at = (*keys, key)
+            # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             if what := formula(key):
                 self.problems.append(Problem(mark, dotted(keys), what))
@@ -334,6 +336,7 @@ class _Builder:
         return mapping
 
     def _scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
+        # Only a scalar without quotes can be other than a word.
         is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
         if node.tag not in (_PLAIN_TAGS if is_plain else _PLAIN_TAGS[:1]):
             what = f"the tag {node.tag} is not allowed"

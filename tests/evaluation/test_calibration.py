@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 
 from tests.conftest import make_filter, track
 from tests.papers import merwe
-from trackbench.contract.fixtures import LINEAR
+from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.block_metrics import run_block

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import MOTION, RUNS, SCENARIO, data, filterpy_ekf
 from tests.papers import maneuver
-from trackbench.contract.fixtures import LINEAR
+from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate

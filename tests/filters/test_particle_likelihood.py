@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import make_filter
 from tests.filters.test_log_likelihood import told
 from tests.papers import banana, merwe
-from trackbench.contract.fixtures import LINEAR
+from trackbench.contract import LINEAR
 from trackbench.core.arrays import Array
 from trackbench.filters.baselines import Grid
 from trackbench.filters.gaussian_base import KF

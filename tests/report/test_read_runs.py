@@ -8,7 +8,7 @@ import pytest
 from tests.execution.test_memory import peak
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config.metric_names import max_metrics_per_run
+from trackbench.config.metric_names import max_metrics
 from trackbench.execution.plan import _read_bytes
 from trackbench.report.results import Results
 
@@ -70,7 +70,6 @@ def test_no_more_metrics_are_kept_than_memory_is_reckoned_for(tmp_path: Path) ->
     folder = made(tmp_path)
     experiment, found = api.prepare(folder / "config.yaml", api.Options()), Results(folder).runs({})
     for label, tracker in experiment.points[0].filters.items():
-        most = max_metrics_per_run(
-            experiment.settings, experiment.points[0].scenario, label, tracker
-        )
+        scenario = experiment.points[0].scenario
+        most = max_metrics(experiment.settings, scenario, label, tracker, "per_run.csv")
         assert sum(label == of for of, _ in found) <= most

@@ -72,7 +72,7 @@ def test_a_filter_of_the_tuned_ones_label_is_refused(config: Path, entry: str) -
 def test_the_tuned_filter_of_an_earlier_run_is_not(config: Path) -> None:
     found = {"A B": {"assume.motion.q": 0.3}}
     written = config.with_name("config.yaml")
-    written.write_text(as_yaml(resolved(load(config, found=found), config.parent)))
+    written.write_text(as_yaml(resolved(load(config, tuned_values=found), config.parent)))
     motion = load(written).points[0].assumed["A B (tuned)"].motion
     assert motion.q == 0.3  # type: ignore[union-attr]
 

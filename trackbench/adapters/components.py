@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Gaussian
@@ -14,6 +15,10 @@ from trackbench.models.base import Model
 
 Pair = tuple[Array, Array]
 """Mean (n,) and covariance (n, n) of one run."""
+Foreign: TypeAlias = Any
+"""An object of filterpy or Stone Soup, which have no types."""
+Functions: TypeAlias = dict[str, Callable[..., Array]]
+"""Further arguments of an object's update, by name."""
 PARTIAL_UNSUPPORTED = "a part of a measurement is missing, and this filter takes whole ones"
 _NO_WEIGHT = 1e16
 """Variance of a missing component, in sensor variances: its gain is below float64's precision."""
@@ -54,6 +59,7 @@ class Order:
         """Return the order of names without a `component_mismatch`; no names are the scenario's."""
         names, measurements = model.motion.components, model.sensor.components
         ours = list(state or names)
+        # Components that only the filter has start about zero with their own variance.
         variances = [std.get(name, 0.0) ** 2 if name not in names else 0.0 for name in ours]
         return cls(
             np.array([ours.index(name) for name in names]),
@@ -73,7 +79,7 @@ class Order:
         return Gaussian(mean[self.places], cov[np.ix_(self.places, self.places)])
 
 
-def as_numbers(value: Any, shape: tuple[int, ...]) -> Array | None:
+def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
     """Return real numbers of this shape, or None; a vector may come as a column."""
     try:
         array = np.asarray(value)
@@ -84,7 +90,7 @@ def as_numbers(value: Any, shape: tuple[int, ...]) -> Array | None:
     return array if array.shape == shape and array.dtype.kind in "fiub" else None
 
 
-def measured_part(nu: Any, S: Any, is_measured: Mask) -> Innovation:
+def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
     """Return the innovation (n, 1) of the measured components, ``is_measured`` (n_z,).
 
     An object that was updated with these components alone has it already.
@@ -97,6 +103,7 @@ def measured_part(nu: Any, S: Any, is_measured: Mask) -> Innovation:
 
 def inflate_missing(R: Array, is_measured: Mask) -> Array:
     """Return the sensor's covariance with vast variances of the missing components."""
+    # Without correlations, a vast variance leaves the component with a gain of nearly zero.
     out = np.where(is_measured[:, None] & is_measured, R, 0.0)
     missing = ~is_measured
     out[missing, missing] = _NO_WEIGHT * np.maximum(np.diagonal(R)[missing], 1.0)
@@ -105,8 +112,8 @@ def inflate_missing(R: Array, is_measured: Mask) -> Array:
 
 @contextmanager
 def partial_update(
-    parts: Sequence[Any], z: Array, is_measured: Mask, keywords: dict[str, Any]
-) -> Iterator[tuple[Array, dict[str, Any]]]:
+    parts: Sequence[Foreign], z: Array, is_measured: Mask, keywords: Functions
+) -> Iterator[tuple[Array, Functions]]:
     """Let filterpy's objects be updated with a part of z (n_z,): yield their z and keywords.
 
     If H is a matrix or a keyword, the rows of the missing components are left out of it and of R.
@@ -116,9 +123,11 @@ def partial_update(
     has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
     if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):
         raise ValueError(PARTIAL_UNSUPPORTED)
+    # Step 1: remember the attributes of the whole measurement.
     names = ("H", "dim_z", "R") if has_rows else ("R",)
     before = [{n: getattr(part, n) for n in names if hasattr(part, n)} for part in parts]
     try:
+        # Step 2: leave out the rows of the missing components, or give them no weight.
         for part, whole in zip(parts, before, strict=True):
             if has_rows:
                 part.R = whole["R"][np.ix_(is_measured, is_measured)]
@@ -132,18 +141,20 @@ def partial_update(
         else:
             yield np.where(is_measured, z, 0.0), keywords
     finally:
+        # Step 3: restore the attributes.
         for part, whole in zip(parts, before, strict=True):
             for name, value in whole.items():
                 setattr(part, name, value)
 
 
-def _keywords_of_part(keywords: dict[str, Any], is_measured: Mask) -> dict[str, Any]:
+def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
     """Return an extended filter's functions for a part of the measurement."""
 
-    def rows_of(function: Callable[..., Any]) -> Callable[..., Any]:
+    def rows_of(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]
 
     def residual(*pair: Array) -> Array:
+        # The user's function takes whole measurements: zeros stand for the missing components.
         whole = [np.zeros((len(is_measured), *part.shape[1:])) for part in pair]
         for part, into in zip(pair, whole, strict=True):
             into[is_measured] = part

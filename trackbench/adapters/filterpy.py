@@ -1,11 +1,10 @@
 """``FilterPy``: adapter for any Kalman filter of filterpy."""
 
 import inspect
-from typing import Any
 
 import numpy as np
 
-from trackbench.adapters.components import Pair, measured_part, partial_update
+from trackbench.adapters.components import Foreign, Functions, Pair, measured_part, partial_update
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.mixtures import log_mixture
@@ -27,7 +26,7 @@ class FilterPy(PerRun):
     innovations ``y`` and ``S``.
     """
 
-    def make(self, dt: float) -> Any:
+    def make(self, dt: float) -> Foreign:
         """Return the object for steps of dt seconds.
 
         Parameters
@@ -60,6 +59,7 @@ class FilterPy(PerRun):
     def predict(self, dt: float) -> Pair:
         """Call the object's prediction, with the motion of this interval."""
         self._diagnostics, self._is_measured = dict.fromkeys(self._diagnostics, np.nan), None
+        # The object keeps its state; only the motion comes from the object made for this interval.
         if dt not in self._by_dt:
             self._by_dt[dt], _ = self._make(dt)
         if dt != self.dt or len(self._by_dt) > 1:
@@ -86,7 +86,7 @@ class FilterPy(PerRun):
     def _nis(self) -> float:
         y, is_measured = np.ravel(self._object.y), self._is_measured
         if is_measured is None or is_measured.all():
-            return float(y @ self._object.SI @ y)
+            return float(y @ self._object.SI @ y)  # y' S^-1 y
         return measured_part(y, self._object.S, is_measured).nis.item()
 
     def log_likelihood(self) -> float:
@@ -95,6 +95,7 @@ class FilterPy(PerRun):
         parts = _bank_of(self._object) or (self._object,)
         if is_measured is None or not all(hasattr(p, "y") and hasattr(p, "S") for p in parts):
             return float("nan")
+        # sum_i c_i N(y_i; 0, S_i), with the predicted weights c_i of an IMM's models.
         each = [measured_part(part.y, part.S, is_measured).log_likelihood for part in parts]
         weights = np.ones(1) if len(each) == 1 else self._predicted_weights
         if weights is None:
@@ -105,7 +106,7 @@ class FilterPy(PerRun):
         """Return the NIS, or the weight of an IMM's models."""
         return self._diagnostics
 
-    def _make(self, dt: float) -> tuple[Any, dict[str, Any]]:
+    def _make(self, dt: float) -> tuple[Foreign, Functions]:
         returned = self.make(dt)
         target, keywords = returned if isinstance(returned, tuple) else (returned, {})
         for name in ("x", "P", "predict", "update"):
@@ -115,17 +116,17 @@ class FilterPy(PerRun):
         return target, keywords
 
 
-def _as_state(z: Array, part: Any) -> Array:
+def _as_state(z: Array, part: Foreign) -> Array:
     """Return z in the form of the object's state, a column or a vector."""
     return z.reshape((-1, *[1] * (np.ndim(part.x) - 1)))
 
 
-def _bank_of(target: Any) -> tuple[Any, ...]:
+def _bank_of(target: Foreign) -> tuple[Foreign, ...]:
     """Return the filters of an IMM."""
     return tuple(getattr(target, _BANK, ()))
 
 
-def _copy_motion(source: Any, target: Any) -> None:
+def _copy_motion(source: Foreign, target: Foreign) -> None:
     """Copy the motion of a filter made for another interval, and of the filters in it."""
     pairs = zip((source, *_bank_of(source)), (target, *_bank_of(target)), strict=True)
     for one, other in pairs:

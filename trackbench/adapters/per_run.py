@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import MISSING, dataclass, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, cast, dataclass_transform
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast, dataclass_transform
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
@@ -14,9 +14,9 @@ from trackbench.adapters.components import Order, Pair, as_numbers, component_mi
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
-from trackbench.extension_points import FORMER_HOOKS
+from trackbench.extension_points import FORMER_HOOKS, field_values
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import Model
+from trackbench.models.base import Model, Scene
 from trackbench.models.motions.irregular import Irregular
 from trackbench.registry import register
 
@@ -24,7 +24,7 @@ from trackbench.registry import register
 class RunObjects(NamedTuple):
     """One object per run, and the last estimate of each in the filter's own order."""
 
-    objects: tuple[Any, ...]
+    objects: tuple["PerRun", ...]
     order: Order
     mean: Array
     cov: Array
@@ -33,24 +33,24 @@ class RunObjects(NamedTuple):
 class LoopFilter(Filter[RunObjects]):
     """Base of the filters that `loop_over_runs` makes."""
 
-    one: ClassVar[Any]
-    """the class of one run, a `trackbench.adapters.PerRun`"""
+    one: ClassVar["type[PerRun]"]
+    """the class of one run"""
     loops_over_runs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         self._make()  # the class's own checks of its keys
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _restore, (self.one, self._keys)
 
     @cached_property
-    def _keys(self) -> dict[str, Any]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+    def _keys(self) -> dict[str, object]:
+        return field_values(self)
 
-    def _make(self) -> Any:
+    def _make(self) -> "PerRun":
         return self.one(**self._keys)
 
-    def conflicts(self, scenario: Any) -> dict[str, str]:
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return components that differ from the scenario's."""
         one = self.one
         why = component_mismatch(scenario.model, one.state, one.measured, one.extra_std)
@@ -58,13 +58,16 @@ class LoopFilter(Filter[RunObjects]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
+        # The prior's moments in the order of the filter's own components, in arrays of all runs.
         one, runs = self.one, prior.mean.shape[1]
         order = Order.of(model, one.state, one.measured, one.extra_std)
         n, prior_cov = len(order.first_cov), np.asarray(with_trailing(prior.cov, 1, leading=2))
         mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+        # An object per run, with what it may use set before it starts.
         objects = tuple(self._make() for _ in range(runs))
         for m, run in enumerate(objects):
-            run.model, run.dt, run.rng = model, step_length(model), _LazyGenerator(rng, m)
+            run.model, run.dt = model, step_length(model)
+            run.rng = cast(Generator, _LazyGenerator(rng, m))
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
             run.start(mean[:, m].copy(), cov[..., m].copy())
@@ -74,6 +77,7 @@ class LoopFilter(Filter[RunObjects]):
         """Call every object's step, one after the other."""
         mean, cov, dt = np.empty_like(state.mean), np.empty_like(state.cov), step_length(model, k)
         missing: Mask = np.asarray(np.isnan(z).all(axis=0))
+        # A row per run, which the object may write to.
         measurements = z[state.order.rows].T.copy()
         for m, run in enumerate(state.objects):
             run.k = k
@@ -102,20 +106,14 @@ class LoopFilterWithLikelihood(LoopFilter):
         return np.array([run.log_likelihood() for run in state.objects])
 
 
-def loop_over_runs(one: type[Any]) -> type[LoopFilter]:
+def loop_over_runs(one: "type[PerRun]") -> type[LoopFilter]:
     """Return the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(f.name, f.type, _copy_field(f)) for f in fields(one)]
+    copied = ("__doc__", "__module__", "__qualname__", "requires", "summed_diagnostics", "presets")
+    about: dict[str, object] = {name: getattr(one, name) for name in copied} | {"one": one}
     purity = {"purity": "keeps its state in an object per run"}
-    about = {
-        "one": one,
-        "__doc__": one.__doc__,
-        "__module__": one.__module__,
-        "__qualname__": one.__qualname__,
-        "requires": one.requires,
-        "summed_diagnostics": one.summed_diagnostics,
-        "contract_exemptions": purity | one.contract_exemptions,
-        "presets": one.presets,
-    }
+    about["contract_exemptions"] = purity | one.contract_exemptions
+    # Only a class with the hook has a log score.
     base = LoopFilterWithLikelihood if one.has_likelihood() else LoopFilter
     filter_class = make_dataclass(
         one.__name__, keys, bases=(base,), namespace=about, frozen=True, kw_only=True
@@ -124,28 +122,28 @@ def loop_over_runs(one: type[Any]) -> type[LoopFilter]:
     return filter_class
 
 
-def _copy_field(key: Any) -> Any:
+def _copy_field(key: Field[object]) -> object:
     """Return another field like the key: a field belongs to one class."""
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
 
 
-def _restore(one: Any, keys: dict[str, Any]) -> LoopFilter:
+def _restore(one: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
     return one._loop_filter(**keys)
 
 
 def step_length(model: Model, k: int | None = None) -> float:
     """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
-    motion: Any = model.motion
+    motion = model.motion
     if isinstance(motion, Irregular):
         return float(motion.intervals[0 if k is None else k - motion.first])
     return float(getattr(motion, "T", 1.0))
 
 
-def _moments(returned: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
+def _moments(returned: object, n: int, one: type) -> tuple[Array, Array]:
     """Return the mean (n,) and the covariance (n, n) that a step returned."""
-    method = "step" if "step" in vars(one) or not hasattr(one, "update") else "update"
+    method = "step" if "step" in vars(one) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         what = f"{one.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         raise WrongReturnError(method, what)
@@ -153,15 +151,12 @@ def _moments(returned: Any, n: int, one: type[Any]) -> tuple[Array, Array]:
     for what, value, shape in (("mean", returned[0], (n,)), ("covariance", returned[1], (n, n))):
         array = as_numbers(value, shape)
         if array is None:
-            text = f"the {what} of a run is {_describe(value)}, not {shape} real numbers"
+            size, dtype = getattr(value, "shape", None), getattr(value, "dtype", "")
+            words = f"a {type(value).__name__}" if size is None else f"an array {size} of {dtype}"
+            text = f"the {what} of a run is {words}, not {shape} real numbers"
             raise WrongReturnError(method, text)
         arrays.append(array)
     return arrays[0], arrays[1]
-
-
-def _describe(value: Any) -> str:
-    shape, kind = getattr(value, "shape", None), getattr(value, "dtype", "")
-    return f"a {type(value).__name__}" if shape is None else f"an array {shape} of {kind}"
 
 
 class _LazyGenerator:
@@ -170,12 +165,12 @@ class _LazyGenerator:
     def __init__(self, block: Generator, run: int) -> None:
         self._block, self._run = block, run
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         if name.startswith("__"):  # looked up by copy and pickle
             raise AttributeError(name)
         return getattr(self._generator, name)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_LazyGenerator":
+    def __deepcopy__(self, memo: dict[int, object]) -> "_LazyGenerator":
         other = _LazyGenerator(self._block, self._run)
         if "_generator" in vars(self):
             vars(other)["_generator"] = deepcopy(self._generator, memo)
@@ -216,6 +211,10 @@ class PerRun:
         Number of the step, set before every ``step``.
     """
 
+    _loop_filter: ClassVar[type[LoopFilter]]
+    if TYPE_CHECKING:  # every subclass is a dataclass
+        __dataclass_fields__: ClassVar[dict[str, Field[object]]]
+
     state: ClassVar[tuple[str, ...]] = ()
     """names of the state's components in the filter's order, ``("px", "py", "vx", "vy")``; default:
     the scenario's"""
@@ -226,14 +225,15 @@ class PerRun:
     """components of ``state`` that the scenario lacks: initial standard deviation, about zero"""
     requires: ClassVar[tuple[str, ...]] = ()
     """see `trackbench.filters.base.Filter`, also for the three that follow"""
-    presets: ClassVar[dict[str, dict[str, Any]]] = {}
+    presets: ClassVar[dict[str, dict[str, object]]] = {}
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has a model of its own"}
 
-    def __init_subclass__(cls, *, kind: str | None = None, **others: Any) -> None:
+    def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
-        names = [field.name for field in fields(cast(Any, cls))]
+        names = [field.name for field in fields(cls)]
+        # Mistakes in the class that would surface late, in the middle of a run.
         reserved = [name for name in names if name in _SET_BY_THE_LOOP or hasattr(PerRun, name)]
         if reserved:
             what = f"a key cannot be called {reserved[0]!r}: PerRun has an attribute of that name"

@@ -2,12 +2,13 @@
 
 from copy import copy
 from datetime import datetime, timedelta
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from trackbench.adapters.components import (
     PARTIAL_UNSUPPORTED,
+    Foreign,
     Pair,
     inflate_missing,
     measured_part,
@@ -30,7 +31,7 @@ class StoneSoup(PerRun):
 
     contract_exemptions: ClassVar[dict[str, str]] = {}
 
-    def make(self, transition: Any, measurement: Any) -> tuple[Any, Any]:
+    def make(self, transition: Foreign, measurement: Foreign) -> tuple[Foreign, Foreign]:
         """Return a predictor and an updater.
 
         Parameters
@@ -56,10 +57,12 @@ class StoneSoup(PerRun):
         from trackbench.adapters.stonesoup_models import models
 
         has_own_order = bool(self.state or self.measured)
-        self._measurement: Any
+        self._measurement: Foreign
         transition, self._measurement = (None, None) if has_own_order else models(self)
         self._predictor, self._updater = self.make(transition, self._measurement)
-        self._now: Any = GaussianState(StateVector(mean), CovarianceMatrix(cov), timestamp=_BEGIN)
+        self._now: Foreign = GaussianState(
+            StateVector(mean), CovarianceMatrix(cov), timestamp=_BEGIN
+        )
         self._innovation: Innovation | None = None
 
     def step(self, z: Array | None, dt: float) -> Pair:
@@ -67,9 +70,11 @@ class StoneSoup(PerRun):
         from stonesoup.types.detection import Detection
         from stonesoup.types.hypothesis import SingleHypothesis
 
+        # Step 1: predict to the time of the measurement.
         now, self._innovation = self._now.timestamp + timedelta(seconds=dt), None
         self._now = self._predictor.predict(self._now, timestamp=now)
         if z is not None:
+            # Step 2: update, with no weight on missing components.
             is_measured = np.asarray(z == z)
             sensor = self._updater.measurement_model or self._measurement
             if not is_measured.all():
@@ -79,6 +84,7 @@ class StoneSoup(PerRun):
             if self._measurement is not None:
                 sensor.near = z
             self._now = self._updater.update(SingleHypothesis(self._now, detection))
+            # Step 3: keep the innovation for the NIS and the log score.
             predicted = self._now.hypothesis.measurement_prediction
             nu = np.asarray(detection.state_vector - predicted.state_vector, dtype=float)
             self._innovation = measured_part(nu, predicted.covar, is_measured)
@@ -93,7 +99,7 @@ class StoneSoup(PerRun):
         return np.nan if self._innovation is None else self._innovation.log_likelihood.item()
 
 
-def _without_missing(sensor: Any, is_measured: Mask) -> Any:
+def _without_missing(sensor: Foreign, is_measured: Mask) -> Foreign:
     """Return a copy of the measurement model that gives the missing components no weight."""
     from stonesoup.types.array import CovarianceMatrix
 

@@ -1,7 +1,5 @@
 """Motion and sensor of a scenario as Stone Soup models; importing this imports Stone Soup."""
 
-from typing import Any
-
 import numpy as np
 from stonesoup.base import Property
 from stonesoup.models.base import GaussianModel
@@ -11,24 +9,26 @@ from stonesoup.models.transition import TransitionModel
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
 from stonesoup.types.array import CovarianceMatrix, StateVectors
 
+from trackbench.adapters.components import Foreign
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array
 
 
-def models(one: PerRun) -> tuple[Any, Any]:
+def models(one: PerRun) -> tuple[Foreign, Foreign]:
     """Return the assumed motion and sensor of a filter of one run as Stone Soup models.
 
     A linear motion becomes a time-invariant linear model, a linear sensor a ``LinearGaussian``. The
     other models call trackbench's.
     """
-    motion: Any = one.model.motion
-    sensor: Any = one.model.sensor
+    motion: Foreign = one.model.motion
+    sensor: Foreign = one.model.sensor
     x = np.zeros((len(motion.components), 1))
+    # A covariance with an axis of states depends on the state.
     R = np.asarray(sensor.measurement(x + 1.0, 0).cov)
     if R.ndim != 2:
         raise ValueError("the sensor's noise depends on the state: write Stone Soup's own model")
     noise, size = CovarianceMatrix(R.copy()), len(x)
-    transition: Any = MotionModel(of=one)
+    transition: Foreign = MotionModel(of=one)
     if hasattr(motion, "F"):
         transition = LinearGaussianTimeInvariantTransitionModel(
             transition_matrix=motion.F.copy(), covariance_matrix=CovarianceMatrix(motion.Q.copy())
@@ -40,68 +40,69 @@ def models(one: PerRun) -> tuple[Any, Any]:
     return transition, SensorModel(ndim_state=size, mapping=every, noise_covar=noise, of=one)
 
 
-def _columns(state: Any) -> Array:
+def _columns(state: Foreign) -> Array:
     return np.asarray(state.state_vector, dtype=float)
 
 
 class LinearSensor(LinearGaussian):
     """A linear sensor, which ignores ``near``."""
 
-    near: Any = None
+    near: Foreign = None
 
 
 class SensorModel(NonLinearGaussianMeasurement):
-    """Any sensor of trackbench; predicted angles lie within half a turn of ``near``, for averages."""
+    """Sensor of trackbench; predicted angles lie within half a turn of ``near``, for averages."""
 
-    of: Any = Property()
-    near: Any = None
+    of: Foreign = Property()
+    near: Foreign = None
 
     @property
     def ndim_meas(self) -> int:
         """Number of components of the measurement."""
         return len(self.of.model.sensor.components)
 
-    def function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
+    def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
         """Return the measurement without noise, of one state or of several side by side."""
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")
         sensor, x = self.of.model.sensor, _columns(state)
         predicted = sensor.measurement(x, self.of.k).mean
         if self.near is not None:
+            # z_pred = near - (near - z_pred), the difference with wrapped angles.
             near = np.repeat(self.near[:, None], x.shape[1], axis=1)
             predicted = near - sensor.innovation(near, predicted)
         return StateVectors(predicted)
 
-    def jacobian(self, state: Any, **kwargs: Any) -> Any:
+    def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
         """Return the sensor's Jacobian."""
         H = self.of.model.sensor.jacobian(_columns(state)[:, :1], self.of.k)
         return np.asarray(H).reshape(self.ndim_meas, -1)
 
 
 class MotionModel(GaussianModel, TransitionModel):
-    """Any motion with additive noise, from step k - 1 to step k."""
+    """Motion with additive noise, from step k - 1 to step k."""
 
-    of: Any = Property()
+    of: Foreign = Property()
 
     @property
     def ndim_state(self) -> int:
         """Number of components of the state."""
         return len(self.of.model.motion.components)
 
-    def function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
+    def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
         """Return the next state without noise, of one state or of several side by side."""
         return StateVectors(self.of.model.motion.transition(_columns(state), self.of.k).mean)
 
-    def jacobian(self, state: Any, **kwargs: Any) -> Any:
+    def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
         """Return the motion's Jacobian."""
         F = self.of.model.motion.jacobian(_columns(state)[:, :1], self.of.k)
         return np.asarray(F).reshape(self.ndim_state, -1)
 
-    def matrix(self, **kwargs: Any) -> Any:
+    def matrix(self, **kwargs: object) -> Foreign:
         """Return F of the current step, of a linear motion whose steps differ."""
         return self.jacobian(self.of._now)
 
-    def covar(self, **kwargs: Any) -> Any:
+    def covar(self, **kwargs: object) -> Foreign:
         """Return the covariance of the noise at the last state's mean."""
         x = _columns(self.of._now)
         Q = np.asarray(self.of.model.motion.transition(x, self.of.k).cov)

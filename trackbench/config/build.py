@@ -1,7 +1,7 @@
 """Build dataclasses and registered components from mappings; report every mistake with its position."""
 
 import json
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -15,7 +15,14 @@ from pydantic_core import ErrorDetails
 from trackbench.config.includes import deep_merge
 from trackbench.errors import Mark, Problem
 from trackbench.extension_points import Part
-from trackbench.field_types import IS_FILE, ONE_LINE, DataError, InvalidKeyError, part_group
+from trackbench.field_types import (
+    IS_FILE,
+    ONE_LINE,
+    DataError,
+    InvalidKeyError,
+    annotations_of,
+    part_group,
+)
 from trackbench.models.assumed_sensor import Assume
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -42,7 +49,7 @@ _LIMITS = {
     "less_than_equal": ("greater than", "le"),
     "less_than": ("not less than", "lt"),
 }
-"""What is said of a number beyond a limit, and the limit's name."""
+"""Words for a number beyond a limit, and the name of the limit."""
 
 
 def _cached(function: F) -> F:
@@ -50,19 +57,13 @@ def _cached(function: F) -> F:
     return cast(F, cache(function))
 
 
-def adapter(cls: type[T]) -> TypeAdapter[T]:
-    """Return the strict validator of a dataclass: unknown keys are mistakes."""
-    return cast(TypeAdapter[T], _adapter(cls, described=False))
-
-
-def described(cls: type) -> TypeAdapter[object]:
-    """Return the validator with attribute docstrings for its JSON schema, which takes time."""
-    return _adapter(cls, described=True)
-
-
 @_cached
-def _adapter(cls: type, described: bool) -> TypeAdapter[object]:
-    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=described), set())
+def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
+    """Return the strict validator of a dataclass: unknown keys are mistakes.
+
+    ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
+    """
+    _configure(cls, ConfigDict(extra="forbid", use_attribute_docstrings=documented), set())
     return TypeAdapter(cls)
 
 
@@ -70,13 +71,13 @@ def help_texts(cls: type) -> dict[str, str]:
     """Return the meaning of each key: the docstring under the field, in the class or a base."""
     texts: dict[str, str] = {}
     for base in filter(is_dataclass, reversed(cls.__mro__)):
-        keys = described(base).json_schema().get("properties", {})
+        keys = adapter(base, documented=True).json_schema().get("properties", {})
         texts |= {k: v["description"] for k, v in keys.items() if "description" in v}
     return texts
 
 
 @_cached
-def hints_of(cls: type) -> dict[str, Any]:
+def hints_of(cls: type) -> dict[str, object]:
     """Return the types of a dataclass's keys, with what they are annotated with."""
     return get_type_hints(cls, include_extras=True)
 
@@ -87,7 +88,7 @@ def file_keys(cls: type) -> frozenset[str]:
 
     def is_file(hint: object) -> bool:
         options = (hint, *get_args(hint))
-        return any(IS_FILE in getattr(option, "__metadata__", ()) for option in options)
+        return any(IS_FILE in annotations_of(option) for option in options)
 
     return frozenset(name for name, hint in hints_of(cls).items() if is_file(hint))
 
@@ -169,11 +170,12 @@ def _problems(
     error = ctx.get("error")
     if isinstance(error, DataError):
         return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
-    # The validator's location names options of unions, too, which are no keys of the config.
+    # Step 1: where. The validator's location also names options of unions, which are no keys.
     where = keys
     for step in item["loc"] + (error.path if isinstance(error, InvalidKeyError) else ()):
         if source.has((*where, step)):
             where = (*where, step)
+    # Step 2: a key that the dataclass lacks, or that the mapping lacks.
     if kind in ("unexpected_keyword_argument", "extra_forbidden"):
         inner = _dataclass_at(cls, where[len(keys) : -1])
         known = [f.name for f in fields(inner)] if inner is not None else []
@@ -189,10 +191,11 @@ def _problems(
     if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*keys, *item["loc"]))
         return [Problem(source.key_mark(where), path, "this key is required")]
+    # Step 3: any other mistake is one in the value.
     return [source.problem(where, _describe(kind, ctx, value, item["msg"]))]
 
 
-def _dataclass_at(cls: Any, path: Keys) -> Any:
+def _dataclass_at(cls: type, path: Keys) -> type[Any] | None:
     """Return the dataclass of a mapping within one of ``cls``, if it is unique."""
     for key in path:
         if isinstance(key, int):
@@ -211,7 +214,7 @@ def dataclasses_in(hint: object) -> list[type[Any]]:
     return [cls for option in get_args(hint) for cls in dataclasses_in(option)]
 
 
-def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> str:
+def _describe(kind: str, ctx: Mapping[str, object], value: object, message: str) -> str:
     """Return in words what the validator found wrong with a value."""
     shown = _show(value)
     if kind == "value_error":
@@ -226,17 +229,21 @@ def _describe(kind: str, ctx: dict[str, Any], value: object, message: str) -> st
         words, limit = _LIMITS[kind]
         return f"{shown} is {words} {_show(ctx[limit])}"
     if kind == "literal_error":
-        return f"{shown} is not one of {ctx['expected'].replace(chr(39), '')}"
+        return f"{shown} is not one of {_unquoted(ctx['expected'])}"
     if kind == "union_tag_invalid":
-        return f"{ctx['tag']!r} is not one of {ctx['expected_tags'].replace(chr(39), '')}"
+        return f"{ctx['tag']!r} is not one of {_unquoted(ctx['expected_tags'])}"
     if kind == "union_tag_not_found":
-        return f"needs a {ctx['discriminator'].strip(chr(39))}"
+        return f"needs a {_unquoted(ctx['discriminator'])}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == ONE_LINE:
         return formula(str(value)) or f"{shown} is not one line of visible characters"
     if kind == "string_pattern_mismatch":
         return f"{shown} must start with a letter or digit and hold only letters, digits, . _ -"
     name = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
     return f"{shown} is not {_TYPES[name]}" if name in _TYPES else message.lower()
+
+
+def _unquoted(words: object) -> str:
+    return str(words).replace("'", "")
 
 
 def _show(value: object) -> str:
@@ -256,6 +263,7 @@ _REPLACED_KINDS = {
 
 def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     """Return the registered dataclass that the mapping at ``keys`` asks for by its ``kind``."""
+    # Step 1: find the class.
     data = source.at(keys)
     if not isinstance(data, dict) or "kind" not in data:
         needs = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
@@ -269,6 +277,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
         what = _REPLACED_KINDS.get((group, kind), what) if isinstance(kind, str) else what
         source.add_problem((*keys, "kind"), what)
         return None
+    # Step 2: complete the keys by the preset, and build.
     values = _with_preset(cls, source, keys)
     _make_paths_absolute(cls, source, keys, values)
     also = ["preset"] if cls.presets else []
@@ -295,6 +304,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 def _build_with_parts(
     cls: type[T], data: dict[str, object], source: Source, keys: Keys, also: Sequence[str] = ()
 ) -> T | None:
+    # Build the components within first; numbers stand for them while the validator reads the rest.
     inner = _InnerParts(source, [])
     numbered = inner.numbered(cls, data, keys)
     try:
@@ -320,7 +330,7 @@ class _InnerParts(NamedTuple):
             out[key] = self._value(hints[key], data[key], (*keys, key))
         return out
 
-    def _value(self, hint: object, value: object, keys: Keys) -> Any:
+    def _value(self, hint: object, value: object, keys: Keys) -> object:
         group = part_group(hint)
         if group is not None and not (value is None and _may_be(hint, type(None))):
             return self._number(cast(Group, group), hint, value, keys)
@@ -339,7 +349,7 @@ class _InnerParts(NamedTuple):
             self.parts.append(self._part(group, keys))
         return len(self.parts) - 1
 
-    def _part(self, group: Group, keys: Keys) -> Any:
+    def _part(self, group: Group, keys: Keys) -> object:
         """Return the part at ``keys``; a word is a kind without keys of its own."""
         value = self.source.at(keys)
         if isinstance(value, str):

@@ -1,9 +1,9 @@
 """Checks between the components of an experiment; every mistake is added to ``problems``."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from itertools import repeat
-from typing import Any, cast
+from typing import cast
 
 from trackbench.config.build import unknown
 from trackbench.config.experiment import (
@@ -17,7 +17,7 @@ from trackbench.config.experiment import (
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import walk_parts
+from trackbench.extension_points import field_values, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import position_velocity_names
@@ -148,6 +148,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
 
 def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
     """Return whether a key has its default, or what a preset gives it."""
+    # Step down the path, in the filter and in each of its presets.
     part: object = tracker
     usual = list(tracker.presets.values())
     for name in path[:-1]:
@@ -161,10 +162,7 @@ def _is_usual(tracker: AnyFilter, path: list[str]) -> bool:
 
 def check_bound(source: Source, scenario: Scenario) -> None:
     """Check that a requested lower bound exists."""
-    if source.data.get("bound") is None:
-        return
-    why = scenario.why_no_bound
-    if why is not None:
+    if source.data.get("bound") is not None and (why := scenario.why_no_bound) is not None:
         what = f"scenario {scenario.kind} has no lower bounds" + (f": {why}" if why else "")
         source.add_problem(("bound",), what)
 
@@ -202,39 +200,30 @@ def check_named_filters(
     for name, part in parts.items():
         named: list[tuple[Keys, str]] = []
         for key in ("filters", *part.label_keys):
-            named += _labels(getattr(part, key), (group, name, key))
-        for field in fields(part):
-            named += _compared(getattr(part, field.name), (group, name, field.name))
+            leaves = _leaves(getattr(part, key), (group, name, key))
+            named += [(where, leaf) for where, leaf in leaves if isinstance(leaf, str)]
+        for key, value in field_values(part).items():
+            for where, leaf in _leaves(value, (group, name, key)):
+                if isinstance(leaf, Measure) and leaf.other:
+                    named.append((where, leaf.other))
         for where, label in named:
             if label not in (*settings.filters, settings.bound):
                 add_label_problem(source, settings, where, label)
 
 
-def _compared(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """Yield the filter beside which each measure in what a key holds stands, and the measure's place."""
-    if isinstance(value, Measure):
-        if value.other:
-            yield where, value.other
-    elif isinstance(value, dict | tuple):
-        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from _compared(part, (*where, key))
-
-
-def _labels(value: object, where: Keys) -> Iterator[tuple[Keys, str]]:
-    """Yield every label in what a key holds, and where it stands."""
-    if isinstance(value, str):
-        yield where, value
-        return
-    inner: Iterable[tuple[str | int, Any]]
+def _leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
+    """Yield every label and measure in what a key holds, and where it stands."""
+    inner: dict[str | int, object] = {}
     if isinstance(value, dict):
-        inner = value.items()
-    elif isinstance(value, tuple):
-        inner = enumerate(value)
+        inner = value
+    elif isinstance(value, tuple) and not isinstance(value, Measure):
+        inner = dict(enumerate(value))
+    elif isinstance(value, Labelled):
+        inner = {key: getattr(value, key) for key in value.label_keys}
     else:
-        keys = value.label_keys if isinstance(value, Labelled) else ()
-        inner = ((key, getattr(value, key)) for key in keys)
-    for key, part in inner:
-        yield from _labels(part, (*where, key))
+        yield where, value
+    for key, part in inner.items():
+        yield from _leaves(part, (*where, key))
 
 
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:

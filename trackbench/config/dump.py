@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import yaml
 
@@ -14,12 +14,15 @@ from trackbench.config.grid import single_paths
 from trackbench.config.includes import split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part
+from trackbench.extension_points import Part, field_values
 from trackbench.models.assumed_sensor import Assume
 from trackbench.yaml_source import Keys, scalar
 
+PlainData: TypeAlias = dict[str, Any]
+"""A config, or a part of one, as a file has it."""
 
-def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
+
+def resolved(experiment: Experiment, folder: Path) -> PlainData:
     """Return the config as plain data with every default; a grid keeps its list of values.
 
     If the grid or tuning varies a component's kind or preset, defaults differ from point to point, and
@@ -37,6 +40,7 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
         full = as_config(part, relative)
         return _only_set(full, experiment.source.at(keys)) if keys in without_defaults else full
 
+    # Step 1: files and scenario.
     out["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
     # A results folder holds copies of the files under these names, so that it stands alone.
     out["published"] = [f"published/{name}" for name in experiment.published.files]
@@ -45,16 +49,18 @@ def resolved(experiment: Experiment, folder: Path) -> dict[str, Any]:
     if changes is not None and experiment.training is not None:
         whole = as_config(experiment.training.scenario, relative)
         out["tuning"]["scenario"] = _only_set(whole, changes)
+    # Step 2: filters, tables and figures.
     every = first.filters | experiment.left_out
     filters = {label: every[label] for label in experiment.settings.filters}
-    groups = cast("dict[str, dict[str, Any]]", {"filters": filters} | experiment.parts)
+    groups = cast("dict[str, PlainData]", {"filters": filters} | experiment.parts)
     for group, built in groups.items():
         out[group] = {name: written(part, (group, name)) for name, part in built.items()}
     if out["key_figure"] not in out["figures"]:  # a sweep has figures of its own
         out["key_figure"] = None
+    # Step 3: filter models.
     for label, assume in first.assumed.items():
         keys = ("filters", label, "assume")
-        assumed = {k: v for k, v in as_config(assume, relative).items() if v is not None}
+        assumed: object = {k: v for k, v in as_config(assume, relative).items() if v is not None}
         if keys[:2] in without_defaults:
             assumed = _only_set(assumed, experiment.source.at(keys))
         out["filters"][label]["assume"] = assumed
@@ -72,7 +78,7 @@ def _with_varied_defaults(experiment: Experiment) -> set[Keys]:
     return {keys[:1] if keys[0] == "scenario" else keys[:2] for keys in varied}
 
 
-def _only_set(full: object, config: object) -> Any:
+def _only_set(full: object, config: object) -> object:
     """Return ``full`` with only the keys that the config sets."""
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _only_set(full.get(key, value), value) for key, value in config.items()}
@@ -105,10 +111,10 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> dict[str, Any]:
+def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
     """Return a registered dataclass as the mapping that makes it; ``shown`` is how paths are written."""
     files = file_keys(type(part))
-    out: dict[str, Any] = {"kind": part.kind} if isinstance(part, Part) else {}
+    out: PlainData = {"kind": part.kind} if isinstance(part, Part) else {}
     for key in (field for field in fields(part) if field.init):
         value = getattr(part, key.name)
         if key.name in files and value is not None:
@@ -117,11 +123,11 @@ def as_config(part: Part | Assume, shown: Callable[[str], str] = str) -> dict[st
     return out
 
 
-def _plain(value: object, shown: Callable[[str], str]) -> Any:
+def _plain(value: object, shown: Callable[[str], str]) -> object:
     if is_dataclass(value) and not isinstance(value, type):
         if isinstance(value, Part):
             return as_config(value, shown)
-        value = {field.name: getattr(value, field.name) for field in fields(value)}
+        value = field_values(value)
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):

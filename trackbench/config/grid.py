@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from trackbench.config.checks import add_label_problem
 from trackbench.config.experiment import Settings
@@ -26,11 +26,12 @@ def single_paths(path: str) -> list[str]:
     return path.split(" & ")
 
 
-def values_of(path: str, value: Any) -> list[object]:
+def values_of(path: str, value: object) -> list[object]:
     """Return the value of each path: a common value, or each its own from a list."""
     paths = single_paths(path)
-    each = len(paths) > 1 and isinstance(value, list) and len(value) == len(paths)
-    return value if each else [value] * len(paths)
+    if len(paths) > 1 and isinstance(value, list) and len(value) == len(paths):
+        return value
+    return [value] * len(paths)
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
@@ -51,17 +52,28 @@ def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
     """Return paths that vary filters by themselves, together where they have a filter in common."""
+    # Each group: its filters, and the paths that vary them.
     groups: list[tuple[set[str], list[str]]] = []
     for path in grid:
         varied = set(filters_of(path, labels))
         if is_of_scenario(path) or reference in varied:
             continue
+        # A path of filters in several groups joins these groups.
         joined, paths = varied, [path]
         for group in [group for group in groups if group[0] & varied]:
             groups.remove(group)
             joined, paths = joined | group[0], [*group[1], *paths]
         groups.append((joined, paths))
     return [paths for _, paths in groups]
+
+
+def _varied_together(
+    grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
+) -> list[set[str]]:
+    """Return the paths varied by each filter group; those that all filters depend on are in each."""
+    apart = [] if every else independent_filter_paths(grid, labels, reference)
+    independent = {path for paths in apart for path in paths}
+    return [(grid.keys() - independent) | {*paths} for paths in apart or [[]]]
 
 
 def combinations(
@@ -74,13 +86,8 @@ def combinations(
 
     While one group is varied, the others keep their first values.
     """
-    if every:
-        return list(product(*(range(len(values)) for values in grid.values())))
-    apart = independent_filter_paths(grid, labels, reference)
-    independent = {path for paths in apart for path in paths}
     points: set[Places] = set()
-    for paths in apart or [[]]:
-        varied = {path for path in grid if path not in independent or path in paths}
+    for varied in _varied_together(grid, labels, reference, every):
         points |= set(product(*(range(len(v) if p in varied else 1) for p, v in grid.items())))
     return sorted(points)
 
@@ -92,13 +99,13 @@ def number_of_points(
     every: bool,
 ) -> int:
     """Return the number of points in `combinations`."""
-    if every:
-        return prod(len(values) for values in grid.values())
-    apart = independent_filter_paths(grid, labels, reference)
-    alone = [prod(len(grid[path]) for path in paths) for paths in apart]
-    independent = {path for paths in apart for path in paths}
-    together = prod(len(values) for path, values in grid.items() if path not in independent)
-    return together * (1 + sum(n - 1 for n in alone))
+    groups = _varied_together(grid, labels, reference, every)
+    *sizes, shared = (
+        prod(len(grid[path]) for path in paths)
+        for paths in (*groups, set[str].intersection(*groups))
+    )
+    # Points at which every filter has its first values are in all groups, and count once.
+    return sum(sizes) - (len(groups) - 1) * shared
 
 
 _MOST_POINTS = 10_000
@@ -187,6 +194,7 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
             what = f"{text!r}: a range is a..b:n or log:a..b:n"
             raise UserError(Problem(mark, "", what))
         return [scalar(part.strip()) for part in text.split(",")]
+    # a..b:n, or log:a..b:n
     log, first, last, number = match.groups()
     if not 1 <= int(number) <= _MOST_VALUES:
         raise UserError(Problem(mark, "", f"{number} values: write 1 to {_MOST_VALUES}"))
@@ -196,6 +204,7 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
     low, high = float(first), float(last)
     spaced = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
     values = [float(f"{value:.12g}") for value in spaced]  # 0.3, not 0.30000000000000004
+    # Between whole ends, values that are whole but for rounding are whole numbers.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):
         whole = [round(v) for v in values]
         if all(abs(v - w) < 1e-9 * max(1.0, abs(v)) for v, w in zip(values, whole, strict=True)):

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.field_types import require_regular_file
@@ -30,6 +29,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
     A part that cannot be read becomes an empty mapping; why is returned under its path.
     """
+    # Step 1: where a component may stand.
     places: list[Keys] = [("scenario",)] if "scenario" in source.data else []
     tuning = source.data.get("tuning")
     if isinstance(tuning, dict) and tuning.get("scenario") is not None:
@@ -37,6 +37,7 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     for group in _PARTS:
         if isinstance(source.data.get(group), dict):
             places += [(group, label) for label in source.data[group]]
+    # Step 2: replace each by its file, then those within it.
     unread: dict[str, list[Problem]] = {}
     for keys in places:
         try:
@@ -76,7 +77,7 @@ def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
     put(node, keys[-1], marked(value, mark), mark, mark)
 
 
-def assignment(source: Source, text: str) -> tuple[Keys, Any, Mark]:
+def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
     """Return ``PATH=VALUE`` as keys, value and a mark; a label in the path may have an ``=`` itself.
 
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
@@ -97,14 +98,14 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
     places = [i for i, c in enumerate(text) if c == "=" and i > 0]
     if not places or unprintable_reason(text):
         raise UserError(Problem(mark, "", unprintable_reason(text) or "write PATH=VALUE"))
-    best: tuple[int, Keys, str] | None = None
-    for i in places:
-        keys = split_path(source, text[:i])
-        known = sum(source.has(keys[:depth]) for depth in range(1, len(keys) + 1))
-        if best is None or known > best[0]:
-            best = known, keys, text[i + 1 :]
-    assert best is not None
-    return best[1], best[2], mark
+
+    def depth(keys: Keys) -> int:
+        return sum(source.has(keys[:n]) for n in range(1, len(keys) + 1))
+
+    # Of several "=", the one whose left side leads deepest into the config.
+    splits = [(split_path(source, text[:i]), text[i + 1 :]) for i in places]
+    keys, value = max(splits, key=lambda split: depth(split[0]))
+    return keys, value, mark
 
 
 def split_path(source: Source, path: str) -> Keys:
@@ -131,6 +132,7 @@ def split_path(source: Source, path: str) -> Keys:
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path."""
+    # Step 1: the path, and the keys beside `use`.
     parent = source.at(keys[:-1])
     name, changes = parent[keys[-1]], MarkedMapping()
     mark = source.mark(keys)
@@ -145,6 +147,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         raise UserError(Problem(mark, dotted(keys), "is neither a mapping nor a path"))
     if depth > _DEEPEST:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
+    # Step 2: read the file, and lay the keys over its mapping.
     path = folder / name
     try:
         require_regular_file(path)

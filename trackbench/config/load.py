@@ -72,14 +72,14 @@ def load(
     grid: Sequence[str] = (),
     product: bool = False,
     allow_plugins: bool = False,
-    found: Mapping[str, Chosen] | None = None,
+    tuned_values: Mapping[str, Chosen] | None = None,
 ) -> Experiment:
     """Read and validate an experiment; raises UserError with every mistake found.
 
     Paths in a file count from it, those in a mapping from the working folder.
     ``grid`` are assignments of several values (``filters.HDEPF.F=0.5,0.9``) that add to the file's, and
     ``product`` whether every combination of them is a point where the file has no grid;
-    ``found`` are the values that tuning gave the keys of filters, by label.
+    ``tuned_values`` are those that tuning gave the keys of filters, by label.
     """
     if isinstance(config, Mapping):
         source, home = from_mapping(config), Path()
@@ -87,6 +87,7 @@ def load(
         source, home = read(config), config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
+    # Step 1: put the config together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
     for text in overrides:
         override(source, *assignment(source, text))
@@ -98,7 +99,8 @@ def load(
     for axis in grid:
         add_axis(source, axis)
     _set_only(source, only)
-    add_tuned(source, found or {})
+    add_tuned(source, tuned_values or {})
+    # Step 2: run the plugins' code, so that their kinds are known, and validate.
     plugins = load_plugins(source, home, allow_plugins)
     try:
         experiment = _validate_with_plugin_errors(source, home, plugins)
@@ -278,16 +280,12 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     if "tables" not in source.data:
         override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)
     if "figures" not in source.data:
-        override(source, ("figures",), _default_figures(points[0]), mark)
-
-
-def _default_figures(point: Point) -> dict[str, object]:
-    figures: dict[str, object] = {
-        "nis": {"kind": "nis"},
-        "whiteness": {"kind": "autocorrelation"},
-        "estimates": {"kind": "estimates"},
-    }
-    if point.scenario.components[:4] == position_velocity_names(2):
-        del figures["estimates"]
-        figures["track"] = {"kind": "track", "filters": list(point.filters)[:4]}
-    return figures
+        figures: dict[str, object] = {
+            "nis": {"kind": "nis"},
+            "whiteness": {"kind": "autocorrelation"},
+        }
+        if points[0].scenario.components[:4] == position_velocity_names(2):
+            figures["track"] = {"kind": "track", "filters": list(points[0].filters)[:4]}
+        else:
+            figures["estimates"] = {"kind": "estimates"}
+        override(source, ("figures",), figures, mark)

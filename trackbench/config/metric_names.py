@@ -16,7 +16,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.evaluation.statistics import STATISTICS
-from trackbench.extension_points import is_foreign
+from trackbench.extension_points import field_values, is_foreign
 from trackbench.filters.base import (
     AnyFilter,
     declares_diagnostics,
@@ -45,26 +45,19 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     return None if names is None else frozenset({"lost", *(measured(n).base for n in names)})
 
 
-def max_metrics_per_run(
-    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter
+def max_metrics(
+    settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter, file: str
 ) -> int:
-    """Return an upper bound of a filter's metrics in per_run.csv, without asking for diagnostics."""
-    stored = stored_metrics(settings, "per_run.csv")
+    """Return an upper bound of a filter's metrics per run, or per step, without running it.
+
+    ``file`` is per_run.csv, where every metric has a value per window, or per_step.csv.
+    """
+    stored = stored_metrics(settings, file)
+    windows = len(scenario.windows) if file == "per_run.csv" else 1
     if stored is not None:
-        return len(stored) * len(scenario.windows)
-    series = number_of_series(settings, scenario, label, tracker)
-    return series * len(scenario.windows) + _MOST_OF_RUNS
-
-
-def number_per_step(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
-    """Bound from above how many metrics of a filter per_step.csv holds at each step."""
-    stored = stored_metrics(settings, "per_step.csv")
-    return number_of_series(settings, scenario, label, tracker) if stored is None else len(stored)
-
-
-def number_of_series(settings: Settings, scenario: Scenario, label: str, tracker: AnyFilter) -> int:
-    """Bound from above how many series a filter has."""
-    return len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
+        return len(stored) * windows
+    series = len(set(_series(settings, scenario, label, tracker))) + _MOST_DIAGNOSTICS
+    return series * windows + (_MOST_OF_RUNS if file == "per_run.csv" else 0)
 
 
 @dataclass
@@ -93,11 +86,9 @@ class Names:
 
     def of(self, role: str) -> set[str]:
         """Return the names that a key of this role may use."""
-        if role == "base":
-            return self.bases
-        if role == "summary":
-            return self.summary | self.filter_numbers
         return {
+            "base": self.bases,
+            "summary": self.summary | self.filter_numbers,
             "series": self.series,
             "per_run": self.per_run,
             "per_step": self.per_step,
@@ -109,6 +100,7 @@ class Names:
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
         """Add the names that a filter's series give."""
+        # Step 1: names of whole runs, from the scenario's metrics of series of zeros.
         self.series |= series
         nothing = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
@@ -118,6 +110,7 @@ class Names:
         if names in self._added:  # as at another point of a sweep
             return
         self._added.add(names)
+        # Step 2: the metrics of each series, per run in each window and per step.
         per_run = set(of_scenario)
         for one in series:
             for metric, name in metrics_of(one, counts):
@@ -136,6 +129,7 @@ class Names:
             if one.startswith("autocovariance_"):
                 correlation = one.replace("covariance", "correlation")
                 per_run.update(correlation + window for window in windows)
+        # Step 3: the rows of summary.csv, statistics over the runs.
         self.per_run |= {"lost", *per_run}
         self.per_step |= {f"median({name})" for name in settings.medians if name in series}
         self.summary |= frozenset().union(*map(_summary_names, per_run))
@@ -165,6 +159,7 @@ def names_of(
     ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
     """
     names = Names(has_truth=all(p.scenario.has_truth for p in points))
+    # Step 1: the series of every filter, at the first point of each scenario and at the last.
     first = {point.scenario: point for point in reversed(points)}
     for point in {id(p): p for p in (*first.values(), points[-1])}.values():
         names.windows |= set(point.scenario.windows)
@@ -181,6 +176,7 @@ def names_of(
             series_by_counts.setdefault(counts, set()).update(series)
         for counts, every in series_by_counts.items():
             names.add(settings, point.scenario, counts, frozenset(every))
+    # Step 2: keys that are numbers, which may differ from point to point.
     for point in points:
         for label, tracker in (point.filters | left_out).items():
             names.filter_numbers |= _numbers(tracker) if tracker is not None else set()
@@ -196,8 +192,7 @@ def _kind(settings: Settings, label: str) -> type:
 
 def _numbers(tracker: AnyFilter) -> set[str]:
     """Return the keys of a filter that are numbers."""
-    values = {key.name: getattr(tracker, key.name) for key in fields(tracker)}
-    return {key for key, value in values.items() if type(value) in (int, float)}
+    return {key for key, x in field_values(tracker).items() if type(x) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
@@ -231,6 +226,7 @@ def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[s
         raise ValueError("mistaken")
     if declares_diagnostics(type(tracker)):
         return set(tracker.diagnostic_names)
+    # Undeclared: simulate one run, and make its first step.
     data = simulate(scenario, settings.seed, 0, 1)
     model, rng = scenario.model, block_stream(settings.seed, 0)
     if "N" in _numbers(tracker):  # the memory that all particles need is still unknown

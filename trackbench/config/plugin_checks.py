@@ -32,7 +32,11 @@ def load_plugins(source: Source, folder: Path, allowed: bool) -> tuple[Plugin, .
     for i, name in enumerate(names):
         where = ("plugins", i)
         try:
-            plugins.append(_loaded(folder, name, allowed))
+            if not isinstance(name, str) or not name.endswith(".py"):
+                raise PluginError(f"{name!r} is not the path of a Python file")
+            if not allowed:
+                raise PluginError(f"the code in {name} is run only with --allow-plugins")
+            plugins.append(load_file(folder / name))
         except PluginError as why:
             problems += [source.problem(where, what) for what in why.args]
     if problems:
@@ -53,17 +57,14 @@ def _check_apart(plugins: list[Plugin], source: Source) -> None:
                 raise UserError(source.problem(where, what))
 
 
-def _loaded(folder: Path, name: object, allowed: bool) -> Plugin:
-    if not isinstance(name, str) or not name.endswith(".py"):
-        raise PluginError(f"{name!r} is not the path of a Python file")
-    if not allowed:
-        raise PluginError(f"the code in {name} is run only with --allow-plugins")
+def load_file(path: Path) -> Plugin:
+    """Load a plugin and check its kinds; raises PluginError."""
     kinds("filters"), kinds("scenarios")  # first, so that a plugin cannot take their names
     try:
-        plugin = read_plugin(folder / name)
+        plugin = read_plugin(path)
         load_plugin(plugin, check_kind)
     except OSError as error:
-        raise PluginError(f"{folder / name}: {reason(error)}") from None
+        raise PluginError(f"{path}: {reason(error)}") from None
     return plugin
 
 
@@ -88,6 +89,7 @@ def _mistakes(cls: type[Part]) -> Iterator[str]:
             yield "counts is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
         yield from _mistakes_of_exhibit(cast(type[Exhibit], cls))
+    # Keys: defaults and types that a YAML can hold.
     for field in fields(cls):
         default = _default(field)
         if field.init and not _is_plain(default):
@@ -104,8 +106,10 @@ def _mistakes_of_exhibit(cls: type[Exhibit]) -> Iterator[str]:
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"
     known = {field.name for field in fields(cls)}
-    for name in ("label_keys", "numbers"):
-        keys = getattr(cls, name, ())
+    key_lists = {"label_keys": cls.label_keys}
+    if issubclass(cls, DrawnExhibit):
+        key_lists["numbers"] = cls.numbers
+    for name, keys in key_lists.items():
         if not isinstance(keys, tuple) or not set(keys) <= known:
             yield f"{name} is {keys!r}, not a tuple of keys"
 

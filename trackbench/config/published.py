@@ -23,7 +23,6 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import FORMULA, Count, Finite, Natural, NonNegative, Positive
 from trackbench.yaml_source import (
     MarkedMapping,
-    Scalar,
     Source,
     formula,
     scalar,
@@ -198,6 +197,7 @@ def read_published(
     leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
     or for one of ``also``, and rows for others must not look misspelt.
     """
+    # Step 1: the rows of every file.
     published, problems, known = Published(), [], _Known(experiment, labels, points, {})
     for path in paths:
         try:
@@ -212,6 +212,7 @@ def read_published(
             problems.append(Problem(Mark(path), "", f"there are two files named {name}"))
         published.files[name] = text
         problems += _read(str(folder / path), text, known, published)
+    # Step 2: names of other experiments, and a config without any row.
     # A run's own folder holds a copy of files that were checked among their neighbors.
     if labels is not None and not (folder / "manifest.json").is_file():
         problems += _misspelt(known, [folder, *((folder / path).parent for path in paths)])
@@ -305,9 +306,8 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
 
     Empty cells are left out, numbers are read as in YAML.
     """
-    start = Mark(name, line, 1)
     row = MarkedMapping()
-    source = Source(row, start)
+    source = Source(row, Mark(name, line, 1))
     if len(cells) != len(header):
         source.add_problem((), f"{len(cells)} cells under {len(header)} headings")
     words = {f.name for f in fields(cls) if f.type in (str, "str")}
@@ -318,34 +318,32 @@ def _source(name: str, line: int, cls: type, header: list[str], cells: list[str]
         cell = written.strip()
         if cell != "" or key in words & required:
             is_word = key in words
-            row[key] = cell if is_word else _number_or_word(cell)
+            value = scalar(cell)
+            row[key] = cell if is_word or type(value) not in (int, float) else value
             row.marks[key] = row.key_marks[key] = Mark(name, line, column)
             what = None if is_printable else unprintable_reason(cell)
             if is_word and cell[:1] in FORMULA:
                 what = what or formula(cell)
             if what is not None:
                 source.add_problem((key,), what)
+        # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
         quotes = 2 + written.count('"') if _QUOTED.search(written) else 0
         column += len(written) + quotes + 1
     return source
 
 
-def _number_or_word(cell: str) -> Scalar:
-    value = scalar(cell)
-    return value if type(value) in (int, float) else cell
-
-
 def _check(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
     """Check a row's labels and expressions."""
-    named = [(key, b) for key in ("label", "left", "right") for b in split(getattr(row, key, ""))]
-    for key in ("expression", "right_expression"):
-        expression: Measure | None = getattr(row, key, None)
-        if expression and expression.other:
-            named.append((key, expression.other))
-    for key, label in named:
+    first, second = row.expression, None
+    if isinstance(row, Claim):
+        second, named = row.right_expression, {"left": split(row.left), "right": row.rights}
+    else:
+        named = {"label": row.labels}
+    named["expression"] = [first.other] if first and first.other else []
+    named["right_expression"] = [second.other] if second and second.other else []
+    for key, label in ((key, label) for key, several in named.items() for label in several):
         if labels is not None and label not in labels:
             source.add_problem((key,), f"{label!r} is not a filter here; {unknown(label, labels)}")
-    first, second = row.expression, getattr(row, "right_expression", None)
     if isinstance(row, PublishedNumber) and first and first.is_many:
         source.add_problem(("expression",), f"{str(first)!r} is no number: name one step")
     elif second and second.is_many and not (first and first.steps == second.steps):

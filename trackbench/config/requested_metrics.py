@@ -3,10 +3,10 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from difflib import get_close_matches
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
@@ -17,10 +17,14 @@ from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
 from trackbench.evaluation.statistics import STATISTICS
+from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.metrics import new_name
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _OF_TRUTH = ("squared", "error", "rmsd", "nees", "outside_region", "pit", "coverage", "crps", "nci")
 """Series of errors."""
@@ -103,10 +107,10 @@ def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricReques
             yield from _of_part(part, (group, name))
 
 
-def _of_part(part: Any, keys: Keys) -> Iterator[MetricRequest]:
-    for key in fields(part):
-        hint = hints_of(type(part))[key.name]
-        yield from _in_value(getattr(part, key.name), hint, (*keys, key.name))
+def _of_part(part: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
+    hints = hints_of(type(part))
+    for key, value in field_values(part).items():
+        yield from _in_value(value, hints[key], (*keys, key))
 
 
 def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
@@ -115,7 +119,7 @@ def _in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest
         if role_of(hint) == "rank" and not value.steps:
             for bar in bars(value.family[1]):
                 yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
-    elif is_dataclass(value):
+    elif is_dataclass(value) and not isinstance(value, type):
         yield from _of_part(value, keys)
     elif isinstance(value, dict):
         for head, inner in value.items():
@@ -127,11 +131,15 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
     role, word = _where(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
+    # Metrics that cannot exist here, with the reason.
     known = names.of(role)
     m = request.measure
-    if m.relation in ("gain", "ratio") and m.family[0].is_score:
+    metric, quantity = m.family
+    is_of_prediction = quantity.startswith(("predicted_", "held_"))
+    is_of_truth = metric.series in _OF_TRUTH and not is_of_prediction
+    if m.relation in ("gain", "ratio") and metric.is_score:
         return f"'{m}': a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
-    if word not in known and not names.has_truth and _is_of_truth(m):
+    if word not in known and not names.has_truth and is_of_truth:
         less = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
         usable = ", ".join(sorted(name for name in bases if not less.fullmatch(name)))
@@ -140,19 +148,13 @@ def _unknown(request: MetricRequest, names: Names, settings: Settings) -> str | 
         return "likelihood_ratio is relative to an exact filter; name one under `reference`"
     if word in known or not request.named or names.could_be_diagnostic(request.measure.metric):
         return None
+    # Names that are unknown: former, or misspelt.
     if new_name(m.metric):
         return f"the metric `{m.metric}` is now `{new_name(m.metric)}`"
     near = get_close_matches(word, sorted(known), 1, 0.5)
     short = sorted({measured(name).base for name in known})
     hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(short)}"
     return f"{word!r} is no metric here; {hint}"
-
-
-def _is_of_truth(m: Measure) -> bool:
-    """Return whether a metric is made of errors."""
-    metric, quantity = m.family
-    of_prediction = quantity.startswith(("predicted_", "held_"))
-    return metric.series in _OF_TRUTH and not of_prediction
 
 
 def _left_out(request: MetricRequest, names: Names, settings: Settings) -> str | None:
@@ -230,13 +232,8 @@ def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
 
 
 def _measures(experiment: Experiment) -> Iterator[Measure]:
-    settings = experiment.settings
-    named = (settings.medians, settings.metrics or (), settings.per_step or (), settings.until)
-    yield from map(measured, chain(*named))
-    if settings.tune:
-        metric = settings.tuning.metric or ()
-        yield from map(measured, [metric] if isinstance(metric, str) else metric)
-    yield from (request.measure for request in requests_of(experiment.parts))
+    requests = chain(_of_settings(experiment.settings), requests_of(experiment.parts))
+    yield from (request.measure for request in requests)
     yield from experiment.published.expressions
 
 

@@ -48,7 +48,7 @@ def listed() -> list[Shipped]:
     ]
 
 
-def located(config: Path, say: Callable[[str], None]) -> Path:
+def located(config: Path, note: Callable[[str], None]) -> Path:
     """Return the file of a config: of that path, or else the shipped experiment of that name.
 
     Raises UserError for a word that is neither; says so if it is both.
@@ -56,10 +56,10 @@ def located(config: Path, say: Callable[[str], None]) -> Path:
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         if word in names():
-            say(f"note: using the file {word}; the shipped experiment is {_file(word)}")
+            note(f"note: using the file {word}; the shipped experiment is {_file(word)}")
         return config
     if config.exists():
-        say(f"note: using the shipped experiment {word}; the folder of this name is ignored")
+        note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
     return named(word)
 
 
@@ -81,6 +81,7 @@ def copied(name: str, target: Path) -> list[Path]:
     """
     files = sorted(part for part in with_parts(named(name)) if part.is_file())
     content = {target / path.relative_to(folder()): path.read_bytes() for path in files}
+    # Reject changed files before anything is written.
     existing = {path for path in content if path.exists()}
     changed = [p for p in sorted(existing) if not p.is_file() or p.read_bytes() != content[p]]
     if changed:

@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
 
 
-def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
+def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
     """Add a tuned copy beside each tuned filter, with the values that tuning found or its own.
 
     An existing entry, as in the config of a results folder, stays unless tuning found values. A table
@@ -36,13 +35,15 @@ def add_tuned(source: Source, found: Mapping[str, Chosen]) -> None:
     tuned = [label for label in tune if _is_entry(source, label)] if isinstance(tune, dict) else []
     if not tuned:
         return
+    # Step 1: an entry per tuned filter, with the values found.
     for label in tuned:
         _check_tuned_label(source, label)
-        if label in found or not _is_entry(source, tuned_label(label)):
+        if label in tuned_values or not _is_entry(source, tuned_label(label)):
             filters, mark = source.data["filters"], source.mark(("filters", label))
             entry = copy.deepcopy(filters[label])
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
-        _set(source, tuned_label(label), label, found.get(label, {}))
+        _set(source, tuned_label(label), label, tuned_values.get(label, {}))
+    # Step 2: each after its original; tables and figures of those that are run.
     _order(source, tuned)
     run = _with_tuned_of_only(source, tuned)
     _add_part(source, "tables", "tuning", {"kind": "tuning"})
@@ -132,8 +133,9 @@ class Trial:
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
     """Return the filter with these values; the reasons if there is none."""
+    # Build the filter and its model, and check both as the config's own.
     changed = with_values(source, label, values)
-    tracker: Any = build_kind("filters", changed, ("filters", label))
+    tracker = build_kind("filters", changed, ("filters", label))
     assume = read_assumed(changed, label)
     if tracker is not None and not changed.problems:
         assumed = {label: assume} if assume is not None else {}
@@ -199,6 +201,7 @@ def tuned_axes(
 
 def _check(source: Source, settings: Settings, points: list[Point], training: Point | None) -> None:
     tuning = settings.tuning
+    # The grid, the objective, and the number of recorded runs.
     if settings.grid:
         what = "each point of a grid has values of its own: tune one experiment per point"
         source.add_key_problem(("tune",), what)
@@ -222,6 +225,7 @@ def _check(source: Source, settings: Settings, points: list[Point], training: Po
 
 def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
     """Return the axes, of whole numbers where no others are valid; check both ends and all choices."""
+    # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
     typed = []
     for axis in axes:
@@ -231,6 +235,7 @@ def _with_types(source: Source, point: Point, label: str, axes: list[Axis]) -> t
                 axis = replace(axis, whole=True)
                 middle[axis.key] = axis.at(0.5)
         typed.append(axis)
+    # Step 2: try both ends and all choices, with the other keys at their middle.
     for axis in typed:
         for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
             trial = make_trial(source, point, label, {**middle, axis.key: value})
@@ -267,8 +272,8 @@ def training_point(source: Source, point: Point) -> Point | None:
 
 def same_recordings(a: Point, b: Point) -> bool:
     """Return whether two points take their runs from the same recorded data."""
-    targets: list[Any] = [as_config(point.scenario).get("target") for point in (a, b)]
-    return a.scenario.recorded_runs is not None and targets[0] == targets[1]
+    first, second = (as_config(point.scenario).get("target") for point in (a, b))
+    return a.scenario.recorded_runs is not None and first == second
 
 
 def held_out(experiment: Experiment) -> str:
@@ -279,6 +284,7 @@ def held_out(experiment: Experiment) -> str:
         return RUNS if training.scenario.training is None else TIME
     if judged.scenario.recorded_runs or training.scenario.recorded_runs:
         return PATH
+    # Simulated data: compare the path of the first judged run with that of the first training run.
     seed = experiment.settings.seed
     paths = [
         simulate(point.scenario, seed, run, 1).truth for point, run in ((judged, 0), (training, -1))

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
@@ -65,19 +65,22 @@ class Axis:
     whole: bool = False
     choices: tuple[object, ...] = ()
 
-    def at(self, share: float) -> Any:
+    def at(self, share: float) -> object:
         """Return the value at a share; beyond 0 and 1 that at the end."""
         share = min(max(share, 0.0), 1.0)
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
+        # The ends exactly as written, whatever their digits.
         if share in (0.0, 1.0):
             value = self.high if share else self.low
             return round(value) if self.whole else value
+        # On a logarithmic axis low^(1 - s) high^s, on a linear one low + s (high - low).
         if self.log:
             logs = elementary.log(np.array([self.low, self.high]))
             value = float(elementary.exp(logs[:1] + share * (logs[1:] - logs[:1]))[0])
         else:
             value = self.low + share * (self.high - self.low)
+        # Four digits, which may round beyond an end.
         value = min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
         return round(value) if self.whole else value
 
@@ -162,6 +165,7 @@ class Objective(NamedTuple):
 
     def score(self, per_run: Mapping[str, Array]) -> Score:
         """Return the score of values (M,) by name, NaN for lost runs."""
+        # The influences of a weighted sum are the weighted sum of its terms' influences.
         with np.errstate(all="ignore"):
             terms = [self._term(word, per_run) for word in self.weights]
             weights = list(self.weights.values())
@@ -174,15 +178,18 @@ class Objective(NamedTuple):
         """Return the minimized value and its influences: a value, or its distance to a target."""
         m = _read(word)
         metric, quantity = m.family
+        # Step 1: the statistic of the runs that are not lost, and each run's influence on it.
         x = per_run[_per_run(m)]
         finite = ~np.isnan(x)
         influences = np.full(len(x), np.nan)
         influences[finite] = influence(m.statistic, x[finite])
         value = STATISTICS[m.statistic](x[finite]).value
+        # Step 2: make it an objective. A metric with a target: the distance to it.
         n = self.sizes[quantity] if metric.per_component else 1
         if m.statistic in _LOCATIONS and metric.better in _TARGETS:
             off = value / n - _TARGETS[metric.better]
             return abs(off), influences * (np.sign(off) / n)
+        # A metric that is better larger: its negative.
         if _is_made_large(m):
             return -value, -influences
         return value, influences

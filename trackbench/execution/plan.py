@@ -7,7 +7,7 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point, Settings
-from trackbench.config.metric_names import max_metrics_per_run, number_per_step
+from trackbench.config.metric_names import max_metrics
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import BlockTask
@@ -206,13 +206,13 @@ def _read_bytes(experiment: Experiment) -> int:
     """Return the bytes of all values per run and step that tables and figures read."""
     settings, point = experiment.settings, experiment.points[0]
     metrics = sum(
-        max_metrics_per_run(settings, point.scenario, label, tracker)
+        max_metrics(settings, point.scenario, label, tracker, "per_run.csv")
         for label, tracker in point.filters.items()
     )
     asked, steps = requested_contributions(experiment), point.scenario.steps.tolist()
     metrics += sum(2 * len(asked.of(label, steps)) for label in point.filters)  # in batches, too
     rows = sum(
-        number_per_step(settings, p.scenario, label, tracker) * len(p.scenario.steps)
+        max_metrics(settings, p.scenario, label, tracker, "per_step.csv") * len(p.scenario.steps)
         for p in experiment.points
         for label, tracker in p.filters.items()
     )

@@ -1,28 +1,35 @@
 """JSON Schema of an experiment file, for editors: completion, descriptions, defaults."""
 
-from typing import Any
+from typing import Any, TypeAlias
 
-from trackbench.config.build import described, help_texts, hints_of
+from trackbench.config.build import adapter, help_texts, hints_of
 from trackbench.config.experiment import Settings
+from trackbench.extension_points import Part
 from trackbench.field_types import part_group
 from trackbench.models.assumed_sensor import Assume
 from trackbench.registry import Group, kinds
 
+JsonSchema: TypeAlias = dict[str, Any]
+"""A JSON Schema, or a part of one."""
 _TOP: tuple[Group, ...] = ("filters", "tables", "figures")
 _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors", "starts")
 
 
-def schema() -> dict[str, Any]:
+def schema() -> JsonSchema:
     """Return the schema (draft 2020-12): the top level, and every registered kind with its keys."""
-    top = described(Settings).json_schema(ref_template="#/$defs/{model}")
-    definitions: dict[str, Any] = top.pop("$defs", {})
+    # Step 1: the top level, with a definition of every kind.
+    top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
+    definitions: JsonSchema = top.pop("$defs", {})
     for group in _GROUPS:
         names = []
         for kind, cls in kinds(group).items():
             names.append(f"{group}.{kind}")
             definitions |= _definitions(group, kind, cls)
         definitions[group] = {"anyOf": [*_ELSEWHERE, *({"$ref": _ref(name)} for name in names)]}
-    definitions["assume"] = _assume()
+    assume = adapter(Assume, documented=True).json_schema()
+    _refer_to_parts(Assume, assume["properties"])
+    definitions["assume"] = assume
+    # Step 2: in place of mappings of any keys, refer to the kinds.
     properties = top["properties"]
     _replace(properties, "scenario", {"$ref": _ref("scenarios")})
     laid_over = {"anyOf": [_ELSEWHERE[0], {"type": "object"}]}
@@ -38,7 +45,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-_ELSEWHERE: list[dict[str, Any]] = [
+_ELSEWHERE: list[JsonSchema] = [
     {"type": "string", "description": "path of a YAML file that holds the mapping"},
     {
         "type": "object",
@@ -49,38 +56,33 @@ _ELSEWHERE: list[dict[str, Any]] = [
 ]
 
 
-def _definitions(group: Group, kind: str, cls: type[Any]) -> dict[str, Any]:
+def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     """Return the definition of one kind and of the types that its keys refer to."""
     name = f"{group}.{kind}"
-    own = described(cls).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
-    inner = {f"{name}.{model}": part for model, part in own.pop("$defs", {}).items()}
-    properties = own.setdefault("properties", {})
+    schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+    inner = {f"{name}.{model}": part for model, part in schema.pop("$defs", {}).items()}
+    properties = schema.setdefault("properties", {})
     for key, text in help_texts(cls).items():
         properties[key].setdefault("description", text)
+    # Keys of components, presets, and `assume` of every filter.
     _refer_to_parts(cls, properties)
     if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.
-        own, inner = _without_required(own), _without_required(inner)
-        properties = own["properties"]
+        schema, inner = _without_required(schema), _without_required(inner)
+        properties = schema["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
     if group == "filters":
         text = "motion and sensor that this filter assumes"
         properties["assume"] = {"$ref": _ref("assume"), "description": text}
-    own["properties"] = {"kind": {"const": kind}, **properties}
-    own["required"] = ["kind", *own.get("required", [])]
-    own["title"] = kind
-    own["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
-    return {name: own, **inner}
+    schema["properties"] = {"kind": {"const": kind}, **properties}
+    schema["required"] = ["kind", *schema.get("required", [])]
+    schema["title"] = kind
+    schema["description"] = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
+    return {name: schema, **inner}
 
 
-def _assume() -> dict[str, Any]:
-    own = described(Assume).json_schema()
-    _refer_to_parts(Assume, own["properties"])
-    return own
-
-
-def _refer_to_parts(cls: type[Any], properties: dict[str, Any]) -> None:
+def _refer_to_parts(cls: type, properties: JsonSchema) -> None:
     for key, hint in hints_of(cls).items():
         group = part_group(hint)
         if group is not None:
@@ -102,7 +104,7 @@ def _without_required(schema: Any) -> Any:
     }
 
 
-def _replace(properties: dict[str, Any], key: str, by: dict[str, Any]) -> None:
+def _replace(properties: JsonSchema, key: str, by: JsonSchema) -> None:
     """Replace a key's schema and keep its description."""
     description = properties.get(key, {}).get("description")
     properties[key] = by | ({"description": description} if description else {})

@@ -6,21 +6,24 @@ A listing reads docstrings without importing what it lists.
 import dataclasses
 import inspect
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, cast
 
-from trackbench.extension_points import hooks, overridden_hooks
+from trackbench.extension_points import Part, hooks, overridden_hooks
 from trackbench.field_types import part_group
-from trackbench.help.metrics import columns, described, facts, statistics_known
+from trackbench.help.metrics import JsonRow, columns, described, facts, statistics_known
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 def listing(groups: Sequence[str]) -> str:
     """Return the kinds of each group with the first line of their documentation."""
     parts = []
     for group in groups:
-        found = documentation(cast(Group, group))
-        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in found.items())
+        docs = documentation(cast(Group, group))
+        rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
         parts.append("\n".join([f"{group}:", *rows]))
     return "\n\n".join(parts)
 
@@ -31,16 +34,16 @@ def experiments() -> str:
 
     from trackbench.config.shipped_experiments import listed
 
-    found = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
-    width = max(len(one.name) for one in found)
+    shipped = sorted(listed(), key=lambda one: (not one.paper, one.paper, one.name))
+    width = max(len(one.name) for one in shipped)
     parts = ["experiments (trackbench run NAME; time on one processor):"]
-    for paper, several in groupby(found, key=lambda one: one.paper):
+    for paper, several in groupby(shipped, key=lambda one: one.paper):
         parts.append(f"\n  {paper or 'Beyond the papers'}")
         parts += [f"    {s.name:<{width}}  {_time(s.cpu_s):>6}  {s.title}" for s in several]
     return "\n".join(parts)
 
 
-def rows(groups: Sequence[str]) -> Iterator[dict[str, Any]]:
+def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     """Yield a row per kind and per shipped experiment."""
     from trackbench.config.shipped_experiments import listed
 
@@ -63,23 +66,20 @@ def _time(seconds: float | None) -> str:
 
 
 def description(kind: str) -> str:
-    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError if
-    unknown.
-    """
+    """Return the documentation of a kind, a metric, or a group's hooks; raises UserError."""
     if kind in GROUPS:
         return _hooks_of(kind)
-    texts = [_described(kind, group, cls) for group, cls in _found(kind)]
-    measured = described(kind)
-    return "\n\n".join([*texts, *([measured] if measured else [])])
+    texts = [_described(kind, group, cls) for group, cls in _classes_of(kind)]
+    return "\n\n".join([*texts, *filter(None, [described(kind)])])
 
 
-def entries(kind: str) -> Iterator[dict[str, Any]]:
+def entries(kind: str) -> Iterator[JsonRow]:
     """Yield the description as data: one per group with such a kind, or one per hook of a group."""
     if kind in GROUPS:
         for hook in hooks(base_of(kind)):
             yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
         return
-    for group, cls in _found(kind):
+    for group, cls in _classes_of(kind):
         yield {
             "group": group,
             "kind": kind,
@@ -88,9 +88,8 @@ def entries(kind: str) -> Iterator[dict[str, Any]]:
             "presets": cls.presets if group == "filters" else {},
             "notes": [*_notes(group, cls)],
         }
-    measured = facts(kind)
-    if measured:
-        yield {**measured, "keys": [], "presets": {}, "notes": []}
+    if metric := facts(kind):
+        yield {**metric, "keys": [], "presets": {}, "notes": []}
 
 
 def experiment_keys() -> list[dict[str, str]]:
@@ -111,74 +110,74 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
     return [dict(zip(("key", "default", "text"), row, strict=True)) for row in rows]
 
 
-def _found(kind: str) -> list[tuple[Group, type[Any]]]:
+def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     """Return the groups with a kind of this name, each with its class; empty for a metric."""
     from trackbench.config.build import unknown
     from trackbench.errors import Mark, Problem, UserError
 
-    found = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
-    if not found and described(kind) is None:
+    classes = [(g, kinds(g)[kind]) for g in GROUPS if kind in kinds(g)]
+    if not classes and described(kind) is None:
         known = [*GROUPS, *(k for g in GROUPS for k in kinds(g)), *METRICS]
         what = f"there is no such kind; {unknown(kind, known)}"
         raise UserError(Problem(Mark("describe"), kind, what))
-    return found
+    return classes
 
 
-def _rows(group: str, cls: type[Any]) -> list[tuple[str, str, str]]:
+def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
     """Return key, default and text of every key, including `assume`."""
-    found = list(_key_rows(cls, ""))
+    rows = list(_key_rows(cls, ""))
     if group == "filters":
         from trackbench.models.assumed_sensor import Assume
 
-        found += _key_rows(Assume, "assume.")
-    return found
+        rows += _key_rows(Assume, "assume.")
+    return rows
 
 
 def _hooks_of(group: Group) -> str:
     """Return the required and optional hooks of a group's classes."""
     base = base_of(group)
-    found = list(hooks(base))
-    rows = list(columns((hook.form, hook.text) for hook in found))
-    needed = sum(hook.needed for hook in found)  # which come first
+    declared = list(hooks(base))
+    rows = list(columns((hook.form, hook.text) for hook in declared))
+    needed = sum(hook.needed for hook in declared)  # which come first
     must = [f"a class of the group {group} has:", *rows[:needed]]
     may = ["and may have:", *rows[needed:]]
     return "\n".join([_paragraphs(base.__doc__ or "")[0], "", *must, "", *may])
 
 
-def _described(kind: str, group: Group, cls: type[Any]) -> str:
+def _described(kind: str, group: Group, cls: type[Part]) -> str:
     lines = [f"{kind} ({group[:-1]})", ""]
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
-        given = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
-        lines.append(f"\n  preset {name}: {given}")
+        values = ", ".join(f"{k}: {v}" for k, v in keys.items()) or "the defaults"
+        lines.append(f"\n  preset {name}: {values}")
     lines += [f"\n  {note}" for note in _notes(group, cls)]
     if cls.explain():
         lines.append("\n" + cls.explain())
     return "\n".join(lines)
 
 
-def _notes(group: Group, cls: type[Any]) -> Iterator[str]:
+def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
     """Yield further facts about a kind, a line each."""
-    if group == "scenarios" and "required" not in map(_default, dataclasses.fields(cls)):
+    from trackbench.models.sensors.base import SensorBase
+    from trackbench.scenarios.base import Scenario
+    from trackbench.scenarios.targets.base import Target
+
+    if issubclass(cls, Scenario) and "required" not in map(_default, dataclasses.fields(cls)):
         model = cls().model
         yield f"components of the state: {','.join(model.motion.components)}"
         yield f"components of the measurement: {','.join(model.sensor.components)}"
-    if group == "targets" and "windows" in vars(cls):
-        words = (
-            " ".join(_paragraphs(cls.windows.__doc__ or ""))
-            .replace("``", "")
-            .removeprefix("Select ")
-        )
-        yield f"windows of metrics: {words}"
-    if group == "sensors":
+    if issubclass(cls, Target) and "windows" in vars(cls):
+        words = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        yield f"windows of metrics: {words.removeprefix('Select ')}"
+    if issubclass(cls, SensorBase):
         yield f"components of the measurement: {','.join(cls.components)}"
-    own = overridden_hooks(cls, base_of(group))
-    if own:
-        yield f"hooks (see `trackbench describe {group}`): {', '.join(own)}"
+    names = overridden_hooks(cls, base_of(group))
+    if names:
+        yield f"hooks (see `trackbench describe {group}`): {', '.join(names)}"
 
 
-def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
+def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and text of each field; nested fields follow with their path."""
     from trackbench.config.build import adapter, dataclasses_in, help_texts, hints_of
 
@@ -193,13 +192,14 @@ def _key_rows(cls: type[Any], prefix: str) -> Iterator[tuple[str, str, str]]:
             yield prefix + field.name, _default(field), f"{text} (see `trackbench list {group}`)"
             continue
         yield prefix + field.name, _default(field), text
+        # The keys of a dataclass within, or of each that the key may hold.
         nested = dataclasses_in(hints[field.name])
         for one in nested:
             of_kind = f"[{one.kind}]" if len(nested) > 1 else ""
             yield from _key_rows(one, f"{prefix}{field.name}{of_kind}.")
 
 
-def _default(field: "dataclasses.Field[Any]") -> str:
+def _default(field: "dataclasses.Field[object]") -> str:
     if field.default is dataclasses.MISSING:
         return "required" if field.default_factory is dataclasses.MISSING else "empty"
     if dataclasses.is_dataclass(field.default):

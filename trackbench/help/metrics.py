@@ -1,14 +1,17 @@
 """Metrics and statistics, in general and of one experiment, as text."""
 
 import sys
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from trackbench.metrics import METRICS, Metric, metric_of, unit_of
 
 _BETTER = {"zero": "nearer 0 is better", "one": "nearer 1 is better"}
+JsonRow: TypeAlias = dict[str, Any]
+"""A row of what `list` and `describe` print as JSON."""
 WRITTEN = """\
 how it is written:
   mean(rmse[turns])         a statistic over the runs, here of a window of steps
@@ -33,47 +36,48 @@ def described(word: str) -> str | None:
     """Return the text of a metric or a statistic; None if unknown."""
     if word in statistics_known():
         return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
-    found, _ = metric_of(word)
-    if not found.help:
+    metric, _ = metric_of(word)
+    if not metric.help:
         return None
-    return f"{word} (metric)\n\n{found.help}\n{_facts(found, unit_of(word) or found.unit)}".rstrip()
+    return (
+        f"{word} (metric)\n\n{metric.help}\n{_facts(metric, unit_of(word) or metric.unit)}".rstrip()
+    )
 
 
-def facts(word: str) -> dict[str, str] | None:
+def facts(word: str) -> JsonRow | None:
     """Return a metric or a statistic as data; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
-    found, _ = metric_of(word)
-    if not found.help:
+    metric, _ = metric_of(word)
+    if not metric.help:
         return None
-    about = {"unit": unit_of(word) or found.unit, "better": found.better}
-    return {"group": "metrics", "kind": word, "text": found.help, **about}
+    about = {"unit": unit_of(word) or metric.unit, "better": metric.better}
+    return {"group": "metrics", "kind": word, "text": metric.help, **about}
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     """Return metrics, windows and numbers that tables and figures of an experiment may use."""
-    found = list(rows_of_config(path, allow_plugins))
-    named = {
-        group: [row["kind"] for row in found if row["group"] == group]
-        for group in ("windows", "statistics", "numbers")
-    }
+    by_group: dict[str, list[JsonRow]] = defaultdict(list)
+    for row in rows_of_config(path, allow_plugins):
+        by_group[row["group"]].append(row)
+    names = {group: ", ".join(row["kind"] for row in rows) for group, rows in by_group.items()}
     rows = []
-    for row in (row for row in found if row["group"] == "metrics"):
+    for row in by_group["metrics"]:
         files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
         about = _facts(metric_of(row["kind"])[0], row["unit"])
         rows.append((row["kind"], files if row["kept"] else "not kept", about, row["text"]))
     parts = [
         f"metrics of {path}, per run or per step:",
         *columns(rows),
-        f"\nwindows of steps: {', '.join(named['windows']) or 'none but the whole'}",
-        f"statistics: {', '.join(named['statistics'])}",
-        f"numbers beside them: {', '.join(named['numbers'])}\n",
+        f"\nwindows of steps: {names.get('windows') or 'none but the whole'}",
+        f"statistics: {names['statistics']}",
+        f"numbers beside them: {names['numbers']}\n",
         WRITTEN,
     ]
     return "\n".join(parts)
 
 
-def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str, Any]]:
+def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]:
     """Yield metrics, windows, statistics and numbers of an experiment as rows."""
     from trackbench.config.load import UnknownNamesError, load
     from trackbench.config.metric_names import names_of, stored_metrics
@@ -88,22 +92,23 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[dict[str
         note(error)
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
-    kept = stored_metrics(settings, "summary.csv")
+    stored = stored_metrics(settings, "summary.csv")
+    # Metrics without statistic and window, by the file that has them.
     per_run, per_step = (
-        {m.metric for m in map(measured, there) if m.is_row}
-        for there in (names.per_run, names.per_step)
+        {m.metric for m in map(measured, file_names) if m.is_row}
+        for file_names in (names.per_run, names.per_step)
     )
     for name in sorted(per_run | per_step):
-        found, _ = metric_of(name)
+        metric, _ = metric_of(name)
         yield {
             "group": "metrics",
             "kind": name,
-            "text": found.help,
+            "text": metric.help,
             "unit": unit_of(name),
-            "better": found.better,
+            "better": metric.better,
             "per_run": name in per_run,
             "per_step": name in per_step,
-            "kept": kept is None or measured(name).base in kept,
+            "kept": stored is None or measured(name).base in stored,
         }
     yield from ({"group": "windows", "kind": name} for name in sorted(names.windows) if name)
     yield from (
@@ -130,8 +135,8 @@ def _facts(metric: Metric, unit: str) -> str:
 
 def columns(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
     """Yield rows as indented lines with aligned columns; empty columns are left out."""
-    found = list(rows)
-    widths = [max(map(len, column)) for column in zip(*found, strict=True)]
-    for row in found:
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
         cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True) if width)
         yield f"  {'  '.join(cells)}".rstrip()

@@ -5,7 +5,7 @@ A mistake that these checks miss would end as a traceback, or in a wrong number.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.errors import PluginError, guarded, plugin_code
 from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.targets.base import Target
 
-if TYPE_CHECKING:
-    from trackbench.scenarios.targets.base import Target
-
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -50,7 +49,7 @@ def check_words(*texts: object) -> None:
         raise WrongReturnError("conflicts", "conflicts and cautions are words, and these are not")
 
 
-def call_hook(hook: Callable[[Any], T], kind: type, about: object) -> T:
+def call_hook(hook: Callable[[S], T], kind: type, about: S) -> T:
     """Return a hook's value; raises its error, or WrongReturnError for a wrong type."""
     with guarded():
         value = hook(about)
@@ -68,7 +67,11 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
     plugins = foreign_parts(scenario)
     for part in plugins:
         with plugin_code(part, *plugins), np.errstate(all="ignore"):
-            _check_part(part, scenario)
+            if isinstance(part, SensorBase):
+                _check_sensor(part, len(scenario.components))
+            if isinstance(part, Target):
+                scored = np.ones(len(scenario.steps), dtype=bool)
+                _check_windows(part.windows(scenario.times, scored), len(scored))
     if plugins:
         with plugin_code(*plugins), np.errstate(all="ignore"):
             _simulate_and_score(scenario, bounded)
@@ -80,25 +83,11 @@ def check_sensors(parts: Sequence[object]) -> None:
     It is checked before a scenario is made of them, which may use its measurements.
     """
     sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, SensorBase)]
-    targets = [*filter(_is_target, walk_parts(tuple(parts)))] if sensors else []
+    targets = [part for part in walk_parts(tuple(parts)) if isinstance(part, Target)]
     for target in targets:
         for sensor in sensors:
             with plugin_code(sensor, target), np.errstate(all="ignore"):
                 _check_sensor(sensor, len(target.components))
-
-
-def _check_part(part: object, scenario: Scenario) -> None:
-    if isinstance(part, SensorBase):
-        _check_sensor(part, len(scenario.components))
-    if _is_target(part):
-        scored = np.ones(len(scenario.steps), dtype=bool)
-        _check_windows(part.windows(scenario.times, scored), len(scored))
-
-
-def _is_target(part: object) -> "TypeGuard[Target]":
-    from trackbench.scenarios.targets.base import Target
-
-    return isinstance(part, Target)
 
 
 def _check_sensor(sensor: SensorBase, n_x: int) -> None:
@@ -120,12 +109,14 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     _check_shape("times", "times", scenario.times, (steps,))
     _check_windows(scenario.windows, steps)
     _ = scenario.spans, scenario.cautions, scenario.marginals, scenario.lost_beyond
+    # Step 1: simulate, and check the shapes.
     truth, measurements, prior = scenario.simulate(RunStreams(0, range(runs)), runs)
     n_x, n_z = len(scenario.components), len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
+    # Step 2: score estimates that equal the truth.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)

@@ -66,19 +66,14 @@ def located_message(error: BaseException, *parts: object) -> str:
 def message_of(error: BaseException) -> str:
     """Return the type and message of an error; for a missing package, how to install it."""
     if isinstance(error, ModuleNotFoundError) and error.name:
-        return f"needs {missing_package_hint(error.name)}"
+        name = error.name.partition(".")[0]
+        if name in _EXTRAS and find_spec(name) is None:
+            return f"needs {name}, which is not installed: pip install 'trackbench[{name}]'"
+        return f"needs the module {error.name}, which is not installed"
     text = " ".join(str(error).split())
     if isinstance(error, RunError | WrongReturnError):
         return text
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-def missing_package_hint(module: str) -> str:
-    """Return a hint for installing a missing module."""
-    name = module.partition(".")[0]
-    if name in _EXTRAS and find_spec(name) is None:
-        return f"{name}, which is not installed: pip install 'trackbench[{name}]'"
-    return f"the module {module}, which is not installed"
 
 
 def location_of(error: BaseException, *parts: object) -> str:
@@ -104,21 +99,15 @@ def package_line(error: BaseException) -> str:
 
 def place_within(error: BaseException, files: set[str]) -> str:
     """Return ``my_filter.py:12: ``, the innermost line in these files, or an empty text."""
-    for link in _chain(error):
+    link: BaseException | None = error
+    while link is not None:
         for frame, line in reversed(list(walk_tb(link.__traceback__))):
             if frame.f_code.co_filename in files:
                 return f"{Path(frame.f_code.co_filename).name}:{line}: "
+        link = link.__cause__ or link.__context__
     if isinstance(error, SyntaxError) and error.filename in files:
         return f"{Path(str(error.filename)).name}:{error.lineno}: "
     return ""
-
-
-def _chain(error: BaseException) -> Iterator[BaseException]:
-    """Yield the error and its causes."""
-    link: BaseException | None = error
-    while link is not None:
-        yield link
-        link = link.__cause__ or link.__context__
 
 
 def _plugin_classes(part: object) -> list[type]:
@@ -136,6 +125,7 @@ def _file(cls: type) -> str:
 
 def _definition(method: str, part: object) -> str:
     """Return the place of a method in a component's class, or of the class."""
+    # The first class that defines the method, or the line of the first class.
     classes = _plugin_classes(part)
     for cls in classes:
         function = vars(cls).get(method)
@@ -176,6 +166,7 @@ def guarded() -> Iterator[None]:
 @contextmanager
 def postponed() -> Iterator[None]:
     """Keep signals to stop waiting until this is done; only the main thread receives them."""
+    # Record the signals in place of handling them, and raise the first one afterwards.
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     received: list[int] = []
     is_main = threading.current_thread() is threading.main_thread()

@@ -84,9 +84,11 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     if plugin.module in sys.modules:
         registry.reactivate(plugin.module)
         return
+    # Step 1: on a worker, the packages that the plugin imports must be those of its key.
     installed = tuple(_versions(plugin.source))
     if installed != plugin.packages:
         raise PluginError(f"this worker has {_listed(installed)}, not {_listed(plugin.packages)}")
+    # Step 2: a module under the name of the content, in which the code runs.
     module = ModuleType(plugin.module)
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
@@ -99,6 +101,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
             for _, _, cls in registry.registered(plugin.module):
                 check(cls)
     except BaseException as error:
+        # Step 3: of a plugin that failed nothing stays.
         registry.unregister(plugin.module)
         del sys.modules[plugin.module]
         if isinstance(error, PluginError) or not isinstance(error, Exception):
