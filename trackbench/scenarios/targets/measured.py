@@ -69,6 +69,8 @@ class Measured(FromFiles, Naming, Target):
     """seconds between steps, for filters that need equal ones: a measurement counts at the nearest"""
     axes: Literal[0, 1, 2, 3] = 2
     """axes of the space it moves in; 0: its state is one number, x"""
+    state: tuple[str, ...] = ()
+    """names of the components of another state, in order, which are also columns of the truth"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,6 +91,8 @@ class Measured(FromFiles, Naming, Target):
     @property
     def components(self) -> tuple[str, ...]:
         """Return names of the truth's components, in order."""
+        if self.state:
+            return self.state
         return position_velocity_names(self.axes) if self.axes else ("x",)
 
     @property
