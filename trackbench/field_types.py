@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard
 
-import numpy as np
 from annotated_types import Ge, Gt, Interval
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from pydantic_core.core_schema import CoreSchema, ValidationInfo
@@ -97,24 +95,6 @@ def freeze_mappings(component: Any) -> None:
 
 ByComponent: TypeAlias = dict[str, Finite] | tuple[Finite, ...]
 """A number for each component of a state: by name, or in order."""
-
-
-def by_component(
-    given: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
-) -> NDArray[np.float64]:
-    """Return numbers (n,) in the order of the components, 0 where a mapping has none.
-
-    Raises InvalidKeyError for an unknown component, and for another number of values.
-    """
-    names = ", ".join(components)
-    if not isinstance(given, dict):
-        if len(given) != len(components):
-            raise InvalidKeyError(f"{len(given)} numbers for {names}", *path)
-        return np.array(given, dtype=float)
-    for name in given:
-        if name not in components:
-            raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
-    return np.array([given.get(name, 0.0) for name in components], dtype=float)
 
 
 @dataclass(frozen=True)

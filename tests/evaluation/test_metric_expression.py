@@ -88,7 +88,7 @@ def test_a_series_is_made_into_what_is_registered():
 def test_names_units_and_what_is_reserved():
     assert metric_of("rmse_mean_range") == (METRICS["rmse"], "mean_range")
     assert metric_of("mode_x") == (Metric("mode_x"), "")  # a note, and no family
-    assert [unit_of(n) for n in ("rmse_velocity", "bias_azimuth_deg", "std_x", "rmse", "ess")] == [
+    assert [unit_of(n) for n in ("rmse_velocity", "bias_azimuth_deg", "std_px", "rmse", "ess")] == [
         *("m/s", "deg", "m", "", "1")
     ]
     assert is_reserved("squared_anything")

@@ -79,7 +79,9 @@ def test_the_printed_errors_of_the_pendulum(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(CONFIG)
     point = load(tmp_path / "c.yaml").points[0]
     for label, printed in PRINTED.items():
-        task = BlockTask(point.scenario, point.filters[label], seed=1, index=0, width=1, runs_used=1)
+        task = BlockTask(
+            point.scenario, point.filters[label], seed=1, index=0, width=1, runs_used=1
+        )
         errors = run_filter(task, task.data).mean[0, 1:, 0] - task.data.truth[0, 1:, 0]
         assert np.sqrt(np.mean(errors**2)) == pytest.approx(printed, abs=0.6e-8), label
 

@@ -67,9 +67,9 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             state = tracker.init(model, prior, rng)
             found = tracker.estimate(state)
         states = [state]
-        check_axes(found, prior.mean)
         if not tracker.smooths:
             kept.add(state, found)
+        check_axes(found, prior.mean)
         for i, k in enumerate(task.scenario.steps[1:].tolist()):
             before = state if telling.disabled else telling.snapshot(state)
             with clock:

@@ -16,6 +16,7 @@ from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.counting import note
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.extension_points import Part
+from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
 
@@ -23,6 +24,24 @@ AXES = ("x", "y", "z")
 def position_velocity_names(axes: int) -> tuple[str, ...]:
     """Return the names of position and velocity along so many axes: px, vx, py, ..."""
     return tuple(name for axis in AXES[:axes] for name in (f"p{axis}", f"v{axis}"))
+
+
+def by_component(
+    given: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
+) -> Array:
+    """Return numbers (n,) in the order of the components, 0 where a mapping has none.
+
+    Raises InvalidKeyError for an unknown component, and for another number of values.
+    """
+    names = ", ".join(components)
+    if not isinstance(given, dict):
+        if len(given) != len(components):
+            raise InvalidKeyError(f"{len(given)} numbers for {names}", *path)
+        return np.array(given, dtype=float)
+    for name in given:
+        if name not in components:
+            raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
+    return np.array([given.get(name, 0.0) for name in components], dtype=float)
 
 
 class SampledMotion(Protocol):

@@ -17,7 +17,6 @@ from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.errors import PluginError, guarded, plugin_code
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.targets.base import Target
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -65,6 +64,10 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
     ``bounded`` if its lower bounds are wanted.
     """
     plugins = foreign_parts(scenario)
+    if not plugins:
+        return
+    from trackbench.scenarios.targets.base import Target
+
     for part in plugins:
         with plugin_code(part, *plugins), np.errstate(all="ignore"):
             if isinstance(part, SensorBase):
@@ -72,9 +75,8 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
             if isinstance(part, Target):
                 scored = np.ones(len(scenario.steps), dtype=bool)
                 _check_windows(part.windows(scenario.times, scored), len(scored))
-    if plugins:
-        with plugin_code(*plugins), np.errstate(all="ignore"):
-            _simulate_and_score(scenario, bounded)
+    with plugin_code(*plugins), np.errstate(all="ignore"):
+        _simulate_and_score(scenario, bounded)
 
 
 def check_sensors(parts: Sequence[object]) -> None:
@@ -83,6 +85,10 @@ def check_sensors(parts: Sequence[object]) -> None:
     It is checked before a scenario is made of them, which may use its measurements.
     """
     sensors = [part for part in foreign_parts(tuple(parts)) if isinstance(part, SensorBase)]
+    if not sensors:
+        return
+    from trackbench.scenarios.targets.base import Target
+
     targets = [part for part in walk_parts(tuple(parts)) if isinstance(part, Target)]
     for target in targets:
         for sensor in sensors:

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metric_expression import OfSummary, measure
+from trackbench.evaluation.metric_expression import Measure, OfSummary, measure
 from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.findings import phrases
@@ -64,9 +64,10 @@ class RmseVsParameter(FigureKind):
             rows = shown.where(filter=label)
             x, y = (rows[c][np.isfinite(rows["value"])] for c in (path, "value"))
             if len(y) and np.ptp(y) > 0.0:
-                best = three_digits(float(y.min()))
-                told.append(f"{named(label)} {best} at {x[y.argmin()]:g} {unit}".rstrip())
-        return f"Least over {name}: {', '.join(told)}." if told else ""
+                best = best_place(y, self.metric)
+                number = three_digits(float(y[best]))
+                told.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
+        return f"Best over {name}: {', '.join(told)}." if told else ""
 
     def _shown(self, results: Results) -> tuple[str, Columns]:
         """Return the horizontal axis's path and rows of summary.csv at the other paths' first values."""
@@ -107,9 +108,18 @@ class RmseVsParameter(FigureKind):
         ax.errorbar(shown, y, bars, fmt="none", color=look["color"], capsize=1.5, elinewidth=0.8,
                     label=f"_{label}")  # fmt: skip
         if np.isfinite(y).any():
-            best = int(np.nanargmin(y))
+            best = best_place(y, self.metric)
             ax.plot(shown[best], y[best], "o", color=look["color"], markersize=5, zorder=3,
                     label=f"_{label}")  # fmt: skip
+
+
+def best_place(values: Array, metric: Measure) -> int:
+    """Return the place of the best among numbers, NaN where there is none."""
+    better = metric.family[0].better
+    if better == "higher":
+        return int(np.nanargmax(values))
+    ideal = {"one": 1.0, "zero": 0.0}.get(better)
+    return int(np.nanargmin(values if ideal is None else np.abs(values - ideal)))
 
 
 def _moved_zero(x: Array) -> Array:

@@ -12,6 +12,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
+from trackbench.report.figures.over_parameter import best_place
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import mean_of, named, three_digits
 from trackbench.report.findings.ranking import ranking_metrics
@@ -59,7 +60,7 @@ class SweepFigure(FigureKind):
         for label in self._labels(results)[1] if metrics else ():
             rows = held.of(label, metrics[0])
             if rows:
-                best = rows[_best(np.array([row[-2] for row in rows]), metrics[0])]
+                best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
                 at = phrases.heading(dict(zip(self.paths, best, strict=False)))
                 told.append(f"{named(label)} {three_digits(best[-2])} at {at}")
         return f"Best: {'; '.join(told)}." if told else ""
@@ -144,7 +145,7 @@ def _drawn(held: _Held, labels: list[str], varied: list[str], metric: Measure) -
     levels = {b: rows[0][-2] for b in labels if b not in varied and (rows := held.of(b, metric))}
     if len(levels) <= _FEW:
         return [b for b in labels if b in varied or b in levels]
-    best = [*levels][_best(np.array([*levels.values()]), metric)]
+    best = [*levels][best_place(np.array([*levels.values()]), metric)]
     return [b for b in labels if b in varied or b == best]
 
 
@@ -163,16 +164,8 @@ def _line(
     ax.plot(x, y, label=label, marker="o", markersize=3, **look)
     more: Any = {"color": look["color"], "label": f"_{label}"}
     ax.errorbar(x, y, bars, fmt="none", capsize=2, **more)
-    best = _best(y, metric)
+    best = best_place(y, metric)
     ax.plot(x[best], y[best], "o", markersize=6, zorder=3, **more)
-
-
-def _best(values: Array, metric: Measure) -> int:
-    """Return the place of the best among numbers, NaN where there is none."""
-    better = metric.family[0].better
-    if better == "higher":
-        return int(np.nanargmax(values))
-    return int(np.nanargmin(np.abs(values - 1.0) if better == "one" else values))
 
 
 def _scale(ax: Axes, values: list[Any], numeric: bool) -> None:
@@ -201,7 +194,7 @@ def _heat_maps(
         ax.set_title(style.wrap_label(label))
         ax.grid(visible=False)
         _write_values(ax, values, finite, few=len(axes) == 1)
-        _frame(ax, np.unravel_index(_best(values.ravel(), metric), values.shape))
+        _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
     figure.supxlabel(phrases.axis(x))
     figure.supylabel(phrases.axis(y))
     style.title(figure, title)

@@ -12,9 +12,9 @@ from trackbench.field_types import (
     ByComponent,
     Finite,
     InvalidKeyError,
-    by_component,
     freeze_mappings,
 )
+from trackbench.models.base import by_component
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import InitialScans, Start, repeated

@@ -14,10 +14,9 @@ from trackbench.field_types import (
     InvalidKeyError,
     Positive,
     Registered,
-    by_component,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, extra_std
+from trackbench.models.base import Motion, by_component, extra_std
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import append_noise
 from trackbench.models.sensors.stacked import Sensors
