@@ -15,7 +15,7 @@ from trackbench.config.build import help_texts
 from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.execution.block_key import _foreign_code
+from trackbench.execution.cache import _foreign_code
 from trackbench.extension_points import InvalidHookError, hooks, mistakes, rebase
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian_base import KF

@@ -12,8 +12,8 @@ from trackbench.config.build import file_keys
 from trackbench.config.dump import as_config
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import machine_fingerprint
-from trackbench.execution.block_key import block_key
+from trackbench.execution import fingerprints
+from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decisions import Detector, SecondDecision
@@ -25,7 +25,7 @@ from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVe
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.registry import kinds
 from trackbench.scenarios.targets.legs import Leg
-from trackbench.tuning.training import Training
+from trackbench.tuning.tuner import Training
 
 TASK = BlockTask(merwe(T=4, R=0.1), PF(N=4), seed=1, index=1, width=3, runs_used=2, reference=KF())
 SHOWN = replace(TASK, runs_with_tracks=4, keep_covariance=True)
@@ -174,7 +174,7 @@ def test_every_field_within_a_task_is_part_of_its_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        machine_fingerprint, "hangs_on_numpys", lambda part: False
+        fingerprints, "uses_numpy_arithmetic", lambda part: False
     )  # which makes the model
     (tmp_path / "all.yaml").write_text(CONFIG)
     planned = make_plan(load(tmp_path / "all.yaml")).tasks[0, "Mine"][0]

@@ -272,12 +272,11 @@ def test_a_block_under_another_name_is_not_believed(tmp_path: Path) -> None:
 def test_another_version_of_the_code_computes_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trackbench.execution import block_key, cache
+    from trackbench.execution import cache
 
     config = small(tmp_path)
     good = quietly(config).folder.rename(tmp_path / "good")
-    for module in (block_key, cache):
-        monkeypatch.setattr(module, "code_digest", lambda: "0" * 64)
+    monkeypatch.setattr(cache, "code_digest", lambda: "0" * 64)
     again = quietly(config).folder
     assert manifest(again)["blocks"] == {"computed": 8, "reused": 0}
     same_results(again, good)

@@ -11,10 +11,10 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
+from trackbench.commands import run_experiment as computing
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
-from trackbench.execution import cpu_times as computing
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING

@@ -11,7 +11,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.execution.block_key import block_key
+from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
 
 SIMULATED = json.loads(merwe_text(T=12, R=0.1)) | {"start": {"kind": "gaussian", "sigma": [0.75]}}

@@ -8,7 +8,7 @@ import pytest
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.tuning.training import Training
+from trackbench.tuning.tuner import Training
 
 ROWS = 60
 CONFIG = """

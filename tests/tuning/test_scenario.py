@@ -13,12 +13,10 @@ from trackbench.config.load import load
 from trackbench.config.tuned_entries import held_out
 from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
-from trackbench.execution.block_key import block_key
-from trackbench.execution.cache import BlockStore
+from trackbench.execution.cache import BlockStore, block_key
 from trackbench.execution.engines import engine
 from trackbench.report.results import Results
-from trackbench.tuning.training import Training
-from trackbench.tuning.tuner import tune
+from trackbench.tuning.tuner import Training, tune
 
 CONFIG = """
 name: other

@@ -11,7 +11,7 @@ from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_metrics import run_whole_block
-from trackbench.tuning.training import Training, given_values
+from trackbench.tuning.tuner import Training, given_values
 
 CONFIG = """
 name: small

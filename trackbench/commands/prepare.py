@@ -20,7 +20,7 @@ from trackbench.evaluation.stopping_rule import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Plan, announced, check_memory, make_plan
-from trackbench.execution.stop_when_precise import first_batch
+from trackbench.execution.runner import first_batch
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
 from trackbench.tuning.record import Record

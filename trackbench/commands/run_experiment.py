@@ -1,15 +1,17 @@
 """From configs to results folders: run, report, and return what was written."""
 
-from collections.abc import Generator, Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from trackbench.atomic_files import record_writes
+from trackbench.atomic_files import record_writes, write_text
 from trackbench.commands.prepare import (
     Job,
     Options,
@@ -21,14 +23,16 @@ from trackbench.commands.prepare import (
     with_tuned,
 )
 from trackbench.config.experiment import Experiment
+from trackbench.config.requested_metrics import takes_times
 from trackbench.config.tuned_entries import held_out, training_cautions
-from trackbench.errors import counted
-from trackbench.execution.cache import BlockStore, cache_folder
-from trackbench.execution.cpu_times import Times, times_of
+from trackbench.errors import WriteError, counted, in_line
+from trackbench.evaluation.timing import Measured, measure
+from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
-from trackbench.execution.runner import Outcome, execute
-from trackbench.execution.stop_when_precise import next_batch, stop_reason
+from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
+from trackbench.os_specific import identity
+from trackbench.plugins.errors import guarded
 from trackbench.report import DRAWER
 from trackbench.report.findings.sentences import answer
 from trackbench.report.html.report_page import write_report
@@ -224,3 +228,44 @@ def _failed(experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses])
     for key, loss in losses.items():
         if loss.is_total:
             yield f"{experiment.title_of(key)} failed: {loss}"
+
+
+class Times(NamedTuple):
+    """Measured times by grid point and filter, and by filter the reason why others have none."""
+
+    measured: Mapping[Key, Measured]
+    failed: Mapping[str, str]
+
+
+def times_of(experiment: Experiment, outcome: Outcome, fresh: bool) -> Times:
+    """Measure the filters' CPU times if the config or a published row uses them.
+
+    They are measured in this process. Cached times are reused unless code, machine or a filter
+    changed, or ``fresh``.
+    """
+    if not takes_times(experiment):
+        return Times({}, {})
+    tasks = {
+        key: replace(blocks[0].filtering_key, predictive_metrics=(), hold_out=None)
+        for key, blocks in outcome.plan.tasks.items()
+        if key not in outcome.failures
+    }
+    unique = list(dict.fromkeys(tasks.values()))
+    digests = [block_key(task, 0) for task in unique]
+    name = hashlib.sha256(json.dumps([identity(), digests]).encode()).hexdigest()
+    file = times_folder() / f"{name}.json"
+    if not fresh:
+        with suppress(OSError, ValueError, TypeError):
+            kept = [Measured(*row) for row in json.loads(file.read_bytes())]
+            return Times({key: kept[unique.index(task)] for key, task in tasks.items()}, {})
+    found = dict(zip(unique, measure(unique, guarded), strict=True))
+    good = {key: m for key, task in tasks.items() if isinstance(m := found[task], Measured)}
+    failed = {key[1]: in_line(str(found[task])) for key, task in tasks.items() if key not in good}
+    if not failed:
+        with (
+            record_writes(),
+            suppress(OSError, WriteError),
+        ):  # it is none of the results folder's files
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_text(file, json.dumps([*found.values()]) + "\n")
+    return Times(good, failed)

@@ -9,23 +9,89 @@ float64. Reading constructs only numbers, so a block from a stranger cannot run 
 """
 
 import hashlib
+import inspect
 import json
 import os
 import shutil
 import struct
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.atomic_files import ensure_folder, write_bytes, write_text
+from trackbench.config.dump import as_config
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import BlockResult, BlockTask, Tracks
 from trackbench.evaluation.error_series import StepSums
-from trackbench.execution.block_key import block_key
-from trackbench.execution.code_digest import code_digest
+from trackbench.execution import fingerprints
+from trackbench.execution.fingerprints import add_sources, code_digest, python_files
+from trackbench.extension_points import Part, walk_parts
+
+
+def block_key(task: BlockTask, used: int) -> str:
+    """Return the key of a block reduced to its first ``used`` runs."""
+    shown = task.runs_with_tracks_among(used)
+    facts = [
+        _part(task.scenario),
+        _part(task.filter),
+        _part(task.reference) if task.reference is not None else None,
+        _part(task.assume) if task.assume is not None else None,
+        [task.seed, task.index, task.width, used],
+        [shown, task.keep_covariance and shown > 0, task.keep_steps],
+        [task.predictive_metrics, task.hold_out],
+        [code_digest(), fingerprints.own_arithmetic()],
+    ]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1000)
+def _part(part: Any) -> list[Any]:
+    """Return the config keys of a filter or scenario, digests of its data files and of plugin
+    code.
+    """
+    parts = [inner for inner in walk_parts(part) if not isinstance(inner, type)]
+    code = [digest for inner in parts for digest in _foreign_code(type(inner))]
+    read: dict[str, str] = {}
+    for inner in parts:
+        read |= inner.contents if isinstance(inner, Part) else {}
+    # What was read makes the numbers: the file itself may have been edited since.
+    keys = as_config(part, lambda path: read.get(path) or _content_digest(path))
+    uses_numpy = bool(code) or fingerprints.uses_numpy_arithmetic(part)
+    return [keys, code, fingerprints.numpy_arithmetic() if uses_numpy else None]
+
+
+def _content_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _foreign_code(cls: type[Any]) -> Iterator[str]:
+    """Yield digests of the code of classes from outside this package."""
+    for base in cls.__mro__:
+        name = base.__module__
+        if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
+            continue
+        module = sys.modules[name]
+        plugin = getattr(module, "__plugin_digest__", None)
+        yield plugin or _package_digest(name.partition(".")[0])
+
+
+@cache
+def _package_digest(name: str) -> str:
+    """Return the digest of an installed package's source, or of a module's."""
+    try:
+        file = Path(inspect.getsourcefile(sys.modules[name]) or "")
+    except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
+        return os.urandom(16).hex()
+    digest = hashlib.sha256()
+    sources = python_files(file.parent if file.name == "__init__.py" else file)
+    add_sources(digest, file.parent, sources)
+    return digest.hexdigest()
+
 
 _ArrayPath: TypeAlias = tuple[str, ...]
 

@@ -1,19 +1,118 @@
 """Engines that compute blocks; each is a ``concurrent.futures.Executor``."""
 
+import multiprocessing
 import os
 import re
+import signal
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Literal, TypeVar
 
 from trackbench.errors import UserError
-from trackbench.execution import process_pool
+from trackbench.plugins.errors import postponed
+
+_leave = os._exit  # as it was before any plugin ran
+_BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_FORKED = "trackbench.execution.forkserver_preload"
+T = TypeVar("T")
+
+
+def start_forkserver(*modules: str) -> None:
+    """Start the process that workers are forked from and let it import these modules.
+
+    The first call decides on the modules. Systems without a fork server (Windows) skip this.
+    """
+    for name in _BLAS:  # blocks are what runs side by side
+        os.environ.setdefault(name, "1")
+    if _can_fork() and not is_worker_bootstrapping():
+        from multiprocessing import resource_tracker
+        from multiprocessing.forkserver import ensure_running
+
+        resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
+        _context().set_forkserver_preload([_FORKED, *modules])
+        with _block_sigint():
+            ensure_running()
+
+
+@contextmanager
+def pool(
+    workers: int, begun: Callable[..., None] | None = None, *arguments: Any
+) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of processes that first call ``begun``; an error terminates them at once."""
+    start_forkserver()
+    first = (begun, *arguments)
+    processes = _Pool(workers, _context(), _start, first)
+    try:
+        yield processes
+    except BaseException:
+        # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
+        for process in list((processes._processes or {}).values()):
+            process.terminate()  # what is being computed is not waited for
+        raise
+    finally:
+        processes.shutdown(wait=True, cancel_futures=True)
+
+
+class _Pool(ProcessPoolExecutor):
+    """Process pool that knows all its processes: Ctrl-C waits until a starting one is
+    registered.
+    """
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Submit a call; raises BrokenProcessPool also if a process is killed while it starts."""
+        try:
+            with postponed():
+                return super().submit(fn, *args, **kwargs)
+        except (EOFError, ConnectionError) as error:
+            raise BrokenProcessPool("a worker died as it was started") from error
+
+
+def is_worker_bootstrapping() -> bool:
+    """Return whether this process is a worker that still imports its parent's script."""
+    return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
+
+
+@contextmanager
+def _block_sigint() -> Iterator[None]:
+    """Block Ctrl-C for processes started meanwhile; this process receives it afterwards."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _can_fork() -> bool:
+    return "forkserver" in multiprocessing.get_all_start_methods()
+
+
+def _context() -> Any:
+    return multiprocessing.get_context("forkserver" if _can_fork() else "spawn")
+
+
+def _start(begun: Callable[..., None] | None = None, *arguments: Any) -> None:
+    """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    if begun is not None:
+        begun(*arguments)
+
+
+def _follow(parent: "multiprocessing.process.BaseProcess") -> None:
+    # The pool's pipes do not tell: every worker holds both of their ends.
+    parent.join()
+    _leave(1)
+
 
 Engine = Literal["serial", "processes", "dask"]
 OpenEngine = Callable[[], AbstractContextManager[Executor]]
 """Opens the engine, again after it broke."""
-T = TypeVar("T")
 
 _PATIENCE = "5s"
 """How long a scheduler may take to answer."""
@@ -41,7 +140,7 @@ def cpu_count() -> int:
 def begin(name: str, workers: int | None, *modules: str) -> None:
     """Start the engine's helper process early and let it import these modules."""
     if name == "processes" and (workers or cpu_count()) > 1:
-        process_pool.start_forkserver(*modules)
+        start_forkserver(*modules)
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
@@ -50,12 +149,12 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
         return SerialExecutor
-    if process_pool.is_worker_bootstrapping():
+    if is_worker_bootstrapping():
         raise RuntimeError(
             "a script that runs an experiment on several processes is imported by each of them: "
             'put the call under `if __name__ == "__main__":`, or use engine="serial"'
         )
-    return lambda: process_pool.pool(workers)
+    return lambda: pool(workers)
 
 
 @contextmanager

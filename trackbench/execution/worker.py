@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.block_metrics import run_whole_block
-from trackbench.execution import machine_fingerprint
-from trackbench.execution.code_digest import code_digest
+from trackbench.execution import fingerprints
+from trackbench.execution.fingerprints import code_digest
 from trackbench.plugins.errors import FilterError, guarded, located_message
 
 if TYPE_CHECKING:
@@ -19,13 +19,15 @@ class Environment(NamedTuple):
 
     code: str
     own: str
-    numpys: str
+    numpy: str
 
 
 @cache
 def environment_digests() -> Environment:
     """Return the digests of this process."""
-    return Environment(code_digest(), machine_fingerprint.own(), machine_fingerprint.numpys())
+    return Environment(
+        code_digest(), fingerprints.own_arithmetic(), fingerprints.numpy_arithmetic()
+    )
 
 
 def compute(
@@ -46,7 +48,7 @@ def compute(
 
         load_plugin(plugin)
     block: BlockTask = pickle.loads(task)
-    if here.numpys != expected.numpys and machine_fingerprint.hangs_on_numpys(
+    if here.numpy != expected.numpy and fingerprints.uses_numpy_arithmetic(
         block.scenario, block.filter, block.reference, block.assume
     ):
         raise RuntimeError(

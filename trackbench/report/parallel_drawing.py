@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from trackbench.execution.process_pool import pool
+from trackbench.execution.engines import pool
 from trackbench.registry import is_plugin
 from trackbench.report.figure_cache import Files, KeptFigures
 from trackbench.report.kinds import FigureKind

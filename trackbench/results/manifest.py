@@ -14,8 +14,8 @@ from typing import Any
 
 import trackbench
 from trackbench.config.experiment import Experiment
-from trackbench.execution import machine_fingerprint
-from trackbench.execution.code_digest import code_digest
+from trackbench.execution import fingerprints
+from trackbench.execution.fingerprints import code_digest
 from trackbench.execution.runner import Outcome
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
@@ -46,7 +46,10 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "lock": compare_lock(),
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
-        "arithmetic": {"own": machine_fingerprint.own(), "numpy": machine_fingerprint.numpys()},
+        "arithmetic": {
+            "own": fingerprints.own_arithmetic(),
+            "numpy": fingerprints.numpy_arithmetic(),
+        },
         "failed": [
             {**experiment.points[i].values, "filter": label, "reason": why}
             for (i, label), why in outcome.failures.items()

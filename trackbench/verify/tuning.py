@@ -20,8 +20,7 @@ from trackbench.execution.engines import cpu_count, engine
 from trackbench.report.results import Results
 from trackbench.tuning.record import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
-from trackbench.tuning.training import Training, given_values
-from trackbench.tuning.tuner import tune
+from trackbench.tuning.tuner import Training, given_values, tune
 from trackbench.verify.compare import FAR, TOLERANCE, Finding, changed, relative, rounding
 
 _FILE = "tuning.csv"

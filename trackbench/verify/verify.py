@@ -15,12 +15,24 @@ this program. The manifest's digests protect these.
 
 import shutil
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from trackbench import api
 from trackbench.config.experiment import Experiment
+from trackbench.core.arrays import Array
+from trackbench.evaluation.intervals import holm
+from trackbench.evaluation.metric_expression import TIME_MEAN, measured
+from trackbench.evaluation.statistics import mean
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import cpu_count, engine
+from trackbench.execution.plan import check_memory, make_plan
+from trackbench.execution.runner import execute
 from trackbench.report.open import (
     IncompleteResultsError,
     changed_files,
@@ -29,15 +41,24 @@ from trackbench.report.open import (
 )
 from trackbench.report.results import Results
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
+from trackbench.results.write import write_results
 from trackbench.verify.compare import (
     CHANGED,
+    FALSE_ALARM,
+    TOLERANCE,
     Finding,
     changed,
+    compare_arrays,
     compare_derived,
     compare_digests,
+    compare_rows,
+    differences,
+    p_of_chance,
+    relative,
+    rounding,
+    usual,
     verdict,
 )
-from trackbench.verify.recompute import compare_runs, drawing_filters, recompute
 from trackbench.verify.tuning import compare_tuning
 
 __all__ = ["CHANGED", "Finding", "verdict", "verify"]
@@ -97,3 +118,126 @@ def _compare_first_runs(
     has_tracks = (results.folder / "tracks.npz").is_file()
     again = recompute(experiment, folder, min(runs, experiment.settings.runs), has_tracks)
     yield from compare_runs(results, again, experiment)
+
+
+ColumnKey: TypeAlias = tuple[Any, ...]
+"""Values of the grid's paths, filter, metric."""
+
+
+class Column(NamedTuple):
+    """A metric of a filter over the runs (M,): stored, recomputed, and the relative difference."""
+
+    key: ColumnKey
+    stored: Array
+    again: Array
+    off: Array
+
+    @property
+    def label(self) -> str:
+        """The filter."""
+        return str(self.key[-2])
+
+    @property
+    def name(self) -> str:
+        """The metric, and the point of the grid."""
+        *point, _, metric = self.key
+        return f"{metric} at {', '.join(map(str, point))}" if point else str(metric)
+
+    @property
+    def is_far(self) -> bool:
+        """Return whether any run differs by more than rounding."""
+        return bool((self.off > TOLERANCE).any())
+
+
+def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:
+    """Write the results of the first runs to a folder and return them.
+
+    Blocks are as wide as for all runs: `block: fit` depends on their number.
+    """
+    if min(experiment.shown_runs, experiment.settings.runs) > runs:
+        experiment = replace(experiment, figures={})
+    plan = make_plan(experiment, tracks).first(runs)
+    workers = min(cpu_count(), len(plan.unique))
+    check_memory(experiment, workers, tracks)
+    fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
+    store, processes = BlockStore(cache_folder()), engine("processes", workers)
+    with closing(
+        execute([plan], store, processes, workers, fresh=True, progress=False)
+    ) as outcomes:
+        _, facts = write_results(folder, fewer, next(outcomes), tracks)
+    return Results(folder, facts)
+
+
+def drawing_filters(experiment: Experiment) -> set[str]:
+    """Return the labels of filters that draw: each has a number of particles."""
+    return {
+        label for p in experiment.points for label, f in p.filters.items() if f.particle_count > 1
+    }
+
+
+def compare_runs(results: Results, again: Results, experiment: Experiment) -> Iterator[Finding]:
+    """Yield differences in the first runs, and in all other numbers if these are all runs."""
+    runs = again.config["runs"]
+    is_whole = runs == experiment.settings.runs
+    stored, computed = _values(results, runs, is_whole), _values(again, runs, is_whole)
+    odd = [k for k in {**stored, **computed} if len(stored.get(k, ())) != len(computed.get(k, ()))]
+    if odd:
+        first = ", ".join(map(str, odd[0]))
+        what = "metrics are stored or computed again only; the first is"
+        yield changed(f"per_run.csv: {len(odd)} {what} {first}")
+    columns = [
+        Column(key, x, computed[key], relative(x, computed[key], usual(x)))
+        for key, x in stored.items()
+        if key not in odd
+    ]
+    yield from _judge(columns, drawing_filters(experiment))
+    steady = {c.label for c in columns} - {c.label for c in columns if c.is_far}
+    equal = steady - {c.label for c in columns if c.off.any()}
+    for name in ("shown.npz", "tracks.npz"):
+        if (again.folder / name).is_file() and (results.folder / name).is_file():
+            yield from compare_arrays(results, again, name, steady)
+    bound = {str(experiment.settings.bound)}
+    yield from compare_rows(results, again, bound | steady if is_whole else bound, equal)
+
+
+def _values(results: Results, runs: int, is_whole: bool) -> dict[ColumnKey, Array]:
+    """Return the first runs' values; a run's share of an average over time depends on all runs."""
+    return {
+        (*point.values(), *key): values[:runs]
+        for point in results.points()
+        for key, values in results.runs(point).items()
+        if is_whole or measured(key[1]).statistic != TIME_MEAN
+    }
+
+
+def _judge(columns: list[Column], drawing: set[str]) -> Iterator[Finding]:
+    """Yield a finding for each filter of which any value differs."""
+    tested = [c for c in columns if c.label in drawing and c.is_far]
+    chances = holm(np.array([p_of_chance(differences(c.stored, c.again)) for c in tested]))
+    p = {c.key: float(chance) for c, chance in zip(tested, chances, strict=True)}
+    for label in dict.fromkeys(c.label for c in columns if c.off.any()):
+        mine = [c for c in columns if c.label == label]
+        yield _judge_filter(label, mine, p, label in drawing)
+
+
+def _judge_filter(
+    label: str, mine: list[Column], p: dict[ColumnKey, float], draws: bool
+) -> Finding:
+    off = np.concatenate([c.off for c in mine])
+    worst = max(mine, key=lambda c: c.off.max())
+    begin = f"per_run.csv: {label}: {np.count_nonzero(off)} of {off.size} values differ"
+    begin += f" in the first {len(worst.off)} runs"
+    if off.max() <= TOLERANCE:
+        digits = int(-np.log10(off.max()))
+        return rounding(f"{begin}, by {off.max():.1e} at most: they agree in {digits} digits")
+    if not draws:
+        run = int(worst.off.argmax())
+        values = f"{worst.stored[run]:.7g}, computed again {worst.again[run]:.7g}"
+        return changed(f"{begin}, by more than rounding: {worst.name} of run {run} is {values}")
+    least = min((c for c in mine if c.key in p), key=lambda c: p[c.key])
+    if p[least.key] >= FALSE_ALARM:
+        what = "it draws, so that rounding grows, and no mean differs beyond chance"
+        return rounding(f"{begin}, by up to {off.max():.1%}: {what}")
+    value, stderr = mean(differences(least.stored, least.again))
+    by = f"{least.name} by {value:.3g} ± {stderr:.2g}, p = {p[least.key]:.1g}"
+    return changed(f"{begin}, on average beyond chance: {by}")

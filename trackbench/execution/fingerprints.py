@@ -1,19 +1,24 @@
-"""Digests of what a machine's arithmetic returns for fixed inputs; equal digests mean equal blocks.
+"""Digests of what a block's numbers depend on: source code and the machine's arithmetic.
 
-The package's own filters use its own arithmetic, which is identical wherever floating point follows
-IEEE 754. Plugins may call any function of numpy; these depend on the processor, on the
-kernels of BLAS and LAPACK, on the C library and on numpy's version.
+A worker must have the same code. The package's own filters use its own arithmetic, which is identical
+wherever floating point follows IEEE 754. Plugins may call any function of numpy; these depend on the
+processor, on the kernels of BLAS and LAPACK, on the C library and on numpy's version.
 """
 
 import hashlib
-from collections.abc import Iterable
+import platform
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import trackbench
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
@@ -22,9 +27,66 @@ from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import GammaMotion, Motion
 from trackbench.scenarios.base import Scenario
 
+_SOURCES = (
+    *("core", "models", "scenarios", "filters", "adapters", "evaluation"),
+    *("extension_points.py", "field_types.py", "metrics.py", "registry.py", "execution/worker.py"),
+)
+_AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
+_ERRORS = "decides how a failure is reported; a failed block is not stored"
+_KEYS = "its result is part of the key"
+NO_PART_OF_BLOCKS = {
+    "__init__.py": "names the version and the functions of the API",
+    "evaluation/intervals.py": _AFTER_BLOCKS,
+    "evaluation/efficiency.py": _AFTER_BLOCKS,
+    "evaluation/metric_expression.py": _AFTER_BLOCKS,
+    "evaluation/merge.py": _AFTER_BLOCKS,
+    "evaluation/stopping_rule.py": _AFTER_BLOCKS,
+    "evaluation/run_contributions.py": _AFTER_BLOCKS,
+    "evaluation/statistics.py": _AFTER_BLOCKS,
+    "evaluation/summary.py": _AFTER_BLOCKS,
+    "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
+    "plugins/errors.py": _ERRORS,
+    "errors.py": _ERRORS,
+    "execution/fingerprints.py": _KEYS,
+    "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
+}
+"""Files that the digest leaves out although a worker imports them or their folder is digested."""
+
 
 @cache
-def own() -> str:
+def code_digest() -> str:
+    """Return the digest of the source files that make a block's numbers, Python and library
+    versions.
+    """
+    home = Path(trackbench.__file__).parent
+    platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
+    digest = hashlib.sha256(repr(platform_).encode())
+    add_sources(digest, home, block_sources(home))
+    return digest.hexdigest()
+
+
+def block_sources(home: Path) -> Iterator[Path]:
+    """Yield the source files of the package at ``home`` that can change a block's numbers."""
+    for source in _SOURCES:
+        for file in python_files(home / source):
+            if file.relative_to(home).as_posix() not in NO_PART_OF_BLOCKS:
+                yield file
+
+
+def python_files(source: Path) -> list[Path]:
+    """Return a source file, or all in a folder in the order of their names."""
+    return sorted(source.rglob("*.py")) if source.is_dir() else [source]
+
+
+def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> None:
+    """Add source files to the digest, each with its name from ``home``."""
+    for file in files:
+        digest.update(f"\n{file.relative_to(home).as_posix()}\n".encode())
+        digest.update(file.read_bytes())
+
+
+@cache
+def own_arithmetic() -> str:
     """Return the digest of the package's own arithmetic on this machine."""
     x, y = _inputs()
     square, runs = x[:64].reshape(8, 8), RunStreams(1, range(3))
@@ -51,7 +113,7 @@ def own() -> str:
 
 
 @cache
-def numpys() -> str:
+def numpy_arithmetic() -> str:
     """Return the digest of the numpy functions that a plugin may call, on this machine."""
     x, y = _inputs()
     square = x[:4096].reshape(64, 64)
@@ -65,15 +127,15 @@ def numpys() -> str:
     return _digest(results)
 
 
-def hangs_on_numpys(*parts: Any) -> bool:
+def uses_numpy_arithmetic(*parts: Any) -> bool:
     """Return whether scenarios or filters compute with numpy's functions.
 
     Plugins do, and so does gamma noise of a shape that numpy draws.
     """
-    return any(not _is_of_our_arithmetic(inner) for part in parts for inner in walk_parts(part))
+    return any(not _uses_own_arithmetic_only(inner) for part in parts for inner in walk_parts(part))
 
 
-def _is_of_our_arithmetic(part: Any) -> bool:
+def _uses_own_arithmetic_only(part: Any) -> bool:
     if not type(part).__module__.startswith("trackbench."):
         return False
     motion = None
