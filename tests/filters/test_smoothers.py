@@ -14,15 +14,15 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.report.results import Results
 
-PENDULUM = ROOT / "tests" / "data" / "pendulum"
+PENDULUM = ROOT / "experiments" / "data"
 CONFIG = f"""name: pendulum
 scenario:
   kind: tracking
   T: 0.01
   target:
     kind: measured
-    measurements: {PENDULUM}/measurements.csv
-    truth: {PENDULUM}/truth.csv
+    measurements: {PENDULUM}/pendulum-measurements.csv
+    truth: {PENDULUM}/pendulum-truth.csv
     state: [angle, rate]
   assume:
     motion:

@@ -1,7 +1,7 @@
 """Moments of a function of a Gaussian by weighted points: unscented transform, Gauss-Hermite rule."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from math import factorial, prod, sqrt
 from typing import NamedTuple, Protocol
@@ -92,6 +92,12 @@ class GaussHermite:
         steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit]
         weights = np.array([prod(w for _, w in point) for point in grid])
         return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
+
+
+@lru_cache
+def gauss_hermite(order: int) -> GaussHermite:
+    """Return the rule of this order, always the same object."""
+    return GaussHermite(order)
 
 
 def _hermite(n: int, x: float) -> float:

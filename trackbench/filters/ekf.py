@@ -1,9 +1,10 @@
 """Kalman filters that linearize the model: EKF, IEKF, MCAEKF by Jacobians, IPLF by regression."""
 
 from dataclasses import dataclass
-from typing import ClassVar, cast
+from typing import Annotated, ClassVar, cast
 
 import numpy as np
+from annotated_types import Interval
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
@@ -12,10 +13,10 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.core.kalman import Updated
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import Unscented
+from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.gaussian_base import NonlinearFilter
+from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
 from trackbench.models.base import DifferentiableSensor, Model
 from trackbench.models.gaussian_steps import (
     AssumedNoise,
@@ -122,17 +123,24 @@ class IPLF(NonlinearFilter):
 
     iterations: Count = 5
     """regressions per update; 1 is the cubature Kalman filter"""
+    order: Annotated[int, Interval(ge=2, le=MAX_ORDER)] | None = None
+    """points along each axis of a Gauss-Hermite rule; default: cubature points"""
+
+    @property
+    def rule(self) -> PointRule:
+        """Return points and weights of the regressions."""
+        return _CUBATURE if self.order is None else gauss_hermite(self.order)
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Return the prediction to step k by cubature points, and its covariance with x_{k-1}."""
-        return point_transition(model, state, k, self.assumed, _CUBATURE, augmented=False)
+        """Return the prediction to step k by the rule's points, and its covariance with x_{k-1}."""
+        return point_transition(model, state, k, self.assumed, self.rule, augmented=False)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict by cubature points; regress the measurement again over each posterior."""
-        predicted = point_prediction(model, state, k, self.assumed, _CUBATURE)
+        """Predict by the rule's points; regress the measurement again over each posterior."""
+        predicted = point_prediction(model, state, k, self.assumed, self.rule)
         posterior, first = predicted, None
         for _ in range(self.iterations):
-            at, slope, cov = _regression(model, posterior, k, self.assumed)
+            at, slope, cov = _regression(model, posterior, k, self.assumed, self.rule)
             nu = model.sensor.innovation(z, at)
             nu = nu - linalg.matvec(slope, predicted.mean - posterior.mean)
             posterior, innovation = kalman.update(predicted, nu, slope, cov)
@@ -142,7 +150,7 @@ class IPLF(NonlinearFilter):
 
 
 def _regression(
-    model: Model, over: Gaussian, k: int, assumed: AssumedNoise
+    model: Model, over: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> tuple[Array, Array, Array]:
     """Regress the measurement on the state over N(m, P) (eqs. 5-9).
 
@@ -150,7 +158,7 @@ def _regression(
     ``z = at + slope (x - m) + N(0, cov)``.
     """
     # Measured points, as innovations about one of them: angles are averaged away from their cut.
-    points = _CUBATURE.points(over.mean, over.cov)
+    points = rule.points(over.mean, over.cov)
     z = model.sensor.measurement(points.x, k).mean
     center = z[:, :1]
     offsets = model.sensor.innovation(z, center)

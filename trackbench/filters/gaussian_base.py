@@ -25,6 +25,9 @@ from trackbench.models.gaussian_steps import (
 from trackbench.models.priors import Convertible
 from trackbench.registry import register
 
+MAX_ORDER = 32
+"""Largest order of a Gauss-Hermite rule."""
+
 
 class Tracked(NamedTuple):
     """Posterior, NIS (M,) and innovation of the last measurement, and the runs that refused it."""
@@ -54,6 +57,7 @@ class GaussianFilter(InnovationFilter[Tracked]):
     """estimate each step from all measurements of the run, or from so many later ones: {lag: 5}"""
 
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"gated"})
+    deterministic: ClassVar[bool] = True
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Return the first state: the prior's moments."""

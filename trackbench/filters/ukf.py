@@ -1,7 +1,6 @@
 """Kalman filters by sigma points: unscented, cubature, Gauss-Hermite."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Interval
@@ -10,10 +9,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Updated
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import GaussHermite, PointRule, Unscented
+from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Finite, Positive
 from trackbench.filters.ekf import MERWE_DEMO
-from trackbench.filters.gaussian_base import NonlinearFilter
+from trackbench.filters.gaussian_base import MAX_ORDER, NonlinearFilter
 from trackbench.models.base import Model, Scene
 from trackbench.models.gaussian_steps import (
     additive_step,
@@ -110,7 +109,7 @@ class GHKF(SigmaPointFilter):
     Ito & Xiong 2000. A state of n components has order^n points.
     """
 
-    order: Annotated[int, Interval(ge=2, le=9)] = 3
+    order: Annotated[int, Interval(ge=2, le=MAX_ORDER)] = 3
     """points along each axis"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
@@ -124,9 +123,4 @@ class GHKF(SigmaPointFilter):
     @property
     def rule(self) -> PointRule:
         """Return the product rule."""
-        return _gauss_hermite(self.order)
-
-
-@lru_cache
-def _gauss_hermite(order: int) -> GaussHermite:
-    return GaussHermite(order)
+        return gauss_hermite(self.order)

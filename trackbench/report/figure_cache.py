@@ -23,7 +23,7 @@ Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
 _PARTS = ("tables", "figures")
 """Each is made by its own keys alone, and a figure by the lines' looks."""
-_FACTS = ("steps", "loops_over_runs", "failed")
+_FACTS = ("steps", "loops_over_runs", "deterministic", "failed")
 """What figures take from the manifest."""
 
 

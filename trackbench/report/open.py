@@ -18,7 +18,13 @@ from trackbench.report.results import Results
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
 _KINDS: dict[str, type] = {
-    **{"failed": list, "packages": dict, "cpu_s": float, "loops_over_runs": list},
+    **{
+        "failed": list,
+        "packages": dict,
+        "cpu_s": float,
+        "loops_over_runs": list,
+        "deterministic": list,
+    },
     "training_holds_out": str,
 }
 """Types of the manifest's entries that a report shows."""

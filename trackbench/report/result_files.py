@@ -42,6 +42,11 @@ class ResultFiles(ResultsConfig):
             return read_manifest(self.folder)
 
     @property
+    def deterministic(self) -> list[str]:
+        """Return labels of the filters whose numbers hold no randomness: no draws, recorded data."""
+        return self.manifest.get("deterministic", [])
+
+    @property
     def loops_over_runs(self) -> list[str]:
         """Labels of the filters that take one run after the other in Python, and so more time."""
         return self.manifest.get("loops_over_runs", [])

@@ -57,10 +57,20 @@ _FORMS = {
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
 """Name of a file that is being written: that of the whole file, and the process id."""
 _OF_RESULTS = (
-    *("experiment", "seed", "runs", "steps", "loops_over_runs", "training_holds_out"),
+    *(
+        "experiment",
+        "seed",
+        "runs",
+        "steps",
+        "loops_over_runs",
+        "deterministic",
+        "training_holds_out",
+    ),
     *("plugins", "failed", "format"),
 )
 """Facts in the manifest; ``run/machine.json`` has all others."""
+DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
+"""Significant digits of values and standard errors, far more than the errors justify."""
 
 
 class Damage(NamedTuple):

@@ -29,6 +29,8 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Return the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
+    recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
+    fixed = [label for label, f in filters.items() if f.deterministic and recorded]
     looped = [label for label, f in filters.items() if f.loops_over_runs]
     return {
         "trackbench": trackbench.__version__,
@@ -56,7 +58,9 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         ],
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
-    } | ({"loops_over_runs": looped} if looped else {})
+        **({"loops_over_runs": looped} if looped else {}),
+        **({"deterministic": fixed} if fixed else {}),
+    }
 
 
 def lock_file() -> Path:

@@ -40,14 +40,11 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.results.folder_contents import COLUMNS, TIMING, remove_outputs
+from trackbench.results.folder_contents import COLUMNS, DIGITS, TIMING, remove_outputs
 from trackbench.results.manifest import facts_of_run
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.scenarios.base import Scenario
-
-DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
-"""Significant digits of values and standard errors, far more than the errors justify."""
 
 
 class TimedRow(NamedTuple):

@@ -79,6 +79,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 VERDICTS = {
+    "equal": "good",
     "agrees": "good",
     "holds": "good",
     "compatible": "fair",

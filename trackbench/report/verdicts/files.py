@@ -16,7 +16,7 @@ from trackbench.report.verdicts.claims import ClaimVerdict
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.numbers import Compared, Comparison, Ranked
 from trackbench.report.verdicts.rules import CLAIM_WORDS, NUMBER_WORDS, Verdict
-from trackbench.results.folder_contents import TIME_VERDICTS
+from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 
 _VERBS = ("agrees", "differs", "holds", "fails")
 
@@ -155,7 +155,10 @@ def markdown(results: Results, comparison: Comparison) -> str:
     parts = [f"# Published and measured: {results.title}", counts]
     parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
-    return "\n\n".join([*parts, LEGEND, *([times] if time_verdicts(results) else [])]) + "\n"
+    legend = LEGEND + (
+        EQUAL_LEGEND if any(r.verdict.word == "equal" for r in comparison.rows) else ""
+    )
+    return "\n\n".join([*parts, legend, *([times] if time_verdicts(results) else [])]) + "\n"
 
 
 LEGEND = (
@@ -168,6 +171,10 @@ LEGEND = (
     "fewer or three far ones more could well say otherwise. "
     "`chosen`: agrees or not with a value that was chosen for it. No verdict excludes an event that "
     "none of M runs had and that is rarer than 3 / M."
+)
+EQUAL_LEGEND = (
+    " `equal`: on recorded data a filter without random numbers gives the printed digits, of which the "
+    "results keep seven; else it `differs`."
 )
 
 
@@ -264,6 +271,8 @@ def _measured(row: Compared) -> str:
         return "all runs lost" if row.measured.lost else "–"
     if not isfinite(value):
         return "infinite"
+    if row.verdict.word == "equal":
+        return f"{value:.{DIGITS['per_run.csv']}g}"
     return rounded(value, stderr, 4) if stderr else f"{value:.6g}"
 
 

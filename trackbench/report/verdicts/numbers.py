@@ -127,6 +127,8 @@ def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[C
         return
     for label in number.labels:
         measured = evidence.term(number.expression.of(label))
-        verdict = rules.number_verdict(number, measured, measured.parts(evidence.batches))
+        parts = measured.parts(evidence.batches)
+        deterministic = label in evidence.results.deterministic
+        verdict = rules.number_verdict(number, measured, parts, deterministic)
         note = noted(measured.losses, number.chosen, number.reading, number.note)
         yield Compared(number, label, measured, verdict, note)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from trackbench.config.published import PublishedNumber
 from trackbench.report.estimates import RunEstimate
+from trackbench.results.folder_contents import DIGITS
 
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
@@ -22,7 +23,16 @@ ANOTHER_SEED = 1.6449 * sqrt(2.0)
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 NOT_MEASURED, UNDECIDED = "not measured", "inconclusive"
-NUMBER_WORDS = ("agrees", "compatible", "near", UNDECIDED, "differs", "chosen", NOT_MEASURED)
+NUMBER_WORDS = (
+    "equal",
+    "agrees",
+    "compatible",
+    "near",
+    UNDECIDED,
+    "differs",
+    "chosen",
+    NOT_MEASURED,
+)
 """Verdicts on a number, the best first: it differs only if it does so under every reading."""
 CLAIM_WORDS = ("holds", "fails", UNDECIDED, NOT_MEASURED)
 _DIFFERENT = ("near", "differs")
@@ -43,9 +53,17 @@ class Verdict(NamedTuple):
 
 
 def number_verdict(
-    number: PublishedNumber, whole: RunEstimate, parts: Sequence[RunEstimate]
+    number: PublishedNumber,
+    whole: RunEstimate,
+    parts: Sequence[RunEstimate],
+    deterministic: bool = False,
 ) -> Verdict:
-    """Return the verdict on a published number from all runs and from the parts of them."""
+    """Return the verdict on a published number from all runs and from the parts of them.
+
+    A ``deterministic`` measurement is equal to the printed number in its digits, or differs.
+    """
+    if deterministic and not isinstance(number.value, str) and isfinite(whole.value):
+        return Verdict("equal" if _has_digits_of(number, whole.value) else "differs", nan)
     judge = _bias if isinstance(number.value, str) else _difference
     word, z = judge(number, whole, DECIDED)
     found = [judge(number, part, SURE) for part in parts]
@@ -137,6 +155,13 @@ def _difference(number: PublishedNumber, measured: RunEstimate, least: float) ->
     if not abs(z) >= least:  # too little, or without an error
         return UNDECIDED, z
     return ("near" if abs(value - printed) <= room else "differs"), z
+
+
+def _has_digits_of(number: PublishedNumber, value: float) -> bool:
+    """Return whether a value rounds to the printed number, as far as per_run.csv stores its digits."""
+    assert not isinstance(number.value, str)
+    stored = 0.5 * abs(value) * 10.0 ** (1 - DIGITS["per_run.csv"])
+    return abs(value - number.value) <= 0.5 * 10.0**-number.digits + stored
 
 
 def _of_the_paper(number: PublishedNumber, measured: RunEstimate) -> float:
